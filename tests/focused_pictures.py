@@ -26,17 +26,19 @@ class Waves:
         """Light at places, mean over discs of a radius (one for each place)."""
         rng = np.random.default_rng(self.seed)
         light = np.full(np.shape(y), 0.5)
+        radii, where = np.unique(radius, return_inverse=True)
+        where = where.reshape(np.shape(radius))
         for _ in range(self.count):
             wave, angle = 2 * np.pi / rng.uniform(*self.lengths), rng.uniform(0, np.pi)
             phase = wave * (np.sin(angle) * y + np.cos(angle) * x) + rng.uniform(0, 2 * np.pi)
-            light += np.cos(phase) * disc(wave * np.asarray(radius, float)) / 2 / self.count
+            light += np.cos(phase) * disc(wave * radii)[where] / 2 / self.count
         return light
 
 
 def disc(radius):
     """Mean of a wave of one radian over a disc, in terms of the wave at its centre."""
-    values, where = np.unique(np.maximum(radius, 1e-9), return_inverse=True)
-    return (2 * j1(values) / values)[where.reshape(np.shape(radius))]
+    radius = np.maximum(radius, 1e-9)
+    return 2 * j1(radius) / radius
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -52,8 +53,13 @@ def module_of(path):
 MODULES = {module_of(path) for path in (*LIBRARY, *EXPERIMENTS)}
 
 
+@cache
 def imports_of(path):
     """Modules that a file imports, those inside functions too."""
+    return tuple(_imports_of(path))
+
+
+def _imports_of(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -63,7 +69,7 @@ def imports_of(path):
             yield from inner
             if len(inner) < len(names):
                 yield node.module
-        elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
+        elif isinstance(node, ast.Call) and "import_module" in vars(node.func).values():
             yield from (one.value for one in node.args if isinstance(one, ast.Constant))
 
 

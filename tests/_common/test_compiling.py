@@ -45,7 +45,9 @@ def unprivileged():
     return ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
 
 
-@pytest.mark.parametrize("more", [{}, {"NUMBA_CACHE_DIR": "/proc/nowhere"}])
+@pytest.mark.parametrize(
+    "more", [{}, pytest.param({"NUMBA_CACHE_DIR": "/proc/nowhere"}, marks=pytest.mark.slow)]
+)
 def test_without_a_folder_to_write_functions_are_compiled_at_each_start(tmp_path, more):
     """In containers a package is often read-only, and HOME nowhere."""
     if not Path("/proc").is_dir():

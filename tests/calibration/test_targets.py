@@ -28,6 +28,7 @@ def test_slope_and_scale_of_a_camera_with_all_its_errors(distance, dots):
     )
 
 
+@pytest.mark.slow
 def test_stated_errors_cover_the_truth():
     """Within two in at least 85 of 100 draws of noise and pose, and not by being far too large."""
     square = 4.3

@@ -72,6 +72,7 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path):
     assert run("verify", tmp_path / "found").exit_code == 0
 
 
+@pytest.mark.slow
 def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
     np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
     np.save(tmp_path / "bright.npy", views + np.float32(0.2))

@@ -94,6 +94,7 @@ def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
     assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_emission_is_found_by_the_calibration(boards, tmp_path):
     """A board is a sheet that glows as its squares do; cells are in mm, depths from the zero."""
     placed, out, _ = boards

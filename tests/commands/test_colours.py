@@ -58,6 +58,7 @@ def furnace(tmp_path, monkeypatch):
     return pictures
 
 
+@pytest.mark.slow
 def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     shown = run("calibrate-colours", *furnace, "--responses", "camera.csv")
     assert "source (K)" in shown.output

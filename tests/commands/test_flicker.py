@@ -411,7 +411,9 @@ def write_video(folder, names, heights):
         np.save(folder / f"{name}.npy", small_flame(height))
 
 
-@pytest.mark.parametrize("named", ["f{:d}", "t_{:.2f}", "n_{:+d}"])
+@pytest.mark.parametrize(
+    "named", [*(pytest.param(x, marks=pytest.mark.slow) for x in ("f{:d}", "t_{:.2f}")), "n_{:+d}"]
+)
 def test_the_frequency_of_a_video_with_gaps(tmp_path, named):
     """12 Hz at 100 frames a second, of which a third is missing, named in three ways."""
     counts = np.sort(np.random.default_rng(1).choice(90, 60, replace=False)) - 40

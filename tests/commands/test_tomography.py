@@ -90,6 +90,7 @@ def test_emission_is_found_and_written(source, camera_file, tmp_path):
     assert run("verify", out).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_classical_method_has_no_error_bars(source, camera_file, tmp_path):
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--method", "nnls"]
     result = run("reconstruct", source, *words, "--out", tmp_path / "found")

@@ -116,6 +116,7 @@ def test_a_file_that_cannot_be_read_leaves_the_rest_to_be_looked_at(results, mon
     assert sorted(run(results)[1]) == ["DAMAGED", "whole", "whole", "whole"]
 
 
+@pytest.mark.slow
 def test_folders_may_nest_deeply(results):
     deep, here = results / "deep", os.getcwd()  # noqa: PTH109
     deep.mkdir()

@@ -110,7 +110,7 @@ def test_scenes(refuse, command, changes, words):
 
 def write_bomb(path):
     """An image of 20,000 x 20,000 pixels in a small file."""
-    Image.new("L", (20_000, 20_000)).save(path)
+    Image.new("L", (20_000, 20_000)).save(path, compress_level=1)
 
 
 def write_odd_tiff(path):
@@ -200,7 +200,7 @@ def test_a_folder_of_large_views(refuse, tmp_path, monkeypatch):
     monkeypatch.setenv(LIMIT, "0.1")
     (tmp_path / "views").mkdir()
     for view in range(4):
-        Image.new("L", (3000, 3000)).save(tmp_path / "views" / f"view_{view}.png")
+        Image.new("L", (3000, 3000)).save(tmp_path / "views" / f"view_{view}.png", compress_level=1)
     assert "views would need" in refuse("refocus", "views", "--order", "row,col")
 
 

@@ -98,6 +98,7 @@ def test_parts_of_a_long_series_make_one_spectrum(monkeypatch):
     assert find_flicker(times, sine(times, 5.4)).power == pytest.approx(whole.power, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_noise_alone_is_claimed_as_rarely_as_is_said():
     rng = np.random.default_rng(5)
     found = [

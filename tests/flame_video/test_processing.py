@@ -185,6 +185,7 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
 
+@pytest.mark.slow
 def test_a_faint_frame_leaves_no_strength_to_the_flame_after_it():
     (step,) = find_steps("emission", camera=CAMERA, depths_mm=DEPTHS)
     before, rng = {}, np.random.default_rng(1)

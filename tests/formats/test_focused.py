@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -227,14 +228,18 @@ def test_the_simulators_lenslets_are_focused_at_infinity():
     assert np.nanmedian(found.depth) == pytest.approx(-slope * views, rel=0.01)
 
 
+@pytest.fixture(scope="module")
+def raw_levels():
+    raw = Camera(blur=BLURRED[::-1]).record(4.4, Waves((30, 90)))
+    return np.rint(40000 * raw).astype(np.uint16)
+
+
 @pytest.fixture
-def call(tmp_path, monkeypatch):
+def call(raw_levels, tmp_path, monkeypatch):
     """Call of the program on files of a camera in the working folder."""
     monkeypatch.chdir(tmp_path)
-    camera = Camera(blur=BLURRED[::-1])
-    raw = camera.record(4.4, Waves((30, 90)))
-    write_image("raw.png", np.rint(40000 * raw).astype(np.uint16))
-    Path("camera.xml").write_text(camera.xml())
+    write_image("raw.png", raw_levels)
+    Path("camera.xml").write_text(Camera().xml())
     return lambda *words: CliRunner().invoke(commands, words)
 
 
@@ -322,6 +327,11 @@ def test_each_colour_of_a_mosaic_gives_its_own_views(lenslets_of):
     assert ratio.std(axis=(0, 1, 2, 3)).max() < 0.05
 
 
+@cache
+def levels_of(camera):
+    return np.rint(40000 * camera.record(3.1, Waves())).astype(np.uint16)
+
+
 GOOD = Camera().xml()
 
 
@@ -366,8 +376,7 @@ def test_a_calibration_that_is_none_is_refused(tmp_path, text, message):
 )  # fmt: skip
 def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes):
     camera = Camera(columns=changes.get("rotation", 0) > 1)
-    raw = camera.record(3.1, Waves())
-    write_image(tmp_path / "raw.png", np.rint(40000 * raw).astype(np.uint16))
+    write_image(tmp_path / "raw.png", levels_of(camera))
     (tmp_path / "camera.xml").write_text(camera.xml(**changes))
     with pytest.raises(InputError, match=r"micro-images lie .* pixels beside theirs or more"):
         read_focused(tmp_path / "raw.png", tmp_path / "camera.xml")

@@ -441,7 +441,9 @@ def on_another_sensor(image, turn, scale):
     return np.mean(samples, axis=0), lambda pixels: pixels @ step.T + start
 
 
-@pytest.mark.parametrize(("turn", "scale"), [(0.02, 1.07), (-0.035, 0.93)])
+@pytest.mark.parametrize(
+    ("turn", "scale"), [pytest.param(0.02, 1.07, marks=pytest.mark.slow), (-0.035, 0.93)]
+)
 def test_another_sensor_sees_the_same(turn, scale):
     """A simulated raw image, read by a sensor that is turned, shifted and of another pitch."""
     pixels = 15

@@ -44,8 +44,7 @@ def raw_of_a_plane(slope, hexagonal, rows=18, columns=20, seed=1):
     return tuple(a.reshape(pixels).mean(axis=(1, 3)) for a in (light * lit, 1.0 * lit))
 
 
-@pytest.mark.parametrize("hexagonal", [True, False])
-@pytest.mark.parametrize("slope", [-0.32, 0.6])
+@pytest.mark.parametrize(("hexagonal", "slope"), [(True, -0.32), (False, 0.6)])
 def test_views_of_neighbours_and_dark_ones_do_not_move_a_slope(hexagonal, slope):
     raw, white = raw_of_a_plane(slope, hexagonal)
     light_field = decode_raw(raw, estimate_grid(white), white=white)
@@ -70,8 +69,9 @@ def mosaic(colours, pattern):
     return out
 
 
-@pytest.mark.parametrize("hexagonal", [True, False])
-@pytest.mark.parametrize(("pattern", "slope"), [("rggb", -0.32), ("gbrg", 0.6)])
+@pytest.mark.parametrize(
+    ("pattern", "slope", "hexagonal"), [("rggb", -0.32, True), ("gbrg", 0.6, False)]
+)
 def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, hexagonal):
     """Red, green and blue show planes of their own, at slopes of their own."""
     slopes = (slope, -slope / 2, slope / 3)

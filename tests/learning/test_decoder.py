@@ -75,7 +75,7 @@ def test_three_channels_are_not_repeated(rng):
 
 def test_the_first_channel_is_the_last_of_resnet(rng):
     """Keras feeds ResNet-50 blue first."""
-    model = build_backbone((*IMAGE, 3), "random", "conv4")
+    model = build_backbone((*IMAGE, 3), "random", "conv3")
     resnet = model.get_layer("resnet50")
     image = rng.uniform(size=(1, *IMAGE, 3)).astype(np.float32)
     fed = (255 * image - [123.68, 116.779, 103.939])[..., ::-1].astype(np.float32)
@@ -115,9 +115,9 @@ def test_random_weights_depend_on_the_seed_alone():
     assert kernels[0].std() == pytest.approx(np.sqrt(2 / (7 * 7 * 3)), rel=0.02)
 
 
-def test_preprocessing_is_the_backbones_own(rng):
-    grey = rng.uniform(size=(1, *IMAGE, 1)).astype(np.float32)
-    model = build_backbone(GREY, "random", "conv4")
+def test_preprocessing_is_the_backbones_own(paper_model, rng):
+    grey = rng.uniform(size=(1, 90, 180, 1)).astype(np.float32)
+    model = paper_model.get_layer("backbone")
     inner = keras.Model(model.input, model.get_layer("imagenet_preprocessing").output)
     colours = np.repeat(grey, 3, axis=-1) * 255
     expected = keras.applications.resnet.preprocess_input(colours.copy())
@@ -185,7 +185,7 @@ def test_imagenet_gives_up_in_one_sentence(monkeypatch, tmp_path):
 )
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(InputError, match=message):
-        build_refocus_resnet50(IMAGE, backbone_weights="random", **options)
+        build_refocus_resnet50(IMAGE, **{"backbone_depth": "none"} | options)
 
 
 def test_without_a_backbone_the_picture_is_the_feature_map(rng, tmp_path):

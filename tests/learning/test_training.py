@@ -30,7 +30,7 @@ from lf_flame.learning.training_config import Recipe, TrainingConfig, read_train
 def data(tmp_path_factory):
     """Twelve small shape light fields with two planes."""
     path = tmp_path_factory.mktemp("data") / "shapes.zarr"
-    make_dataset(config_from_json(shapes(12), "here"), 12, path)
+    make_dataset(config_from_json(shapes(12, (12, 20)), "here"), 12, path)
     return path
 
 
@@ -40,7 +40,7 @@ def config():
         "title": "test",
         "seed": 1,
         "split": [0.5, 0.25, 0.25],
-        "model": {"backbone_weights": "random", "backbone_depth": "conv3"},
+        "model": {"backbone_weights": "random", "backbone_depth": "none"},
         "presets": {"smoke": {"epochs": 3, "batch_size": 2}},
     }
     return build(TrainingConfig, values, "here")
@@ -145,7 +145,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
         "recipe",
         "command",
     }
-    assert record["backbone_weights"] == "random (seed 1), conv3"
+    assert record["backbone_weights"] == "no backbone"
 
 
 @pytest.mark.slow
@@ -320,19 +320,20 @@ def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path):
 
 
 @pytest.mark.slow
-def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, capsys):
+def test_without_imagenet_a_preset_goes_on_or_stops(config, tmp_path, monkeypatch, capsys):
     def offline():
         raise ImagenetUnavailable("no network.")
 
     monkeypatch.setattr(training, "imagenet_file", offline)
-    config = replace(config, model=replace(config.model, backbone_weights="imagenet"))
+    model = replace(config.model, backbone_weights="imagenet", backbone_depth="conv3")
+    config, data = replace(config, model=model), tmp_path / "shapes.zarr"
+    make_dataset(config_from_json(shapes(4, (32, 40)), "here"), 4, data)
     with pytest.raises(InputError, match="weights FILE .*weights random .*BACKBONE_WEIGHTS"):
-        train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
-    train(
-        change_recipe(config, epochs=1, without_imagenet="random"), "smoke", data, tmp_path, False
-    )
+        train(change_recipe(config, epochs=1), "smoke", data, tmp_path / "run", show=False)
+    asked = change_recipe(config, epochs=1, without_imagenet="random")
+    train(asked, "smoke", data, tmp_path / "run", show=False)
     assert "RANDOM backbone weights" in capsys.readouterr().out
-    record = json.loads((tmp_path / "run.json").read_text())
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["backbone_weights"].startswith("random")
 
 

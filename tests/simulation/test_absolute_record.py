@@ -69,7 +69,7 @@ def test_a_lenslet_spreads_light_as_a_square_aperture():
     )
     images = [
         render(
-            spark(lenslets), camera, 1e-3, "rays", 60,
+            spark(lenslets), camera, 1e-3, "rays", 30,
             {"main_lens_diffraction": False, "lenslet_diffraction": on},
         ).to_raw().astype(float)
         for on in (True, False)

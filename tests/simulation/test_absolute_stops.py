@@ -89,7 +89,8 @@ def share_through_aperture(camera, pixel):
         middles = c + on_lenslet - I0 * (q - c) / FOCAL
         side = I0 * camera.pixel_mm / FOCAL
         radius = camera.aperture_diameter_mm / 2
-        light += weights @ [share_inside(m, side, radius) for m in middles]
+        if np.abs(middles).min(axis=0).max() < radius + side / 2:  # else in the dark
+            light += weights @ [share_inside(m, side, radius) for m in middles]
     return light
 
 

@@ -69,6 +69,7 @@ def test_each_pixel_counts_as_many_rays_as_the_closed_form_says(small_camera, rn
     assert not counts[expected < 1e-9].any()
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 @pytest.mark.parametrize(
     "mistake",
@@ -103,6 +104,7 @@ def test_a_card_hides_what_it_hides(small_camera, rng):
     assert misfit(counts, open_view, RAYS) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_half_covered_and_absorbing_layers_dim_alike(small_camera, rng):
     """Glow before and behind a half-open screen and a hot gas, to a thousandth of the peak."""
@@ -130,6 +132,7 @@ def test_a_uniform_field_gives_its_brightness(small_camera):
         np.testing.assert_allclose(sums, sums.mean(), rtol=5 / math.sqrt(sums.mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_the_error_falls_as_the_theory_says(small_camera, rng):
     scene = Scene([two_tone(rng, 20.0)])

@@ -90,7 +90,7 @@ def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
     assert np.sqrt(np.mean((image - truth) ** 2)) <= tolerance * truth.max()
 
 
-@pytest.mark.parametrize("near", [-10.0, 0.0, 10.0])
+@pytest.mark.parametrize("near", [pytest.param(-10.0, marks=pytest.mark.slow), 0.0, 10.0])
 def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
     """To the rounding of float32, where rays are refused: its hard edge takes too many."""
     rng = np.random.default_rng(3)
@@ -112,10 +112,10 @@ def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
     [
         (10, 0.0, 3.0, 3.0, 2e-3),
         (10, 5.0, 3.0, 3.0, 1e-2),
-        (10, 5.0, 3.0, 3.0, 2e-3),
+        pytest.param(10, 5.0, 3.0, 3.0, 2e-3, marks=pytest.mark.slow),
         (10, 8.0, 1.0, 5.0, 1e-2),
         (3, 2.0, 3.0, 4.0, 2e-3),
-        (3, 2.0, 3.0, 4.0, 1e-3),
+        pytest.param(3, 2.0, 3.0, 4.0, 1e-3, marks=pytest.mark.slow),
     ],
 )
 def test_rays_meet_their_tolerance_in_thick_absorbers(cells, depth, thickness, tau, tolerance):

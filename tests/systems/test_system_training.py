@@ -243,6 +243,7 @@ def test_weights_come_from_the_seed(config):
     assert not np.array_equal(first[0], other[0])
 
 
+@pytest.mark.slow
 def test_another_run_in_the_folder_is_refused(config, tmp_path):
     train_system(config, "volumetric", "smoke", tmp_path, show=False)
     with pytest.raises(InputError, match="holds a run with another system"):

@@ -243,6 +243,7 @@ def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     assert found.chi_squared == pytest.approx(plain.chi_squared, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy):
     before, *others = (
         reconstruct(

@@ -35,7 +35,7 @@ def test_known_planes_are_found():
     assert found.warnings == ()
 
 
-@pytest.mark.parametrize(("background", "sd"), [(0.01, 0.02), (0.02, 0.05), (-0.01, 0.02)])
+@pytest.mark.parametrize(("background", "sd"), [(0.02, 0.05), (-0.01, 0.02)])
 def test_a_background_is_fitted(background, sd):
     lit = gaussian(CLEAN + background, sd)
     plain = reconstruct(lit, GRID)
@@ -179,6 +179,7 @@ def test_saturated_rays_do_not_change_the_emission_that_others_see():
     assert found.strength <= whole.strength < plain.strength  # not chosen for the clipped light
 
 
+@pytest.mark.slow
 def test_blocks_with_an_unknown_pixel_are_unknown_and_none_known_is_refused():
     grid = FrustumGrid(CAMERA, [3.0, -4.0], block=2)
     lit = gaussian(CLEAN, 0.005)

@@ -229,6 +229,7 @@ def test_a_frame_starts_from_the_one_before(grid, clean, noisy):
         other.reconstruct(moved, start=first)
 
 
+@pytest.mark.slow
 def test_more_iterations_change_little(grid, noisy):
     found = reconstruct(noisy(0.01), grid, strength=0.01)
     longer = reconstruct(noisy(0.01), grid, strength=0.01, iterations=1600)

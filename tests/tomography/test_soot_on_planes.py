@@ -16,6 +16,8 @@ from experiments.tomography.soot_sheets import (
 from lf_flame import LightField, PlenopticCamera
 from lf_flame.tomography import ColourCalibration, FrustumGrid, SpectralResponses, reconstruct_soot
 
+pytestmark = pytest.mark.slow
+
 VIEWS, LENSLETS = 5, (44, 44)
 SHEETS = [
     SootSheet(-5.0, (0.2, -0.2), (0.7, 0.6), 0.3),

@@ -13,13 +13,7 @@ from lf_flame.viewer.page import single_page
 
 RENDERERS = ("webgl", "javascript")
 
-SHAPES = [
-    (9, 9, 20, 31),
-    (2, 2, 7, 9),
-    (17, 17, 26, 21),
-    (3, 6, 24, 16, 3),
-    (4, 5, 9, 13, 3),
-]
+SHAPES = [(9, 9, 20, 31), (4, 5, 9, 13, 3), (2, 2, 7, 9), (17, 17, 26, 21)]
 
 APERTURES = [
     {},
@@ -63,9 +57,7 @@ def expected(exhibit, slope, aperture):
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
-@pytest.mark.parametrize(
-    ("shape", "bits"), [*((shape, 8) for shape in SHAPES), *((shape, 16) for shape in SHAPES[:2])]
-)
+@pytest.mark.parametrize(("shape", "bits"), [*((shape, 8) for shape in SHAPES), (SHAPES[0], 16)])
 def test_sums_are_those_of_the_engine(opened, make_exhibit, rng, renderer, bits, shape):
     exhibit = make_exhibit(shape, bits=bits)
     tab = opened(exhibit, renderer)

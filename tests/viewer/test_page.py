@@ -316,7 +316,6 @@ def test_slices_are_rows_and_columns_of_the_views(tab, make_exhibit, tmp_path):
 @pytest.mark.parametrize(
     "state",
     [
-        {"slope": 0.85},
         {"slope": -1.3, "shape": "round", "width": 0.7, "ring": 0.2, "centre": [0.5, -1]},
         {"slope": 0.4, "width": 0.6, "centre": [1, 0], "gain": 1.6, "gamma": 2.2},
     ],
@@ -341,6 +340,7 @@ def test_the_copied_command_gives_the_picture_shown(tab, make_exhibit, tmp_path,
     assert np.abs(255 * names["image"] - tab.canvas()).max() <= 1
 
 
+@pytest.mark.slow
 def test_the_copied_command_puts_all_in_focus_where_that_is_shown(tab, two_planes, tmp_path):
     """Whatever slope and aperture were set before: the map is made from all views."""
     source = tmp_path / "views.npy"
@@ -407,6 +407,7 @@ def test_screen_readers_find_nothing_serious(tab, two_planes, tmp_path):
     assert [x["id"] for x in found if x["impact"] in ("serious", "critical")] == []
 
 
+@pytest.mark.slow
 def test_the_benchmark_tells_frames_a_second(tab, make_exhibit, tmp_path):
     tab.page.goto(written(make_exhibit((3, 3, 8, 9)), tmp_path) + "?bench&renderer=webgl")
     tab.page.wait_for_function("() => globalThis.lfViewer?.benchmark")
@@ -420,6 +421,7 @@ def smooth(shape, rng):
     return np.clip(0.5 + 0.3 * np.sin(ramp) + rng.uniform(-0.05, 0.05, shape), 0, 1)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_carried_coarser_and_said_so(tab, tmp_path, rng):
     exhibit = Exhibit(LightField(smooth((9, 9, 60, 80, 3), rng)), "Smooth", (-2.0, 2.0), 0.0,
                       with_map=False)  # fmt: skip

@@ -21,7 +21,7 @@ from lf_flame.viewer.page import single_page
 from lf_flame.viewer.planes import PlaneMaker, parse_plane
 from lf_flame.viewer.server import ViewerServer
 
-SHAPES = [(9, 9, 20, 31), (2, 2, 7, 9), (3, 6, 24, 16, 3), (5, 4, 33, 40, 3)]
+SHAPES = [(9, 9, 20, 31), (3, 6, 24, 16, 3)]
 
 APERTURES = [
     {"shape": "square", "width": 1.0},
@@ -111,7 +111,7 @@ def test_a_page_that_can_hold_the_views_sums_them_itself(tab, make_exhibit):
         assert not planes_asked(tab)
 
 
-@pytest.mark.parametrize("interpolation", ["nearest", "cubic", "sinc"])
+@pytest.mark.parametrize("interpolation", ["nearest", "sinc"])
 def test_any_interpolation_is_shown(opened, make_exhibit, interpolation):
     exhibit = make_exhibit((4, 5, 20, 26, 3), bits=16, interpolation=interpolation)
     tab = opened(exhibit)
@@ -149,7 +149,6 @@ def assert_copies_give_the_picture(tab, folder):
 @pytest.mark.parametrize(
     ("options", "state", "words"),
     [
-        ({"most_bytes": 1}, {"slope": 0.85}, []),
         ({"most_bytes": 1}, {"slope": -1.3, "shape": "round", "width": 0.7, "ring": 0.2,
                              "centre": [0.5, -1]}, []),
         ({"interpolation": "sinc"}, {"slope": 0.45, "gain": 1.6, "gamma": 2.2},
@@ -336,6 +335,7 @@ class Slow:
         monkeypatch.setattr(PlaneMaker, "make", slowly)
 
 
+@pytest.mark.slow
 def test_dragging_does_not_pile_up_requests(opened, make_exhibit, monkeypatch):
     exhibit = make_exhibit((3, 3, 40, 50), most_bytes=1)
     tab = opened(exhibit)
@@ -357,7 +357,9 @@ def test_dragging_does_not_pile_up_requests(opened, make_exhibit, monkeypatch):
     np.testing.assert_allclose(tab.read(image.shape), image, atol=1e-5)
 
 
-@pytest.mark.parametrize("network", [None, ShiftAndSum()])
+@pytest.mark.parametrize(
+    "network", [None, pytest.param(ShiftAndSum(), marks=pytest.mark.slow, id="network")]
+)
 def test_slow_planes_are_coarse_while_dragging(opened, make_exhibit, monkeypatch, network):
     exhibit = make_exhibit((3, 3, 131, 150), most_bytes=1, network=network)
     assert exhibit.planes.coarse == 4
@@ -394,6 +396,7 @@ def busy(tab):
     return tab.page.locator(".lf-picture").get_attribute("aria-busy")
 
 
+@pytest.mark.slow
 def test_waiting_is_said_after_a_moment(opened, make_exhibit, monkeypatch):
     tab = opened(make_exhibit((3, 3, 8, 9), most_bytes=1))
     Slow(monkeypatch, 1.5)

@@ -63,8 +63,8 @@ def run(config, tmp_path_factory):
         "title": "test",
         "seed": 1,
         "split": [0.5, 0.25, 0.25],
-        "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
-        "presets": {"smoke": {"epochs": 1}},
+        "model": {"backbone_depth": "none"},
+        "presets": {"smoke": {"epochs": 1, "neck": "positions"}},
     }
     training = build(TrainingConfig, values, "here")
     train(training, "smoke", folder / "shapes.zarr", folder / "shapes", show=False)

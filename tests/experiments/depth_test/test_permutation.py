@@ -52,7 +52,7 @@ TRAINING = {
     "title": "test",
     "seed": 1,
     "split": [0.75, 0.125, 0.125],
-    "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+    "model": {"backbone_depth": "none"},
     "presets": {
         "smoke": {
             "epochs": 1,

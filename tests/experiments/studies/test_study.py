@@ -58,7 +58,7 @@ seed = 1
 split = [0.5, 0.25, 0.25]
 [model]
 backbone_weights = "random"
-backbone_depth = "conv4"
+backbone_depth = "none"
 [presets.smoke]
 epochs = 2
 [presets.other]
@@ -72,7 +72,7 @@ training = "training.toml"
 preset = "smoke"
 samples = 12
 [common]
-recipe = { batch_size = 3 }
+recipe = { batch_size = 3, neck = "positions" }
 """
 
 TIMED = STUDY.replace("samples = 12", "samples = 12\ntimed = true")
@@ -177,7 +177,7 @@ def test_the_report_says_what_was_found_and_where_it_comes_from(done, monkeypatc
     assert f" {table.psnr_db[2]:.2f} |" in text
     assert "45.49 |" in text  # the paper's mean
     assert "missing" not in text
-    assert "random (seed 1), conv4" in text
+    assert "no backbone" in text
     record = json.loads(Path("out/tiny.json").read_text())
     assert record["results"]["as it is"]["epochs"] == 2
     assert {"versions", "git_revision", "machine", "command"} <= set(record)

@@ -9,11 +9,11 @@ from lf_flame import LightField
 
 
 def test_glow_projects_to_one_at_its_brightest():
-    z = np.linspace(-14, 14, 2801)
-    x = np.linspace(0, 6, 121)
+    z = np.linspace(-14, 14, 561)
+    x = np.linspace(0, 6, 61)
     h = np.linspace(0, 0.99, 100)[:, None, None]
     glow = round_glow(h, np.hypot(x[:, None], z), RADIUS_MM)
-    assert glow.sum(axis=2).max() * 0.01 == pytest.approx(1, abs=1e-3)
+    assert glow.sum(axis=2).max() * 0.05 == pytest.approx(1, abs=1e-3)
     outside = round_glow(np.array([-0.01, 1.0, 1.2]), np.zeros(3), RADIUS_MM)
     assert np.array_equal(outside, np.zeros(3))
 

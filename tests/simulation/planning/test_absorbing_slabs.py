@@ -127,7 +127,7 @@ def test_slabs_keep_all_light_and_matter(name):
     np.testing.assert_allclose(light, layer.texture * -np.expm1(-tau) / tau, rtol=1e-12)
 
 
-@pytest.mark.parametrize("behind", [0.0, 1.0])
+@pytest.mark.parametrize("behind", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", LAYERS)
 def test_slabs_err_by_no_more_than_their_bound(name, behind):
     """At pixels that look past the borders of the layers, from the side."""
@@ -184,7 +184,7 @@ def test_radiances_that_arrive_are_those_of_the_cells_around(near, rng):
         assert through[i, j] == max(high[i, j], 0.4)
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.parametrize("tolerance", [1e-2, pytest.param(1e-3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["block", "block of cells", "flame"])
 def test_a_strongly_absorbing_layer_is_planned(name, tolerance):
     """Optical depth 50 over 3 mm, and at pixels of its rim the slabs are as good as asked for."""

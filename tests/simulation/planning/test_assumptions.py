@@ -10,8 +10,8 @@ from lf_flame.simulation.measuring import measure_changes
 from lf_flame.simulation.planning.assumptions import CAUSES, assume
 from lf_flame.simulation.planning.effects import EFFECTS
 
-CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(40, 60))
-EVEN = Scene([Layer([[1.0]], 0.0, (90.0, 90.0))])
+CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(20, 30))
+EVEN = Scene([Layer([[1.0]], 0.0, (9.0, 9.0))])
 
 
 def test_what_is_not_stated_has_no_bound_of_zero():
@@ -52,7 +52,7 @@ def test_typical_bounds_are_those_of_the_stated_cause():
     typical = plan_effects(EVEN, CAMERA, typical=True).typical
     electrons = 8000.0
     # Five standard errors of the root-mean-square over so many pixels are in the bound.
-    slack = 1 + 5 / np.sqrt(2 * 25 * 40 * 60)
+    slack = 1 + 5 / np.sqrt(2 * 25 * 20 * 30)
     assert typical["shot_noise"] == pytest.approx(slack / np.sqrt(electrons), rel=5e-3)
     assert typical["quantisation"] == pytest.approx(10_000 / 4095 / 2 / electrons, rel=5e-3)
     assert "vignetting" not in typical
@@ -92,7 +92,7 @@ def test_measured_changes_are_those_of_a_closed_form():
         places_mm = ((np.arange(20) + 0.5) / 4 - 2.5) * CAMERA.pixel_mm  # four to a pixel
         squares.append((places_mm[:, None] / 0.4 + lens_mm / CAMERA.image_distance_mm) ** 2)
     cos4 = (1 + squares[0][:, None, :, None] + squares[1][None, :, None, :]) ** -2.0
-    pixels = cos4.reshape(5, 4, 5, 4, 40, 60).mean(axis=(1, 3))
+    pixels = cos4.reshape(5, 4, 5, 4, 20, 30).mean(axis=(1, 3))
     assert found["cos4"] == pytest.approx(np.sqrt(np.mean((1 - pixels) ** 2)), rel=0.005)
     assert found["shot_noise"] == pytest.approx(8000**-0.5, rel=0.02)
     assert found["read_noise"] == pytest.approx(2 / 8000, rel=0.02)
