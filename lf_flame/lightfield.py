@@ -169,8 +169,8 @@ class LightField:
         largest = max(float(views.max()), -float(views.min()))
         if largest > LARGEST:
             raise InputError(
-                f"The values of a light field must be at most {LARGEST:g}, for float32 to hold their "
-                f"sums, got {largest:g}: scale them."
+                f"The values of a light field must be at most {LARGEST:g}, for float32 to hold "
+                f"their sums, got {largest:g}: scale them."
             )
         object.__setattr__(self, "views", views)
         if self.weights is not None:

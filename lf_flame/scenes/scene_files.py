@@ -162,8 +162,8 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
 
 
 CHANGED = (
-    "; for a changed camera, write the entries of its camera that are not null as a table [camera] of "
-    "a TOML file, and give that"
+    "; for a changed camera, write the entries of its camera that are not null as a table [camera] "
+    "of a TOML file, and give that"
 )
 """What to do instead of changing the camera in a simulation's record."""
 

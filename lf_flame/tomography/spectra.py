@@ -195,7 +195,7 @@ class SpectralResponses:
         lengths, values = self.wavelengths_nm, self.values
         if self.single_wavelengths:
             return lengths, values
-        # Between two wavelengths a curve is a polynomial of degree 6, so a few Gauss points suffice.
+        # Between two wavelengths a curve is a polynomial of degree 6: a few Gauss points suffice.
         parts = [
             np.linspace(low, high, int(np.ceil((high - low) / STEP_NM)), endpoint=False)
             for low, high in zip(lengths[:-1], lengths[1:], strict=True)

@@ -234,8 +234,8 @@ def values_at_nodes(heights: ArrayLike) -> np.ndarray:
     """Emission at the nodes of a smooth flame that is fitted by straight lines between nodes.
 
     The straight lines with the least squared distance from a smooth function f miss it at the nodes
-    by ``-step^2 f'' / 12`` along each axis. Along height nothing is added to the two rows beside the
-    field's edges and the burner: the edges' nodes, of which little is seen, would spoil f'' there.
+    by ``-step^2 f'' / 12`` along each axis. Along height nothing is added to the two rows beside
+    the field's edges and the burner: nodes there, of which little is seen, would spoil f''.
 
     Parameters
     ----------
