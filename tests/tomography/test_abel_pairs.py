@@ -228,7 +228,7 @@ def test_single_view_says_what_it_cannot_see():
     alone = LightField(light_field.views[2:3, 2:3])
     found = reconstruct_axisymmetric(alone, replace(STATED, which="central"))
     assert found.warnings == ()
-    assert "1.5 times as deep as wide, but none" in found.unseen[0]
+    assert "1.5 times as deep as wide, nor a deeper one: " in found.unseen[0]
     assert "leans by 15 degrees" in found.unseen[1]
 
 

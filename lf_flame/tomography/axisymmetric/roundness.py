@@ -233,10 +233,10 @@ def name_unseen(axis: FlameAxis, depth: DepthRatio) -> tuple[str, ...]:
     found = []
     hidden = 1 + ERRORS * depth.error
     if hidden > DEPTH_RATIO:
-        shown = f"one of more than {hidden:.2g} times" if hidden < DEEPEST else "none"
+        shown = f", only one above about {hidden:.2g}" if hidden < DEEPEST else ", nor a deeper one"
         found.append(
-            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide, but "
-            f"{shown}: what is found would be too large by the factor."
+            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide{shown}: "
+            f"what is found would be too large by that factor."
         )
     if ERRORS * axis.depth_lean_error_deg > SEEN_LEAN_DEG:
         found.append(
