@@ -235,8 +235,8 @@ def name_unseen(axis: FlameAxis, depth: DepthRatio) -> tuple[str, ...]:
     if hidden > DEPTH_RATIO:
         shown = f", only one above about {hidden:.2g}" if hidden < DEEPEST else ", nor a deeper one"
         found.append(
-            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide{shown}: "
-            f"what is found would be too large by that factor."
+            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide"
+            f"{shown}: what is found would be too large by that factor."
         )
     if ERRORS * axis.depth_lean_error_deg > SEEN_LEAN_DEG:
         found.append(
