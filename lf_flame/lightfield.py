@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 
+LARGEST = 1e37
+"""Largest value of a light field; sums of some larger ones are beyond float32."""
+
 
 def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     """Check weights of views, shape (v, u), and give them as float64.
@@ -127,8 +130,8 @@ class LightField:
     Raises
     ------
     InputError
-        If the array has another number of axes, is empty, or holds NaN or infinite values; if the
-        weights cannot be used, or `valid` has another shape or other values.
+        If the array has another number of axes, is empty, or holds NaN, infinite values or values
+        beyond 1e37; if the weights cannot be used, or `valid` has another shape or other values.
 
     Notes
     -----
@@ -163,6 +166,12 @@ class LightField:
         if not np.all(np.isfinite(views)):
             bad = np.count_nonzero(~np.isfinite(views))
             raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
+        largest = max(float(views.max()), -float(views.min()))
+        if largest > LARGEST:
+            raise InputError(
+                f"The values of a light field must be at most {LARGEST:g}, for float32 to hold "
+                f"their sums, got {largest:g}: scale them."
+            )
         object.__setattr__(self, "views", views)
         if self.weights is not None:
             with np.errstate(over="ignore"):  # refused below

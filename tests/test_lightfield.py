@@ -73,6 +73,11 @@ def test_named_axes_go_in_and_come_out(rng):
         LightField(named[..., 0].rename(v="y"))
 
 
+def test_values_whose_sums_float32_does_not_hold_are_refused():
+    with pytest.raises(InputError, match=r"must be at most 1e\+37, .* got 3e\+38: scale them"):
+        LightField(np.full((3, 3, 4, 6), -3e38))
+
+
 def test_it_says_what_it_is(rng):
     colour = LightField(rng.uniform(size=(3, 5, 4, 6, 3)))
     assert repr(colour) == "LightField(3 x 5 views of 4 x 6 pixels, colour)"

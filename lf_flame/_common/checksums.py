@@ -34,8 +34,14 @@ def sealed(record: dict[str, Any]) -> dict[str, Any]:
     return valid | {SEAL: _hash(valid)}
 
 
-def check_seal(path: str | Path) -> dict[str, Any]:
+def check_seal(path: str | Path, instead: str = "") -> dict[str, Any]:
     """Read a record and compare it with its own hash; records of older versions have none.
+
+    Parameters
+    ----------
+    path : str or Path
+    instead : str, optional
+        End of the message on a hash that does not match: what to do instead of changing the record.
 
     Returns
     -------
@@ -49,7 +55,7 @@ def check_seal(path: str | Path) -> dict[str, Any]:
     """
     record = read_record(path)
     if record.get(SEAL) not in (None, _hash(record)):
-        raise InputError(f"{path} is not what was written: it does not fit its own hash.")
+        raise InputError(f"{path} is not what was written: it does not fit its own hash{instead}.")
     return record
 
 

@@ -23,8 +23,14 @@ T = TypeVar("T")
 
 Class = TypeVar("Class", bound=type)
 
+Place = tuple[int | str, ...]
+"""Place of a value: the keys, and numbers in lists, that lead to it."""
+
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 """Pydantic's error types for an unknown key."""
+
+MISSING = ("missing", "missing_argument", "missing_keyword_only_argument")
+"""Pydantic's error types for a key that is missing."""
 
 MOST_NAMED, MOST_LISTED = 5, 12
 """Largest number of unknown keys that a message names, and of known keys that it lists."""
@@ -51,7 +57,8 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
     Raises
     ------
     InputError
-        One sentence: all unknown keys, each with similar known ones; else the first other fault.
+        One sentence: all unknown keys, each with similar known ones, and all missing ones; else the
+        first other fault.
     """
     from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
 
@@ -92,37 +99,62 @@ def to_json(config: "DataclassInstance") -> dict[str, Any]:
 
 
 def _first_problem(error: "ValidationError", kind: type) -> str:
-    # A misspelt key is reported before the key that is missing because of it.
-    unknown = [one for one in error.errors() if one["type"] in UNKNOWN]
-    if unknown:
-        told = [_unknown_key(problem["loc"], kind) for problem in unknown[:MOST_NAMED]]
-        more = [f"and {len(unknown) - MOST_NAMED} more"] if len(unknown) > MOST_NAMED else []
-        return f"{'; '.join(told + more)}."
-    problem = error.errors()[0]
+    problems = error.errors()
+    unknown = [one["loc"] for one in problems if one["type"] in UNKNOWN]
+    absent = [one["loc"] for one in problems if one["type"] in MISSING]
+    if unknown or absent:
+        return f"{'; '.join([*_unknown_keys(unknown, kind), *_missing_keys(absent, unknown)])}."
+    problem = problems[0]
     key = _shown(problem["loc"])
-    if problem["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
-        return f"{key} is missing."
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
         return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
     text = problem["msg"][0].lower() + problem["msg"][1:]
     return f"{key}: {text}, got {reprlib.repr(problem['input'])}."
 
 
-def _shown(place: tuple[int | str, ...]) -> str:
+def _unknown_keys(places: list[Place], kind: type) -> list[str]:
+    told = [_unknown_key(place, kind) for place in places[:MOST_NAMED]]
+    return [*told, *(f"and {more}" for more in _more(places))]
+
+
+def _missing_keys(places: list[Place], unknown: list[Place]) -> list[str]:
+    """Name the keys that are missing, but not those that are only misspelt."""
+    misspelt = [place for place in places if any(_resemble(place, one) for one in unknown)]
+    missing = [place for place in places if place not in misspelt]
+    if not missing:
+        return []
+    *first, last = [_shown(place) for place in missing[:MOST_NAMED]] + _more(missing)
+    return [f"{', '.join(first)} and {last} are missing" if first else f"{last} is missing"]
+
+
+def _more(places: list[Place]) -> list[str]:
+    return [f"{len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
+
+
+def _resemble(missing: Place, unknown: Place) -> bool:
+    return missing[:-1] == unknown[:-1] and bool(_near(unknown, [str(missing[-1])]))
+
+
+def _near(place: Place, known: list[str]) -> list[str]:
+    """Known keys that are similar to the last one of a place, at most two."""
+    return difflib.get_close_matches(str(place[-1])[:100], known, n=2, cutoff=0.5)
+
+
+def _shown(place: Place) -> str:
     return ".".join(reprlib.repr(str(part))[1:-1] for part in place)
 
 
-def _unknown_key(place: tuple[int | str, ...], kind: type) -> str:
+def _unknown_key(place: Place, kind: type) -> str:
     """Sentence that a key is unknown, with the similar known ones."""
     known = _known_keys(kind, place[:-1])
-    near = difflib.get_close_matches(str(place[-1])[:100], known, n=2, cutoff=0.5)
+    near = _near(place, known)
     said = f"{_shown(place)} is not a known key"
     if near:
         return f"{said} (perhaps {' or '.join(near)})"
     return f"{said} (known are {', '.join(known)})" if 0 < len(known) <= MOST_LISTED else said
 
 
-def _known_keys(kind: Any, place: tuple[int | str, ...]) -> list[str]:
+def _known_keys(kind: Any, place: Place) -> list[str]:
     """Names of the fields of a dataclass, or of the dataclass nested at `place`."""
     if typing.get_origin(kind) is not None:  # an optional, a list or a dict
         inner = [one for one in typing.get_args(kind) if one not in (type(None), str, ...)]

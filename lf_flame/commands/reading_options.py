@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from lf_flame.formats import DecodePlan, FocusedPlan, LensletGrid, ViewFolder
+    from lf_flame.formats.view_files.parallax_order import FoundOrder
     from lf_flame.lazy_light_field import LazyLightField
     from lf_flame.lightfield import LightField
     from lf_flame.optics.lens import Lens
@@ -197,14 +198,18 @@ class Reading:
 
     def read_stored(self, source: Path) -> "LightField":
         """Read a light field from any other file."""
-        from lf_flame import formats
+        return self._read_ordered(source)[0]
+
+    def _read_ordered(self, source: Path) -> "tuple[LightField, FoundOrder | None]":
+        """Read a light field from any other file, and the order of its views if it was found."""
+        from lf_flame.formats.reading import read_ordered
 
         refuse_options(f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer)
         refuse_options(f"{source} without --focused", virtual_depth=self.virtual_depth)
         if self.mosaic is not None:
             refuse_options("a mosaic of views", views=self.views)
         names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
-        return formats.read_light_field(source, **{name: getattr(self, name) for name in names})
+        return read_ordered(source, **{name: getattr(self, name) for name in names})
 
     def read_or_open(self, source: Path) -> "LightField | LazyLightField":
         """Read a light field, or open one that exceeds the memory limit, and say so."""
@@ -262,7 +267,9 @@ class Reading:
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )
         else:
-            light_field = self.read_stored(source)
+            light_field, found = self._read_ordered(source)
+            for line in () if found is None else found.describe():
+                tell(line)
         v, u, t, s = light_field.views.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
         kept = [light_field.uncounted, light_field.unknown]

@@ -7,6 +7,7 @@ slope is minus that. One of the two axes of views is stored the other way round.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
 from lf_flame.formats.view_files.orders import arranged, turned_round
-from lf_flame.formats.view_files.parallax_order import find_order
+from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
 
 VIEWS, DEPTH = "LF", "GT_DEPTH"
 """Names of the views and of their depths."""
@@ -40,7 +41,7 @@ def _is_hci(file: Hdf5File) -> bool:
     return VIEWS in file.names and set(NEEDED) <= set(file.numbers)
 
 
-def find_hci_order(path: str | Path, views: np.ndarray, read: Callable = np.asarray) -> str:
+def find_hci_order(path: str | Path, views: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """Find the order of the views, by the parallax and, if the file has depths, by their slopes.
 
     The parallax shows which axis is turned against the other, but not which of the two it is, on
@@ -57,14 +58,22 @@ def find_hci_order(path: str | Path, views: np.ndarray, read: Callable = np.asar
     """
     found, file = find_order(views, read), Hdf5File(path)
     if found.slopes is None or DEPTH not in file.names:
-        return found.order
+        return found
     seen, slopes = np.array(found.slopes), _slopes(file)[..., ::4, ::4]  # a sample is enough
     slopes = slopes[np.isfinite(slopes)]
     if not slopes.size:
-        return found.order
+        return found
     true = np.percentile(slopes, (5, 95))
     turned = np.abs(-seen[::-1] - true).sum() < np.abs(seen - true).sum()
-    return turned_round(found.order) if turned else found.order
+    if not turned:
+        return found
+    low, high = found.slopes
+    return replace(
+        found,
+        order=turned_round(found.order),
+        reason=f"{found.reason}, with the sign by the depths of {DEPTH}",
+        slopes=(-high, -low),
+    )
 
 
 def read_true_slopes(path: str | Path) -> np.ndarray:
@@ -107,7 +116,7 @@ def read_true_slopes(path: str | Path) -> np.ndarray:
     slopes = _slopes(file)
     if slopes.ndim != 4:
         return slopes
-    return arranged(slopes, find_hci_order(path, read_array(path, array=VIEWS).views))
+    return arranged(slopes, find_hci_order(path, read_array(path, array=VIEWS).views).order)
 
 
 def _slopes(file: Hdf5File) -> np.ndarray:

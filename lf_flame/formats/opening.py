@@ -141,5 +141,5 @@ def _numbers(
     else:
         numbers = numbers.reshape(shape)
     if order is None and axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
-        order = find_hci_order(path, numbers, read)
+        order = find_hci_order(path, numbers, read).order
     return numbers if order is None else arranged(numbers, order)

@@ -19,7 +19,7 @@ from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_files.folder import scan_view_folder
 from lf_flame.formats.view_files.mosaic import read_view_mosaic
 from lf_flame.formats.view_files.orders import Grid, arranged
-from lf_flame.formats.view_files.parallax_order import find_order
+from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
 from lf_flame.formats.view_files.sources import ARCHIVE, LIST, is_view_folder
 from lf_flame.lightfield import LightField
 
@@ -92,20 +92,49 @@ def read_light_field(
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     path = Path(path)
+    if path.exists() and not is_lytro(path) and is_view_folder(path):
+        stated = _Stated(views, order, grid, axes, mosaic, array)
+        return _read_folder(path, dark, stated, progress)
+    return read_ordered(
+        path, views, order, grid=grid, axes=axes, dark=dark, mosaic=mosaic, array=array
+    )[0]
+
+
+def read_ordered(
+    path: str | Path,
+    views: int | None = None,
+    order: str | None = None,
+    *,
+    grid: Grid | str | None = None,
+    axes: str | None = None,
+    dark: str | Path | None = None,
+    mosaic: Grid | str | None = None,
+    array: str | None = None,
+) -> tuple[LightField, FoundOrder | None]:
+    """Read a light field from one file, and the order of its views if the parallax shows it.
+
+    Parameters and errors are those of `read_light_field`.
+
+    Returns
+    -------
+    LightField
+    FoundOrder or None
+        Order that was found; None where it was stated, or the views are used as stored.
+    """
+    path = Path(path)
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
     stated = _Stated(views, order, grid, axes, mosaic, array)
     if is_lytro(path):
-        return _read_lytro(path, dark, stated)
-    if is_view_folder(path):
-        return _read_folder(path, dark, stated, progress)
+        return _read_lytro(path, dark, stated), None
     stored = _read_stored(path, stated)
     if dark is not None:
         counted = stored.light_field.views.shape[:2] if stored.has_pages else grid
         # A dark image has no parallax that would show its grid and order.
         of_dark = stated._replace(order="row,col", grid=counted)._asdict()
         stored = stored._replace(light_field=subtract_dark(stored.light_field, dark, **of_dark))
-    return _arranged(stored.light_field, _order_of(path, stored, stated))
+    found = None if order is not None else _find_order(path, stored, stated)
+    return _arranged(stored.light_field, order if found is None else found.order), found
 
 
 class _Stated(NamedTuple):
@@ -183,12 +212,10 @@ def _read_stored(path: Path, stated: _Stated) -> _Stored:
     )
 
 
-def _order_of(path: Path, stored: _Stored, stated: _Stated) -> str | None:
-    """Order of the views as stated, or as the parallax shows it; None if as stored."""
-    if stated.order is not None:
-        return stated.order
+def _find_order(path: Path, stored: _Stored, stated: _Stated) -> FoundOrder | None:
+    """Order of the views as the parallax shows it; None if they are used as stored."""
     if stored.has_pages or stated.mosaic is not None:
-        return find_order(stored.light_field.views).order
+        return find_order(stored.light_field.views)
     if stated.axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
         return find_hci_order(path, stored.light_field.views)
     return None

@@ -74,7 +74,8 @@ def choose_slopes(
     slope, confidence : ndarray of float64, shape (t, s)
         Confidence is from 0 to 1; it is 0 where the best slope is the first or last.
     """
-    guide = (guide / max(float(guide.std()), np.finfo(np.float32).tiny)).astype(np.float32)
+    scatter = float(guide.std(dtype=np.float64))  # whose squares float32 does not hold
+    guide = (guide / max(scatter, np.finfo(np.float32).tiny)).astype(np.float32)
     step = slopes[1] - slopes[0]
     reach = max(round(width / step), 1)
     place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)

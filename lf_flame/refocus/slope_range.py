@@ -141,4 +141,4 @@ def _averaged(views: np.ndarray, block: int) -> np.ndarray:
     v, u, t, s = grey.shape
     t, s = t // block, s // block
     cut = grey[:, :, : t * block, : s * block].reshape(v, u, t, block, s, block)
-    return cut.mean(axis=(3, 5), dtype=np.float32)
+    return cut.mean(axis=(3, 5), dtype=np.float64).astype(np.float32)  # sums may exceed float32

@@ -161,6 +161,13 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
         raise InputError(f"{path}: {error}") from None
 
 
+CHANGED = (
+    "; for a changed camera, write the entries of its camera that are not null as a table [camera] "
+    "of a TOML file, and give that"
+)
+"""What to do instead of changing the camera in a simulation's record."""
+
+
 def read_camera(path: str | Path) -> PlenopticCamera:
     """Read a camera from the ``[camera]`` table of a TOML file, or from a simulation's record.
 
@@ -176,7 +183,7 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     >>> read_camera("scene.toml").views
     9
     """
-    values = check_seal(Path(path)) if Path(path).suffix == ".json" else read_toml(path)
+    values = check_seal(path, CHANGED) if Path(path).suffix == ".json" else read_toml(path)
     if "law" in values and "camera" not in values:
         raise InputError(
             f"{path} holds the measured law of a camera, and the thin-lens camera is needed here: "

@@ -286,9 +286,9 @@ def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
         # If the field is no brighter than its edge, all of its light is background.
         share = f"about {abs(edge.adds):.0%} of" if np.isfinite(edge.adds) else "all of its"
         return [
-            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g} where nothing glows, "
-            f"which {verb} {share} light: subtract the dark frame, or fit the "
-            f"background (--background fit), or it becomes emission."
+            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} {share} "
+            f"light if nothing glows there: subtract the dark frame, or fit the background "
+            f"(--background fit), or it becomes emission. A flame at the edge is cut there."
         ]
     error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
     if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():

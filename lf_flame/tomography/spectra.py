@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
@@ -33,7 +34,7 @@ LEAST_NM, MOST_NM = 100.0, 1e5
 LEAST_EXPONENT, MOST_EXPONENT = -1.0, 5.0
 """Range of the exponent a of soot's absorption; measured ones are between 0.7 and 3."""
 
-STEP_NM, GAUSS_POINTS = 10.0, 3
+STEP_NM, GAUSS_POINTS = 10.0, 4
 """Largest step of the integration over a curve, and number of points in it."""
 
 PLAIN_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 _.-]{0,38}[A-Za-z0-9_-])?")
@@ -54,9 +55,11 @@ class SpectralResponses:
     wavelengths_nm : array_like, shape (n,)
         Wavelengths in nm, increasing, from 100 to 100,000.
     values : array_like, shape (colours, n)
-        Signal per radiance at each wavelength, 0 or above, linear between the wavelengths, in any
-        unit: a calibration by a furnace finds the colours' constants. With as many wavelengths as
-        colours and one value above 0 for each, every colour is a single wavelength.
+        Signal per radiance at each wavelength, 0 or above, in any unit: a calibration by a furnace
+        finds the colours' constants. Between the wavelengths a curve is the square of a cubic
+        spline through the values' square roots. A band needs four wavelengths or so across its half
+        width, and a steep edge of a filter several on the edge. With as many wavelengths as colours
+        and one value above 0 for each, every colour is a single wavelength.
 
     Raises
     ------
@@ -192,7 +195,7 @@ class SpectralResponses:
         lengths, values = self.wavelengths_nm, self.values
         if self.single_wavelengths:
             return lengths, values
-        # Between two wavelengths the curve is linear, so a few Gauss points are exact to 1e-9.
+        # Between two wavelengths a curve is a polynomial of degree 6: a few Gauss points suffice.
         parts = [
             np.linspace(low, high, int(np.ceil((high - low) / STEP_NM)), endpoint=False)
             for low, high in zip(lengths[:-1], lengths[1:], strict=True)
@@ -202,7 +205,9 @@ class SpectralResponses:
         half = np.diff(edges)[:, None] / 2
         nodes = (edges[:-1, None] + half * (1 + points)).ravel()
         steps = (half * shares).ravel()
-        return nodes, np.stack([np.interp(nodes, lengths, curve) for curve in values]) * steps
+        # Straight lines through the samples would widen a band, and make soot seem colder. A spline
+        # through the roots does not, and its square is never negative.
+        return nodes, CubicSpline(lengths, np.sqrt(values), axis=1)(nodes) ** 2 * steps
 
 
 def read_responses(path: str | Path) -> SpectralResponses:

@@ -259,6 +259,18 @@ def test_mosaics_that_do_not_fit_are_refused(tmp_path):
             read_light_field(tmp_path / path, mosaic="3x3", **stated)
 
 
+def test_the_program_says_the_order_that_it_found(tmp_path, rng):
+    views = drawn(rng)[::-1]
+    picture = np.concatenate([np.concatenate(list(line), axis=1) for line in views])
+    Image.fromarray(picture).save(tmp_path / "a.png")
+    call = ["convert", str(tmp_path / "a.png"), "--mosaic", "3x4"]
+    done = CliRunner().invoke(commands, [*call, str(tmp_path / "a.npy")])
+    assert "order -row,col, by the parallax, of which it explains" in done.stderr
+    stated = CliRunner().invoke(commands, [*call, str(tmp_path / "b.npy"), "--order=-row,col"])
+    assert stated.exit_code == 0
+    assert "order" not in stated.stderr
+
+
 def test_the_program_reads_them_and_says_what_is_missing(tmp_path, rng):
     views = drawn(rng)
     files = numbered(views)

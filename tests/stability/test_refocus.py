@@ -13,7 +13,13 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame._common.arrays import centred
-from lf_flame.refocus import find_sharpest_slope, fourier_refocus, shift_and_sum
+from lf_flame.refocus import (
+    all_in_focus,
+    find_sharpest_slope,
+    find_slope_range,
+    fourier_refocus,
+    shift_and_sum,
+)
 
 UNIT32 = 2.0**-24
 """Unit roundoff of float32, in which light fields are stored."""
@@ -86,6 +92,19 @@ def test_search_does_not_depend_on_the_brightness(exponent):
     naive, curve = naive_sharpest_slope(np.ldexp(views, exponent))
     assert abs(naive - 0.63) > 1
     assert not np.any(curve > 0)
+
+
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_slope_maps_do_not_depend_on_the_brightness(rng, channels):
+    """Squares of 5e36 are beyond float32; a map that takes them finds no edges, with a warning."""
+    texture = rng.uniform(size=(24, 30, *channels))
+    views = np.array([[np.roll(texture, (-v, -u), (0, 1)) for u in range(3)] for v in range(3)])
+    slopes = np.linspace(-2, 2, 9)
+    brighter = np.ldexp(views, 122)
+    plain, bright = (all_in_focus(one, slopes) for one in (views, brighter))
+    np.testing.assert_allclose(bright.slope, plain.slope, atol=1e-4)
+    plain, bright = (find_slope_range(one) for one in (views, brighter))
+    assert (bright.low, bright.high) == pytest.approx((plain.low, plain.high), abs=1e-4)
 
 
 def test_refocusing_scales_with_the_brightness(rng):

@@ -157,6 +157,16 @@ def test_flame_with_jumps_is_found_beside_them(name, kind):
     assert error[0] < 5e-3
 
 
+def test_nodes_far_apart_cut_no_peak():
+    """Straight lines between nodes 0.7 mm apart miss the peak by 2 % of it."""
+    lens = replace(camera("parallel"), lenslets=(16, 120))
+    found = reconstruct_axisymmetric(
+        photograph(gauss, lens), AxisymmetricGrid(lens, AXIS, DEPTH, 1.06 * RADIUS, block=4)
+    )
+    truth = gauss(found.grid.radii_mm / RADIUS)[0]
+    assert np.abs(found.emission[3:-3] - truth).max() < 7e-3
+
+
 @pytest.mark.parametrize("kind", ["f/4", "parallel"])
 def test_one_view_will_do(kind):
     assert errors(curve1, kind, "central")[1].max() < 5e-3
@@ -218,7 +228,7 @@ def test_single_view_says_what_it_cannot_see():
     alone = LightField(light_field.views[2:3, 2:3])
     found = reconstruct_axisymmetric(alone, replace(STATED, which="central"))
     assert found.warnings == ()
-    assert "1.5 times as deep as wide" in found.unseen[0]
+    assert "1.5 times as deep as wide, nor a deeper one: " in found.unseen[0]
     assert "leans by 15 degrees" in found.unseen[1]
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
 from lf_flame.formats.raw.bayer import check_bayer
+from lf_flame.formats.raw.black_level import note_on_black
 from lf_flame.formats.raw.colour_pattern import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.resampling import Resampling
@@ -214,7 +215,7 @@ class DecodePlan:
         return None if known.all() else known
 
     def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
-        """Refuse a mosaic that is not stated, and note bad and saturated pixels, once."""
+        """Refuse a mosaic that is not stated; note bad and saturated pixels, and black, once."""
         self._is_new = False
         self._refuse_mosaic(less_dark(image, self._black, "raw"), "raw")
         if self._bad is not None:
@@ -222,6 +223,9 @@ class DecodePlan:
                 f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
                 f"neighbours of the same colour."
             )
+        note = note_on_black(image, self.grid) if self._black is None else ""
+        if note:
+            LOGGER.warning(note)
         if saturated is not None:
             clipped = np.count_nonzero(saturated)
             LOGGER.warning(

@@ -77,13 +77,8 @@ class ViewFolder:
         )
         lines = [
             f"{printable(self.path)}: {v} x {u} views, top left {first}, bottom right {last}",
-            f"order {self.found.order}, {self.found.reason}",
+            *self.found.describe(),
         ]
-        if self.found.slopes and self.found.slopes[0] > 0 and self.found.order == "row,col":
-            lines.append(
-                "most slopes are above 0, those of parallel cameras below: if nearer objects have "
-                "the higher slopes here, the order is -row,-col"
-            )
         if self.missing:
             are = (
                 "view is missing and has"

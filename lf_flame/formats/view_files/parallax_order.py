@@ -72,6 +72,16 @@ class FoundOrder:
     slopes: tuple[float, float] | None = None
     lead: float = 0.0
 
+    def describe(self) -> list[str]:
+        """Describe the order, and what no parallax shows, in a line or two."""
+        lines = [f"order {self.order}, {self.reason}"]
+        if self.slopes and self.slopes[0] > 0 and self.order == "row,col":
+            lines.append(
+                "most slopes are above 0, those of parallel cameras below: if nearer objects have "
+                "the higher slopes here, the order is -row,-col"
+            )
+        return lines
+
 
 def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """Find the order of the views from the parallax of four neighbours in the centre.

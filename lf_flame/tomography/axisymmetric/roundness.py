@@ -34,6 +34,9 @@ ERRORS = 4.0
 DEPTH_RATIO = 1.5
 """Extent in depth, relative to that across, of the flame that serves as comparison."""
 
+DEEPEST = 10.0
+"""Extent in depth, relative to that across, beyond which a flame is not thought of."""
+
 MOST_DEPTH_RATIO = 0.15
 """Largest departure of the depth ratio from 1 without a warning."""
 
@@ -228,10 +231,12 @@ class DepthRatio:
 def name_unseen(axis: FlameAxis, depth: DepthRatio) -> tuple[str, ...]:
     """Sentences on departures from an axisymmetric, upright flame that noise would hide."""
     found = []
-    if ERRORS * depth.error > DEPTH_RATIO - 1:
+    hidden = 1 + ERRORS * depth.error
+    if hidden > DEPTH_RATIO:
+        shown = f", only one above about {hidden:.2g}" if hidden < DEEPEST else ", nor a deeper one"
         found.append(
-            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide: "
-            f"what is found would be too large by that factor."
+            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide"
+            f"{shown}: what is found would be too large by that factor."
         )
     if ERRORS * axis.depth_lean_error_deg > SEEN_LEAN_DEG:
         found.append(
