@@ -244,7 +244,7 @@ $(SESSION): tests/mutants.toml $(filter %.py,$(MUTABLE)) | $(TOOLS)
 # CAMPAIGN=--quick for some minutes, CAMPAIGN="-k simulate" or "-k kills" for some cases, "--seed 2" for
 # other draws.
 campaign: | $(TOOLS)  ## try to lose files, to hang and to break every command, and count (an hour)
-	$(BIN)/python -m pytest tests/campaigning/outputs.py tests/campaigning/inputs.py -n auto -o timeout=7200 \
+	$(BIN)/python -m pytest $(addprefix tests/campaigning/,outputs.py inputs.py videos.py) -n auto -o timeout=7200 \
 	  --report results/campaign/campaign.md $(CAMPAIGN)
 
 lint: | $(TOOLS)  ## check style with ruff

@@ -168,7 +168,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         light_field, grid, calibration, **of_soot, seed=seed, **options
     )
     facts |= of_soot
-    lights = split_colours(light_field, calibration)
+    lights = split_colours(light_field, calibration.responses.names)
     names = calibration.responses.names
 
     def write(found: "AxisymmetricFlame", _: "LightField", folder: "OutputFolder") -> None:

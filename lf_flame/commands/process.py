@@ -27,8 +27,8 @@ STEPS = cloup.option_group(
         "--steps",
         required=True,
         help="Steps with commas between them: decode, refocus@10mm (a depth; or refocus@0.5, a "
-        "slope), emission, height, contour. The last two measure the image refocused before them, "
-        "or the central view.",
+        "slope), emission, temperature (of soot, from the emission before it), height, "
+        "contour. The last two measure the image refocused before them, or the central view.",
     ),
     cloup.option(
         "--camera",
@@ -51,6 +51,19 @@ STEPS = cloup.option_group(
         type=click.Choice(["fit"]),
         help="fit: subtract an even background from the emission, see `lf-flame reconstruct`.",
     ),
+    cloup.option(
+        "--colours",
+        type=FILE,
+        help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours: "
+        "emission is found in each colour of frames in colour. Needed for temperature.",
+    ),
+    cloup.option(
+        "--soot-exponent",
+        type=FiniteRange(-1, 5),
+        default=1.0,
+        show_default=True,
+        help="Exponent a of soot's absorption, wavelength^-a, for temperature.",
+    ),
     *SHAPE,
 )
 
@@ -65,8 +78,9 @@ STEPS = cloup.option_group(
 @click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
 @click.option("--film", type=PATH, help="Film of the pictures with the contour: .mp4 or .gif.")
 def process(
-    sources, steps, camera, frames_per_second, timestamps, depths, planes, out, film, **options
-) -> None:
+    sources, steps, camera, colours, frames_per_second, timestamps, depths, planes, out, film,
+    **options,
+) -> None:  # fmt: skip
     """Process every frame of a video of light fields; continues an interrupted run.
 
     FRAMES are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
@@ -78,6 +92,8 @@ def process(
           --steps decode,refocus@0.5,height
       lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
           --steps decode,refocus@0mm,height,contour,emission --out flame.zarr --film flame.mp4
+      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
+          --bayer rggb --colours colours.toml --steps emission,temperature --out flame.zarr
       lf-flame process raw --white white.png --steps decode,height --out flame.zarr \\
           --scheduler tcp://node1:8786
 
@@ -97,7 +113,8 @@ def process(
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     lens = read_lens(camera) if camera else None
     planes = planes_between(*depths) if depths else planes
-    chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
+    calibration = _read_colours(colours, steps) if colours else None
+    chosen = find_steps(steps, camera=lens, depths_mm=planes, colours=calibration, **options)
     check_film(film, chosen)
     paths = [path.absolute() for path in find_frames(sources, reading.files)]
     if out.absolute().parent in {path.parent for path in paths}:
@@ -127,6 +144,19 @@ def status(folder) -> None:
     from lf_flame.flame_video import look_at
 
     click.echo(look_at(folder).describe())
+
+
+def _read_colours(path: Path, steps: str):
+    """Read the calibration of colours, and tell if temperatures rest on single wavelengths."""
+    from lf_flame.tomography import read_colours
+    from lf_flame.tomography.pyrometry import SINGLE_WAVELENGTHS
+
+    if "emission" not in steps:
+        raise InputError("--colours goes with the step emission, which it finds in each colour.")
+    calibration = read_colours(path)
+    if "temperature" in steps and calibration.responses.single_wavelengths:
+        tell(f"Note: {SINGLE_WAVELENGTHS}")
+    return calibration
 
 
 def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path | None):

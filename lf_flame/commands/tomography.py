@@ -240,8 +240,8 @@ def reconstruct(
         options["penalty"] = Roughness(whole_curve=True)
     if calibration is not None:
         soot = reconstruct_soot(light_field, grid, calibration, **of_soot, seed=seed, **options)
-        lights = split_colours(light_field, calibration)
         names = calibration.responses.names
+        lights = split_colours(light_field, names)
         facts = {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes}
         facts |= of_soot
         write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)

@@ -5,4 +5,4 @@ from .flicker import find_flicker as find_flicker
 from .outliers import find_outliers as find_outliers
 from .processing.frames import process_frames as process_frames
 from .processing.result import look_at as look_at
-from .processing.steps import find_steps as find_steps
+from .processing.step_names import find_steps as find_steps

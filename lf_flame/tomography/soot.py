@@ -173,15 +173,14 @@ def solve_soot(
     return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
 
 
-def split_colours(light_field: LightField, calibration: ColourCalibration) -> list[LightField]:
+def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightField]:
     """Give each colour of a light field as a grey one.
 
     Raises
     ------
     InputError
-        If the light field has another number of channels than the calibration has colours.
+        If the light field has another number of channels than there are names, or fewer than two.
     """
-    names = calibration.responses.names
     if light_field.channels != len(names) or len(names) < 2:
         raise InputError(
             f"The light field must have a channel for each of the calibration's {len(names)} "
@@ -255,7 +254,7 @@ def reconstruct_soot(
     >>> round(float(found.temperatures.kelvin[0, 10, 12]), -1)
     1800.0
     """
-    lights = split_colours(light_field, calibration)
+    lights = split_colours(light_field, calibration.responses.names)
 
     plan = ReconstructionPlan(grid, **options)
 

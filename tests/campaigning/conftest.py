@@ -20,6 +20,8 @@ def pytest_addoption(parser):
 
 def pytest_generate_tests(metafunc):
     """Run each trial over the calls that it fits; without slow ones in a quick campaign."""
+    if "asked" not in metafunc.fixturenames:
+        return
     trial, quick = metafunc.function.__name__, metafunc.config.getoption("quick")
     calls = [x for x in CALLS if not (quick and (x.learns or x.minutes))]
     if trial == "test_malformed":  # the first call of each command
@@ -40,7 +42,12 @@ def pytest_collection_modifyitems(config, items):
     if config.getoption("quick", False):
         rng = random.Random(config.getoption("seed"))
         rng.shuffle(items)
-        items[:] = {(x.originalname, x.callspec.params["asked"].command): x for x in items}.values()
+        items[:] = {(x.originalname, _command(x)): x for x in items}.values()
+
+
+def _command(item) -> str | None:
+    asked = item.callspec.params.get("asked")
+    return asked and asked.command
 
 
 @pytest.fixture(scope="session")
@@ -67,6 +74,7 @@ def pytest_terminal_summary(terminalreporter, config):
     counts, wrong = Counter(), [r for r in found if r.failed]
     for named in (dict(report.user_properties) for report in found):
         counts[named.get("command"), named.get("kind")] += named.get("cases", 1)
+    rows = [named["row"] for named in (dict(r.user_properties) for r in found) if "row" in named]
     commands, kinds = (list(dict.fromkeys(key[k] for key in counts)) for k in (0, 1))
     made = provenance.environment()
     lines = [
@@ -75,6 +83,15 @@ def pytest_terminal_summary(terminalreporter, config):
         f"{made['git_revision']}, {made['date']}. Command: `{made['command']}`.\n",
         f"| | {' | '.join(map(str, kinds))} |\n|---|{'---|' * len(kinds)}",
         *(f"| {x} | {' | '.join(str(counts[x, k] or '') for k in kinds)} |" for x in commands),
+        *_table(rows),
         *(f"\n- `{r.nodeid}`: {r.longrepr.reprcrash.message[:600]}" for r in wrong),
     ]
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _table(rows: list[dict[str, str]]) -> list[str]:
+    """Lines of a table of the cases that have a row of their own."""
+    if not rows:
+        return []
+    heads = [f"\n| {' | '.join(rows[0])} |\n|{'---|' * len(rows[0])}"]
+    return heads + [f"| {' | '.join(row.values())} |" for row in rows]

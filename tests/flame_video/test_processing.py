@@ -181,7 +181,7 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
         alone = reconstruct(light_field, grid, **options)
         apart = np.abs(found["emission"].values - alone.emission).max()
         assert apart <= limit * alone.emission.max()
-    assert before["emission"][0].background == pytest.approx(0.2, abs=0.01)
+    assert before["emission"][0][0].background == pytest.approx(0.2, abs=0.01)
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
 
@@ -193,8 +193,8 @@ def test_a_faint_frame_leaves_no_strength_to_the_flame_after_it():
     for views in (lit - 0.95 * bar(8), lit):
         step(Frame(LightField(views), before=before))
     alone = reconstruct(LightField(lit), FrustumGrid(CAMERA, DEPTHS))
-    assert before["emission"][0].strength == alone.strength
-    np.testing.assert_array_equal(before["emission"][0].emission, alone.emission)
+    assert before["emission"][0][0].strength == alone.strength
+    np.testing.assert_array_equal(before["emission"][0][0].emission, alone.emission)
 
 
 def test_verify_finds_damage_and_loss(made):

@@ -10,7 +10,8 @@ from skimage.draw import polygon_perimeter
 from lf_flame.datasets.hashes import open_array
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing import result
-from lf_flame.flame_video.processing.steps import Emission, Refocus, Step
+from lf_flame.flame_video.processing.emission_steps import Emission
+from lf_flame.flame_video.processing.steps import Refocus, Step
 from lf_flame.formats.images import to_preview
 from lf_flame.formats.movie import check_movie, write_movie
 
@@ -76,6 +77,7 @@ def _panel(array: zarr.Array, picked: np.ndarray) -> np.ndarray:
 
     def read(frame: int) -> np.ndarray:
         picture = np.nan_to_num(np.asarray(array[frame]))
+        picture = picture.mean(axis=0) if "colour" in axes else picture
         if "depth" in axes:
             planes = np.linspace(0, len(picture) - 1, min(len(picture), MOST_PLANES))
             return np.concatenate(picture[planes.round().astype(int)], axis=1)

@@ -29,6 +29,9 @@ STATES = ("to_do", "whole", "missing", "unreadable", "other_exposure", "refused"
 """Meanings of the numbers in ``state``: a missing frame has no file; an unreadable one is damaged,
 or of another size; of a refused one, a step could not find its result."""
 
+MAY_BE_EMPTY = ("contour", "temperature", "temperature_sigma")
+"""Names of arrays that may be NaN in a whole frame: without a flame there is none of these."""
+
 TO_DO, WHOLE, MISSING, UNREADABLE, OTHER_EXPOSURE, REFUSED = range(len(STATES))
 
 
@@ -179,6 +182,6 @@ def verify_video(path: Path) -> Progress:
         for row in np.flatnonzero(states == WHOLE):
             with reading(path):
                 image = np.asarray(array[int(row)])
-            if name != "contour" and not np.isfinite(image).any():
+            if name not in MAY_BE_EMPTY and not np.isfinite(image).any():
                 raise InputError(f"{path} is damaged: {name} of frame {row} is lost.")
     return count_states(states)

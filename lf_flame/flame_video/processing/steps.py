@@ -1,8 +1,7 @@
-"""Steps of processing: functions of one frame, chosen by name."""
+"""Steps of processing: functions of one frame."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,16 +19,14 @@ from lf_flame.flame_video.flame_shape import (
 )
 from lf_flame.flame_video.output import Measures
 from lf_flame.lightfield import AXES, LightField
-from lf_flame.optics.lens import Lens
 from lf_flame.refocus import farthest_slope, shift_and_sum
+
+if TYPE_CHECKING:
+    from lf_flame.tomography import Reconstruction
 
 DOUBTS = {"dark": DARK, "speck": SPECK, "cut": CUT, "ceiling": CEILING, "apart": APART,
           "spark": SPARK}  # fmt: skip
 """Sentences on a flame's shape by the names of their bits in the array ``doubts``."""
-
-ALIKE = 2.0
-"""Largest ratio of the light of two frames of which one takes the strength of the penalty, and the
-dependence of noise on brightness, from the other: a dark frame knows neither."""
 
 POINTS = 256
 """Number of points of a stored contour, at equal distances along it."""
@@ -59,12 +56,15 @@ class Frame:
         Sentences on what makes the results doubtful.
     before : dict
         Results of the frame before in the same task that steps keep, by their names.
+    emissions : tuple of Reconstruction
+        Emission of this frame in each colour, once it is found; empty before.
     """
 
     light_field: LightField
     image: np.ndarray = field(init=False)
     warnings: list[str] = field(default_factory=list)
     before: dict[str, Any] = field(default_factory=dict)
+    emissions: tuple["Reconstruction", ...] = ()
 
     def __post_init__(self):
         self.image = Measures().image(self.light_field)
@@ -137,63 +137,6 @@ class Refocus:
 
 
 @dataclass(frozen=True)
-class Emission:
-    """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
-
-    A frame's fit starts from that of the frame before in the same task, and takes its strength,
-    unless its light differs by more than `ALIKE` from that for which the strength was chosen.
-
-    Attributes
-    ----------
-    camera : Lens
-    depths_mm : tuple of float
-        Depths of the planes.
-    block, noise, strength, background
-        As for `FrustumGrid` and `reconstruct`.
-    """
-
-    camera: Lens = field(repr=False)
-    depths_mm: tuple[float, ...]
-    block: int = 1
-    noise: float | None = None
-    strength: float | None = None
-    background: str | None = None
-
-    def __getstate__(self):
-        # Each process makes its own plan, which is large.
-        return {name: value for name, value in vars(self).items() if name != "_plan"}
-
-    @cached_property
-    def _plan(self):
-        from lf_flame.tomography import FrustumGrid, ReconstructionPlan
-
-        return ReconstructionPlan(
-            FrustumGrid(self.camera, self.depths_mm, self.block),
-            noise=self.noise,
-            strength=self.strength,
-            background=self.background,
-        )
-
-    def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give emission, noise of a pixel, and number of warnings."""
-        last, light = frame.before.get("emission", (None, 0.0))
-        found = self._plan.reconstruct(frame.light_field, start=last)
-        now = float(found.emission.sum(dtype=np.float64))
-        if not light / ALIKE <= now <= light * ALIKE:
-            if last is not None:
-                found = self._plan.reconstruct(frame.light_field)
-            light = now
-        frame.before["emission"] = found, light
-        frame.warnings += found.warnings
-        return {
-            "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),
-            "emission": Values(found.emission, ("depth", "y", "x")),
-            "emission_noise": Values(np.float32(found.noise)),
-            "emission_warnings": Values(np.uint8(min(len(found.warnings), 255))),
-        }
-
-
-@dataclass(frozen=True)
 class Height:
     """Measure height, row of the tip, width, area and brightness of the flame.
 
@@ -247,103 +190,3 @@ class Contour:
             places = np.linspace(0, along[-1], POINTS)
             points = np.stack([np.interp(places, along, line) for line in shape.contour.T], axis=1)
         return {"contour": Values(points.astype(np.float32), ("point", "row_column"))}
-
-
-NAMES = ("decode", "refocus@10mm", "refocus@0.5", "emission", "height", "contour")
-"""Names of steps, as examples."""
-
-
-def find_steps(
-    names: str,
-    *,
-    camera: Lens | None = None,
-    depths_mm: tuple[float, ...] = (),
-    block: int = 1,
-    noise: float | None = None,
-    strength: float | None = None,
-    background: str | None = None,
-    level: float = 0.5,
-    pixel_mm: float | None = None,
-    burner_row: float | None = None,
-) -> tuple[Step, ...]:
-    """Make steps of their names.
-
-    Parameters
-    ----------
-    names : str
-        Names with commas between them: ``decode`` (frames are decoded anyway; alone, it keeps the
-        views), ``refocus@10mm`` (a depth) or ``refocus@0.5`` (a slope), ``emission``, ``height``
-        and ``contour``. The last two measure the image of the last refocusing before them, or the
-        central view.
-    camera : Lens, optional
-        Camera; needed for depths.
-    depths_mm : tuple of float, optional
-        Depths of the planes of ``emission``.
-    block, noise, strength, background
-        Options of ``emission``, see `Emission`.
-    level, pixel_mm, burner_row
-        Options of ``height`` and ``contour``, see `Height`. Default of `pixel_mm`: by the camera at
-        the depth of the refocusing before it; without one, lengths are in pixels.
-
-    Returns
-    -------
-    tuple of Step
-
-    Raises
-    ------
-    InputError
-        If a name is unknown or repeated, or an option that a step needs is missing.
-
-    Examples
-    --------
-    >>> from lf_flame.flame_video import find_steps
-    >>> find_steps("decode,refocus@0.5,height")
-    (Refocus(slope=0.5, depth_mm=None), Height(level=0.5, pixel_mm=None, burner_row=None))
-    """
-    words = [word.strip() for word in names.split(",")]
-    steps: list[Step] = []
-    side = pixel_mm
-    for number, word in enumerate(words):
-        if word in words[:number]:
-            raise InputError(f"Each step may be named once, got {word!r} twice.")
-        if word == "decode":
-            if number:
-                raise InputError("decode must be the first step.")
-            if len(words) == 1:
-                steps.append(Views())
-        elif word.startswith("refocus@"):
-            focus = _find_focus(word.removeprefix("refocus@"), camera)
-            steps.append(focus)
-            if pixel_mm is None and camera is not None:
-                depth = focus.depth_mm
-                side = None if depth is None else camera.field_mm(depth)[0] / camera.lenslets[0]
-        elif word == "emission":
-            if camera is None or not depths_mm:
-                raise InputError("The step emission needs the camera, and depths of its planes.")
-            steps.append(Emission(camera, tuple(depths_mm), block, noise, strength, background))
-        elif word == "height":
-            steps.append(Height(level, side, burner_row))
-        elif word == "contour":
-            steps.append(Contour(level, burner_row))
-        else:
-            raise InputError(f"Steps must be of {', '.join(NAMES)}, got {word!r}.")
-    return tuple(steps)
-
-
-def _find_focus(place: str, camera: Lens | None) -> Refocus:
-    """Make a refocusing of a depth as ``10mm``, or a slope as ``0.5``."""
-    try:
-        number = float(place.removesuffix("mm"))
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        raise InputError(
-            f"A refocusing must be at a depth, as refocus@10mm, or a slope, as refocus@0.5, got "
-            f"{place!r}."
-        )
-    if not place.endswith("mm"):
-        return Refocus(number)
-    if camera is None:
-        raise InputError(f"refocus@{place} needs the camera; or give a slope, as refocus@0.5.")
-    camera.check_depths(number)
-    return Refocus(float(camera.depth_to_slope(number)), number)

@@ -165,7 +165,7 @@ def reconstruct_axisymmetric_soot(
     """
     check_fit_options(noise, strength, bootstrap)
     fits = []
-    for c, one in enumerate(split_colours(light_field, calibration)):
+    for c, one in enumerate(split_colours(light_field, calibration.responses.names)):
         looked = look_at(one, grid)
         check_range(looked.views, noise)
         fits.append(_AbsorbingFit(looked, noise, strength, (seed, c)))
