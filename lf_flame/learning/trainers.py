@@ -16,12 +16,8 @@ import numpy as np
 from keras import ops
 
 from lf_flame.errors import InputError
-from lf_flame.learning.array_training import (
-    ArrayAdam,
-    FactoredGradients,
-    ParameterArrays,
-    mean_squared_error,
-)
+from lf_flame.learning.array_training import ArrayAdam, FactoredGradients, ParameterArrays
+from lf_flame.learning.device_training import DeviceGradients
 
 LOGGER = logging.getLogger(__name__)
 
@@ -169,14 +165,15 @@ class DeviceTrainer(_Trainer):
                 f"{batch_size} samples."
             )
         self.devices = keras.distribution.DataParallel(devices=devices[:count])
-        super().__init__(decoder, batch_size, jax.tree.map(self._on_all, arrays))
+        self.gradients = DeviceGradients(decoder)
+        super().__init__(self.gradients.model, batch_size, jax.tree.map(self._on_all, arrays))
         self._adam = keras.optimizers.Adam(learning_rate)
         self._adam.build(decoder.trainable_variables)
         groups = decoder.trainable_variables, decoder.non_trainable_variables, self._adam.variables
         # Copied, because an epoch takes over the memory of the state passed to it.
         self._state = [[self._on_all(x.value.copy()) for x in group] for group in groups]
         self._epoch = jax.jit(self._run, donate_argnums=0)
-        self._evaluate = jax.jit(self._loss_in_inference)
+        self._evaluate = jax.jit(self.gradients.in_inference)
 
     def train_in_order(self, order: np.ndarray) -> float:
         """Train once on the samples in this order; returns the mean loss meanwhile."""
@@ -194,9 +191,8 @@ class DeviceTrainer(_Trainer):
 
         def step(state, batch):
             trainable, others, optimizer = state
-            gradient = jax.value_and_grad(self._loss_in_training, has_aux=True)
             parts = (self._shared(x[batch]) for x in (features, targets))
-            (loss, others), gradients = gradient(trainable, others, *parts)
+            loss, others, gradients = self.gradients.of_batch(trainable, others, *parts)
             trainable, optimizer = self._adam.stateless_apply(optimizer, gradients, trainable)
             return [list(trainable), list(others), list(optimizer)], loss
 
@@ -213,14 +209,6 @@ class DeviceTrainer(_Trainer):
             return self._on_all(batch)
         layout = self.devices.get_data_layout(batch.shape)
         return keras.distribution.distribute_tensor(batch, layout)
-
-    def _loss_in_training(self, trainable, others, features, targets):
-        stack, others = self.model.stateless_call(trainable, others, features, training=True)
-        return mean_squared_error(targets, stack), others
-
-    def _loss_in_inference(self, trainable, others, features, targets):
-        stack, _ = self.model.stateless_call(trainable, others, features, training=False)
-        return mean_squared_error(targets, stack)
 
     def evaluate(self, part: str) -> float:
         """Loss over all samples of a part, in inference mode."""
