@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import Akima1DInterpolator
 
 from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
@@ -56,10 +56,10 @@ class SpectralResponses:
         Wavelengths in nm, increasing, from 100 to 100,000.
     values : array_like, shape (colours, n)
         Signal per radiance at each wavelength, 0 or above, in any unit: a calibration by a furnace
-        finds the colours' constants. Between the wavelengths a curve is the square of a cubic
-        spline through the values' square roots. A band needs four wavelengths or so across its half
-        width, and a steep edge of a filter several on the edge. With as many wavelengths as colours
-        and one value above 0 for each, every colour is a single wavelength.
+        finds the colours' constants. Between the wavelengths a curve is the square of
+        Akima's (1970) through the values' square roots. A band needs four wavelengths or so across
+        its half width, and a steep edge of a filter several on the edge. With as many wavelengths
+        as colours and one value above 0 for each, every colour is a single wavelength.
 
     Raises
     ------
@@ -205,9 +205,11 @@ class SpectralResponses:
         half = np.diff(edges)[:, None] / 2
         nodes = (edges[:-1, None] + half * (1 + points)).ravel()
         steps = (half * shares).ravel()
-        # Straight lines through the samples would widen a band, and make soot seem colder. A spline
-        # through the roots does not, and its square is never negative.
-        return nodes, CubicSpline(lengths, np.sqrt(values), axis=1)(nodes) ** 2 * steps
+        # Straight lines through the samples would widen a band, and make soot seem colder. A smooth
+        # curve through the roots does not, and its square is never negative. Akima's depends on two
+        # neighbours at each side alone: a spline would swing in a gap between two filters.
+        curve = Akima1DInterpolator(lengths, np.sqrt(values), axis=1)
+        return nodes, curve(nodes) ** 2 * steps
 
 
 def read_responses(path: str | Path) -> SpectralResponses:

@@ -161,10 +161,11 @@ def test_exposures_are_those_that_the_files_state(furnace):
     assert "no exposure" not in run("calibrate-colours", *pictures).output
     colours = Path("colours/colours.toml")
     first, notes = read_exposed_colours(colours, Path("f1.tif"))
-    assert first.gains == pytest.approx(2e-9 * 0.02 * 100, rel=1e-4)
+    signal = 2e-9 * 0.02 * 100 * np.array([planck(nm, 1500) for nm in narrow])
+    assert first.gains * first.responses.black_body(1500.0) == pytest.approx(signal, rel=1e-3)
     assert not notes
     flame, notes = read_exposed_colours(colours, Path("flame.tif"))
-    assert flame.gains == pytest.approx(2e-9 * 0.03 * 100, rel=1e-4)
+    assert flame.gains == pytest.approx(1.5 * first.gains, rel=1e-4)
     assert "flame.tif was exposed 1.5 times" in notes[0]
     unknown, notes = read_exposed_colours(colours, Path("f1500.npz"))
     assert unknown.gains == pytest.approx(first.gains)

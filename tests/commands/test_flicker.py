@@ -19,7 +19,6 @@ from lf_flame import (
     Layer,
     LightField,
     Scene,
-    formats,
     render,
 )
 from lf_flame.commands.cli import commands
@@ -29,7 +28,7 @@ from lf_flame.commands.reading_options import Reading
 from lf_flame.flame_video import measure_flame
 from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
 from lf_flame.flame_video.output import Measures, measure_frames
-from lf_flame.formats import write_light_field
+from lf_flame.formats import reading, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
 
@@ -500,15 +499,15 @@ def test_what_is_kept_of_a_video(tmp_path):
 
 def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
     """When one is read the one before is gone."""
-    alive, before, read = weakref.WeakSet(), [], formats.read_light_field
+    alive, before, read = weakref.WeakSet(), [], reading.read_ordered
 
     def watched(*args, **options):
         before.append(len(alive))
-        light_field = read(*args, **options)
+        light_field, found = read(*args, **options)
         alive.add(light_field)
-        return light_field
+        return light_field, found
 
-    monkeypatch.setattr(formats, "read_light_field", watched)
+    monkeypatch.setattr(reading, "read_ordered", watched)
     words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
     result = run("flicker", still, *words, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output

@@ -45,7 +45,7 @@ def note_on_black(image: np.ndarray, grid: LensletGrid) -> str:
         np.percentile(light, (5, 95)),
         np.percentile(black, (5, 50, 95)),
     )
-    if level < LEAST * bright or bright - dark < UNEVEN * bright:
+    if level < LEAST * bright or bright - dark <= UNEVEN * bright:
         return ""
     if high - low > EVEN * (bright - dark):
         return ""
