@@ -4,6 +4,7 @@ import math
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from scipy.stats import linregress
 
@@ -84,3 +85,30 @@ def trend(history: pd.DataFrame) -> tuple[float, float]:
     half = history.iloc[len(history) // 2 :]
     line = linregress(half["epoch"], half["val_psnr_db"])
     return 10 * line.slope, 20 * line.stderr
+
+
+def extrapolate(history: pd.DataFrame, epochs: int) -> float:
+    """Tell what validation PSNR a run would have at a later epoch, at most.
+
+    The PSNR is taken to go on rising with the logarithm of the epoch as over the second half of the
+    run. Trainings flatten: what came later was below this in all runs that went on
+    (`docs/reproduction.md`).
+
+    Parameters
+    ----------
+    history : DataFrame
+        From `read_history`.
+    epochs : int
+        Later epoch.
+
+    Returns
+    -------
+    float
+        Validation PSNR in dB, the mean over epochs around the later one; NaN for fewer than
+        `LEAST_EPOCHS` epochs.
+    """
+    if len(history) <= LEAST_EPOCHS:
+        return math.nan
+    half = history.iloc[len(history) // 2 :]
+    line = linregress(np.log(half["epoch"]), half["val_psnr_db"])
+    return float(line.intercept + line.slope * math.log(epochs))

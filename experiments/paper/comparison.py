@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from experiments.beside_reference import is_reference
-from experiments.histories import epochs_in_words, read_history, trend
+from experiments.histories import epochs_in_words, extrapolate, read_history, trend
 from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.result_files import read_result_record
@@ -38,6 +38,9 @@ METHODS = {
     "other": "Other recipes",
 }
 """Titles of the blocks of a table, in their order."""
+
+ASKED = "epochs asked"
+"""Key of the number of epochs that was asked of a run, in the attributes of its history."""
 
 REFERENCE_NOTE = " (reference)"
 """Behind the names of committed results."""
@@ -298,6 +301,8 @@ def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame
         path, record = folder / f"{name}_history.csv", read_result_record(folder, name)
         if record is not None and path.exists():
             histories[run] = read_history(path, record.epochs)
+            histories[run].attrs[ASKED] = record.recipe.get("epochs", record.epochs)
+            histories[run].attrs["devices"] = ", ".join(record.devices)
     return histories
 
 
@@ -312,9 +317,11 @@ def tabulate_learning(histories: dict[str, pd.DataFrame]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row a run; columns ``run``, ``best_psnr_db``, ``best_s``, ``best_epoch``, ``weakest``
-        (the run that was best at the lowest level), ``there_s``, ``there_epoch``,
-        ``rise_db`` and ``rise_2se_db``, see `experiments.histories.trend`.
+        One row a run; columns ``run``, ``devices`` (accelerators), ``best_psnr_db``, ``best_s``,
+        ``best_epoch``, ``weakest`` (the run that was best at the lowest level), ``there_s``,
+        ``there_epoch``, ``rise_db`` and ``rise_2se_db``, see `experiments.histories.trend`, and
+        ``at_most_db``, see `experiments.histories.extrapolate`: of runs that ended before their
+        last epoch.
     """
     best = {run: rows.loc[rows.val_psnr_db.idxmax()] for run, rows in histories.items()}
     weakest = min(best, key=lambda run: best[run].val_psnr_db)
@@ -322,11 +329,15 @@ def tabulate_learning(histories: dict[str, pd.DataFrame]) -> pd.DataFrame:
     for run, rows in histories.items():
         there = rows[rows.val_psnr_db >= best[weakest].val_psnr_db].iloc[0]
         rise, error = trend(rows)
+        asked = rows.attrs.get(ASKED, 0)
+        goes_on = asked > rows.epoch.iloc[-1]
         table.append({
-            "run": run, "best_psnr_db": best[run].val_psnr_db,
+            "run": run, "devices": rows.attrs.get("devices", ""),
+            "best_psnr_db": best[run].val_psnr_db,
             "best_s": best[run].seconds, "best_epoch": int(best[run].epoch), "weakest": weakest,
             "there_s": there.seconds, "there_epoch": int(there.epoch),
             "rise_db": rise, "rise_2se_db": error,
+            "at_most_db": extrapolate(rows, asked) if goes_on else math.nan,
         })  # fmt: skip
     return pd.DataFrame(table)
 
@@ -343,7 +354,10 @@ def learning_markdown(learning: pd.DataFrame) -> str:
     level = learning.best_psnr_db[learning.run == weakest].item()
     shown = pd.DataFrame(
         {
-            "run": learning.run,
+            "run": [
+                run + f", on {devices}" * bool(devices)
+                for run, devices in zip(learning.run, learning.devices, strict=True)
+            ],
             "best validation PSNR (dB)": learning.best_psnr_db.map("{:.2f}".format),
             "seconds (epoch)": [_when(row.best_s, row.best_epoch) for row in learning.itertuples()],
             f"to {level:.2f} dB, the best of {weakest}": [
@@ -353,12 +367,17 @@ def learning_markdown(learning: pd.DataFrame) -> str:
                 "-" if math.isnan(row.rise_db) else f"{row.rise_db:+.3f} ± {row.rise_2se_db:.3f}"
                 for row in learning.itertuples()
             ],
+            "at the last epoch, at most (dB)": [
+                "-" if math.isnan(x) else f"{x:.2f}" for x in learning.at_most_db
+            ],
         }
     )
     lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
     return (
         "Learning, in seconds since a run was started, the data set on disk; rise: of a line "
-        f"through the second half of its epochs, ± two standard errors.\n\n{lines}\n"
+        "through the second half of its epochs, ± two standard errors; at most: the mean around "
+        "the last epoch if the PSNR went on rising with the logarithm of the epoch as over that "
+        f"half.\n\n{lines}\n"
     )
 
 

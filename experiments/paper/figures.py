@@ -216,7 +216,12 @@ def learning_figure(panels: dict, printed: dict, names: dict[str, str] | None = 
         low, high = min(printed[title]), max(printed[title])
         axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
         draw_learning(axis, curves, names)
-        axis.set_title(title, fontsize=11)
+        on = [
+            f"{names[run]}: on {x}"
+            for run, rows in curves.items()
+            if (x := rows.attrs.get("devices"))
+        ]
+        axis.set_title("\n".join([title, *dict.fromkeys(on)]), fontsize=11)
         handles, labels = axis.get_legend_handles_labels()
         shown |= dict(zip(labels, handles, strict=True))
     figure.legend(shown.values(), shown, fontsize=9, ncols=4, loc="outside lower center")

@@ -54,6 +54,7 @@ class ResultRecord:
     scenes_sha256: str
     data_sha256: str
     table: list[Row]
+    devices: list[str] = field(default_factory=list)
     sha256: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.histories import trend
+from experiments.histories import extrapolate, trend
 from experiments.paper.comparison import (
     compare_table,
     learning_markdown,
@@ -204,8 +204,8 @@ def test_runs_are_timed_to_where_the_weakest_ended():
     ]
     assert rows[0][3] == "to 8.00 dB, the best of slow"
     assert rows[2:] == [
-        ["slow", "8.00", "51 (1)", "51 (1)", "-"],
-        ["fast", "10.00", "29 (2)", "19 (1)", "-"],
+        ["slow", "8.00", "51 (1)", "51 (1)", "-", "-"],
+        ["fast", "10.00", "29 (2)", "19 (1)", "-", "-"],
     ]
 
 
@@ -221,6 +221,14 @@ def test_a_run_that_stalls_does_not_rise(rng):
             held.append(abs(found - 10 * rise) < error)
         assert 0.9 < np.mean(held) < 0.99
     assert error == pytest.approx(2 * 10 * 0.5 / np.sqrt(51 * (51**2 - 1) / 12), rel=0.3)
+
+
+def test_a_later_psnr_is_that_of_the_logarithm(rng):
+    epochs = np.arange(401)
+    psnr = 30 + 1.5 * np.log(np.maximum(epochs, 1)) + rng.normal(0, 0.2, 401) - 9 * (epochs < 100)
+    history = pd.DataFrame({"epoch": epochs, "val_psnr_db": psnr})
+    assert extrapolate(history, 5000) == pytest.approx(30 + 1.5 * np.log(5000), abs=0.4)
+    assert np.isnan(extrapolate(history[:15], 5000))
 
 
 def test_how_runs_learnt_is_kept_as_numbers(tmp_path):
