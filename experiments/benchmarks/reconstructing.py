@@ -20,7 +20,7 @@ from lf_flame import Layer, LightField, PlenopticCamera, Scene, render
 from lf_flame.scenes.flames import flame_texture
 from lf_flame.tomography import FrustumGrid, ReconstructionPlan
 from lf_flame.tomography.penalised_fit import FrequencyFit
-from lf_flame.tomography.reconstruction import ITERATIONS
+from lf_flame.tomography.reconstruction_plan import ITERATIONS
 
 CAMERA = PlenopticCamera(
     main_lens_focal_mm=150,

@@ -22,7 +22,7 @@ from experiments.tomography.tasks import AGAINST_NOISE, DEPTHS_MM, Row, by_focal
 from lf_flame import PAPER_CAMERA
 from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct
-from lf_flame.tomography.reconstruction import planes_between
+from lf_flame.tomography.frustum_grid import planes_between
 
 EMISSION, NETWORKS, BARS = "emission", "networks", "bars"
 """Reports that are written."""

@@ -25,7 +25,7 @@ from experiments.tomography.phantoms import (
 from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
-from lf_flame.tomography.reconstruction import planes_between
+from lf_flame.tomography.frustum_grid import planes_between
 from lf_flame.tomography.resolution import angular_width
 
 DEPTHS_MM = (20.0, 10.0, 0.0, -10.0)

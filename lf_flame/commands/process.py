@@ -107,7 +107,7 @@ def process(
     from lf_flame.flame_video import find_steps, process_frames
     from lf_flame.flame_video.processing.film import check_film, write_film
     from lf_flame.flame_video.processing.frames import TRIED
-    from lf_flame.tomography.reconstruction import planes_between
+    from lf_flame.tomography.frustum_grid import planes_between
 
     crew = Crew(*(options.pop(name) for name in Crew.__dataclass_fields__))
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})

@@ -200,18 +200,10 @@ def reconstruct(
       lf-flame reconstruct flame.npy --camera camera.toml --depths -12 12 2 \\
           --optical-thickness tau.tif
     """  # noqa: D301 - click reads the backspace
-    import numpy as np
-
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands.emission import read_thickness, thickness_facts
+    from lf_flame.commands.emission import read_thickness
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import FrustumGrid, Roughness
-    from lf_flame.tomography import reconstruct as find_emission
-    from lf_flame.tomography.emission_folder import RECORD
-    from lf_flame.tomography.output import write_reconstruction
-    from lf_flame.tomography.reconstruction import planes_between
-    from lf_flame.tomography.soot import reconstruct_soot, split_colours
+    from lf_flame.tomography.frustum_grid import planes_between
 
     if bool(depths) == bool(planes):
         raise InputError(
@@ -227,34 +219,44 @@ def reconstruct(
     if options["bootstrap"] is None:
         options["bootstrap"] = 20 if options["method"] == "penalised" else 0
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
-    thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
     if colours and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
+    thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
-    notes += notes_on_coding(source)
+    facts = {"seed": seed, "bootstrap": options["bootstrap"]}
+    facts["notes"] = [*notes, *notes_on_coding(source)]
     out = out or Path("reconstructed") / source.stem
     if l_curve:
         options["penalty"] = Roughness(whole_curve=True)
-    if calibration is not None:
-        soot = reconstruct_soot(light_field, grid, calibration, **of_soot, seed=seed, **options)
-        names = calibration.responses.names
-        lights = split_colours(light_field, names)
-        facts = {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes}
-        facts |= of_soot
-        write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)
-        return
+    if calibration is None:
+        files = {"source": source, "optical_thickness": optical_thickness}
+        _write_emission(light_field, grid, thickness, out, files, facts, options)
+    else:
+        _write_soot(light_field, grid, calibration, out, source, facts | of_soot, options, of_soot)
+
+
+def _write_emission(light_field, grid, thickness, out: Path, files, facts, options) -> None:
+    """Find emission in grey light, write its folder, and say what was found."""
+    import numpy as np
+
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.commands.emission import thickness_facts
+    from lf_flame.tomography import reconstruct as find_emission
+    from lf_flame.tomography.emission_folder import RECORD
+    from lf_flame.tomography.output import write_reconstruction
+
     with output_folder(out, RECORD) as folder:
-        options["optical_thickness"] = thickness
-        found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
+        rng = np.random.default_rng(facts["seed"])
+        found = find_emission(light_field, grid, rng=rng, optical_thickness=thickness, **options)
         write_reconstruction(found, light_field, folder)
-        folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
-        folder.facts |= {name: options[name] for name in ("method", "bootstrap")}
-        folder.facts |= {"notes": notes}
-        folder.facts |= thickness_facts(optical_thickness, thickness)
-    for note in notes:
+        folder.facts |= {"source": recorded_path(files["source"], folder.folder)} | facts
+        folder.facts |= {"method": options["method"]}
+        folder.facts |= thickness_facts(files["optical_thickness"], thickness)
+    for note in facts["notes"]:
         click.echo(f"Note: {note}", err=True)
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
@@ -262,3 +264,17 @@ def reconstruct(
         f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
         f"trust.png and {RECORD} are in {printable(folder.folder)}"
     )
+
+
+def _write_soot(light_field, grid, calibration, out, source, facts, options, of_soot) -> None:
+    """Find temperature and absorption from the colours, and write the folders of both."""
+    from lf_flame.tomography.emission_folder import RECORD
+    from lf_flame.tomography.output import write_reconstruction
+    from lf_flame.tomography.soot import reconstruct_soot, split_colours
+
+    soot = reconstruct_soot(
+        light_field, grid, calibration, seed=facts["seed"], **of_soot, **options
+    )
+    names = calibration.responses.names
+    lights = split_colours(light_field, names)
+    write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)

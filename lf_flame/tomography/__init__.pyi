@@ -22,8 +22,8 @@ from .projection_operator import ProjectionOperator as ProjectionOperator
 from .pyrometry import Temperatures as Temperatures
 from .pyrometry import soot_temperature as soot_temperature
 from .pyrometry import two_colour_temperature as two_colour_temperature
-from .reconstruction import ReconstructionPlan as ReconstructionPlan
 from .reconstruction import reconstruct as reconstruct
+from .reconstruction_plan import ReconstructionPlan as ReconstructionPlan
 from .reconstruction_result import Reconstruction as Reconstruction
 from .resolution import depth_blur as depth_blur
 from .resolution import depth_modes as depth_modes

@@ -20,7 +20,7 @@ from lf_flame.tomography.resolution import (
 
 if TYPE_CHECKING:
     from lf_flame.tomography.profiles import Profile
-    from lf_flame.tomography.reconstruction import Reconstruction
+    from lf_flame.tomography.reconstruction_result import Reconstruction
 
 MOST_SHOWN = 8
 """Largest number of depth planes that a figure shows side by side."""

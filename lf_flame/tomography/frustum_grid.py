@@ -254,3 +254,30 @@ def _check_ideal(camera: Lens) -> None:
         raise InputError(
             "Emission by depth needs images divided by a white image (falloff_corrected)."
         )
+
+
+def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[float]:
+    """Depths of evenly spaced planes, both ends included.
+
+    Raises
+    ------
+    InputError
+        If the step does not lead from one end to the other.
+    """
+    if not (np.isfinite([from_mm, to_mm, step_mm]).all() and step_mm > 0):
+        raise InputError(
+            f"Depths need finite ends and a step above 0 mm, got {from_mm}, {to_mm}, {step_mm}."
+        )
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.subtract(to_mm, from_mm)) / step_mm
+    if not steps < MOST_PLANES:
+        raise InputError(
+            f"Depths must be at most {MOST_PLANES} planes, got {from_mm:g} to {to_mm:g} mm in "
+            f"steps of {step_mm:g} mm."
+        )
+    count = round(float(steps))
+    if abs(count * step_mm - abs(to_mm - from_mm)) > 1e-6 * step_mm:
+        raise InputError(
+            f"The step of {step_mm} mm must divide the way from {from_mm} to {to_mm} mm."
+        )
+    return [float(depth) for depth in np.linspace(from_mm, to_mm, count + 1)]

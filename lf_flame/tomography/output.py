@@ -22,7 +22,7 @@ from lf_flame.tomography.figures import (
 )
 
 if TYPE_CHECKING:
-    from lf_flame.tomography.reconstruction import Reconstruction
+    from lf_flame.tomography.reconstruction_result import Reconstruction
 
 
 def write_reconstruction(

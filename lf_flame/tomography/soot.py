@@ -20,7 +20,8 @@ from lf_flame.tomography.absorption import MOST_THICKNESS
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.pyrometry import Temperatures, soot_temperature
-from lf_flame.tomography.reconstruction import Reconstruction, ReconstructionPlan
+from lf_flame.tomography.reconstruction_plan import ReconstructionPlan
+from lf_flame.tomography.reconstruction_result import Reconstruction
 
 MOST_ROUNDS = 20
 """Largest number of rounds; at a total thickness of 1, each leaves two fifths of the change."""

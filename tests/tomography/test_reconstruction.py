@@ -10,7 +10,7 @@ from lf_flame import InputError, LightField, Sensor
 from lf_flame.optics.sensor import expose
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, ReconstructionPlan, Roughness, reconstruct
-from lf_flame.tomography.reconstruction import planes_between
+from lf_flame.tomography.frustum_grid import planes_between
 
 DEPTHS = (3.0, 0.0, -4.0)
 
