@@ -131,7 +131,7 @@ def system_scenes(config, systems, counts, held_out, scored, work, out) -> None:
     load_keras()
     quiet_tensorflow()
     from experiments.systems.scene_counts import run_scene_counts
-    from lf_flame.systems.training import read_systems_config
+    from lf_flame.systems.training_config import read_systems_config
 
     path = run_scene_counts(
         read_systems_config(config), systems, counts, held_out, scored, work, out

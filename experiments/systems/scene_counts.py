@@ -17,7 +17,8 @@ from lf_flame.learning.scores import psnr, ssim
 from lf_flame.systems.base import RefocusingSystem
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.training import SystemsConfig, SystemsPreset, load_system, train_system
+from lf_flame.systems.training import load_system, train_system
+from lf_flame.systems.training_config import SystemsConfig, SystemsPreset
 from lf_flame.systems.training_scenes import PROJECTED, TrainingSamples
 
 FIRST_SCORED = 2_000_000

@@ -42,7 +42,8 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
       volumetric             a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
     """  # noqa: D301 - click reads the backspace
     load_keras()
-    from lf_flame.systems.training import read_systems_config, train_system
+    from lf_flame.systems.training import train_system
+    from lf_flame.systems.training_config import read_systems_config
 
     asked = read_systems_config(config)
     asked = asked if seed is None else replace(asked, seed=seed)

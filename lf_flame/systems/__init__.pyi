@@ -18,5 +18,5 @@ from .similarity import ssim as ssim
 from .sparse_unet import SparseUNet as SparseUNet
 from .sparse_unet import build_unet as build_unet
 from .training import load_system as load_system
-from .training import read_systems_config as read_systems_config
 from .training import train_system as train_system
+from .training_config import read_systems_config as read_systems_config

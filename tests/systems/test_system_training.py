@@ -16,14 +16,12 @@ from lf_flame.simulation import rendering
 from lf_flame.systems import training_scenes
 from lf_flame.systems.refnet import SLOPES
 from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.training import (
-    PatchTrainer,
+from lf_flame.systems.training import PatchTrainer, load_system, train_system
+from lf_flame.systems.training_config import (
     SystemRecipe,
     SystemsConfig,
     SystemsPreset,
-    load_system,
     read_systems_config,
-    train_system,
 )
 from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 

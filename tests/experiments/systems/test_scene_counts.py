@@ -13,7 +13,8 @@ from lf_flame._common.config import build
 from lf_flame.systems.aperturenet import ApertureNet
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.training import FIRST_HELD_OUT, SystemsConfig, load_system
+from lf_flame.systems.training import FIRST_HELD_OUT, load_system
+from lf_flame.systems.training_config import SystemsConfig
 from lf_flame.systems.view_selection import square_of_views
 
 
