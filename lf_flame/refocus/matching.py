@@ -182,8 +182,9 @@ class ComparedViews:
         window = self.views.near(read, self._reach)
         costs = np.empty((rows.stop - rows.start, width, len(slopes)), np.float32)
         line = np.empty((read.size, width), np.float32)
-        each = enumerate(progress.steps(slopes, "matching views", len(slopes), "slope"))
-        for n, slope in each:
+        done, count = sum(band.stop <= rows.start for band in self.bands), len(self.bands)
+        what = "matching views" + f", part {done + 1} of {count}" * (count > 1)
+        for n, slope in enumerate(progress.steps(slopes, what, len(slopes), "slope")):
             parts = self._differences(window, float(slope), read, limit)[0]
             _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
             costs[..., n] = line[inner]
