@@ -17,7 +17,7 @@ from campaigning.processes import Process, fault
 from lf_flame.errors import InputError
 from lf_flame.flame_video import look_at
 
-FRAMES, TASKS, SIDE = 80, 10, 72
+FRAMES, TASKS, SIDE = 160, 20, 600
 LINE = "lf_flame process frames --views 3 --steps refocus@0,height,contour --out out"
 ONE, POOL, CLUSTER = "--workers 1", "--workers 2", "--local-cluster 2"
 PROGRAM, WORKER = "program", "worker"
@@ -39,8 +39,9 @@ def video(tmp_path_factory):
     (folder / "frames").mkdir()
     y, x = np.indices((SIDE, SIDE))
     for k in range(FRAMES):
-        lit = (abs(x - 36) < 14) & (y > 24 + 10 * np.sin(k))
-        Image.fromarray(np.where(lit, 200, 0).astype(np.uint8)).save(folder / f"frames/{k:02d}.png")
+        lit = (abs(x / SIDE - 0.5) < 0.2) & (y / SIDE > 0.33 + 0.14 * np.sin(k))
+        picture = Image.fromarray(np.where(lit, 200, 0).astype(np.uint8))
+        picture.save(folder / f"frames/{k:03d}.png")
     return folder
 
 
@@ -66,9 +67,9 @@ def test_killed_videos(video, whole, tmp_path, draw, request, record_property):
     (way, what), folder = KILLS[draw], Path(copytree(video, tmp_path / "a"))
     words = f"{LINE} {way}".split()
     with Process(words, folder) as process:
-        # At any time, or at any task: most of the time is that of starting.
-        due, tasks = rng.random() * whole.seconds[way], rng.randrange(1, TASKS)
-        if what == PROGRAM and rng.random() < 0.5:
+        # Most at any task but the last ones, which would end before the kill; some at any time.
+        due, tasks = rng.random() * whole.seconds[way], rng.randrange(1, TASKS - 2)
+        if what == PROGRAM and draw % 4 == 0:
             process.watch(lambda changes, seconds: seconds >= due)
         else:
             ended = folder / "out.part/state/c"
