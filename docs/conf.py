@@ -74,4 +74,5 @@ html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_extra_path = ["static/root"]  # index.html, which leads to docs/index.html
 html_copy_source = False
+html_search_scorer = str(HERE / "static" / "search_order.js")
 html_theme_options = {"navigation_with_keys": True}

@@ -22,7 +22,7 @@ def resolution_report(camera: Lens, thickness_mm: float, periods_mm) -> str:
         for period in periods_mm
     ]
     columns = [
-        "lateral period (mm)", "blur in depth (mm)", f"numbers within {thickness_mm:g} mm of depth",
+        "lateral period (mm)", "blur in depth (mm)", f"values told apart in {thickness_mm:g} mm",
     ]  # fmt: skip
     table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
     width = angular_width(camera)

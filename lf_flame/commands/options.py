@@ -22,6 +22,10 @@ class UsablePath(click.Path):
             found = Path(value).stat().st_mode
             if not self.file_okay and not stat.S_ISDIR(found):  # click lets devices pass
                 self.fail(f"{str(value)[:200]!r} must be a folder.", param, ctx)
+        except FileNotFoundError:
+            if self.exists and not Path(value).is_absolute():
+                named = f"{self.name.title()} {str(value)[:200]!r}"
+                self.fail(f"{named} does not exist in the folder {Path.cwd()}.", param, ctx)
         except OSError as error:
             if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
                 self.fail(f"{str(value)[:200]!r} cannot be used: {error.strerror}.", param, ctx)

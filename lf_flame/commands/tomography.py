@@ -63,6 +63,8 @@ def resolution(camera, thickness_mm, periods, figure) -> None:
     from lf_flame.commands.emission import resolution_report
 
     chosen, periods = _read_camera(camera), periods or PERIODS_MM
+    if camera is None:
+        click.echo("The paper's camera; --camera takes yours.")
     click.echo(resolution_report(chosen, thickness_mm, periods))
     if figure:
         from lf_flame._common import figures

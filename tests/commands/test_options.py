@@ -46,6 +46,15 @@ def test_a_link_to_itself_is_refused(option, tmp_path):
     assert CliRunner().invoke(command, ["--out", str(tmp_path / "new")]).exit_code == 0
 
 
+def test_a_relative_path_that_is_missing_is_named_with_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, end in (("a.toml", f" in the folder {tmp_path}."), (str(tmp_path / "a"), ".")):
+        result = CliRunner().invoke(command, ["--file", name])
+        assert result.exit_code == 2
+        assert f"File {name!r} does not exist{end}\n" in result.output
+    assert CliRunner().invoke(command, ["--path", "new"]).exit_code == 0
+
+
 @pytest.mark.parametrize("imports", [True, False])
 def test_a_command_that_loads_for_long_says_so(tmp_path, monkeypatch, caplog, imports):
     """Only where it is importing: what works for long has words of its own."""

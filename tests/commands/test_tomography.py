@@ -56,6 +56,7 @@ def test_resolution_is_told_as_a_table_and_a_picture(tmp_path):
     figure = tmp_path / "resolution.png"
     result = run("resolution", "--period", 1, "--period", 10, "--figure", figure)
     assert result.exit_code == 0, result.output
+    assert result.output.startswith("The paper's camera;")
     # 1 mm / 0.239 rad, and 1 + 30 mm / 4.18 mm
     assert re.search(r"^1 +4\.18 +8\.2$", result.output, re.MULTILINE)
     assert re.search(r"^10 +41\.8 +1\.7$", result.output, re.MULTILINE)
@@ -64,6 +65,7 @@ def test_resolution_is_told_as_a_table_and_a_picture(tmp_path):
 
 def test_half_the_views_blur_twice_as_far(camera_file):
     result = run("resolution", "--camera", camera_file, "--period", 1)
+    assert "paper" not in result.output
     # The aperture is the same: five views of thrice the pixel.
     assert re.search(r"^1 +4\.18 ", result.output, re.MULTILINE)
 
