@@ -8,19 +8,38 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait
-from threading import Thread
+from multiprocessing.context import SpawnContext, SpawnProcess
+from threading import RLock, Thread
 from typing import TypeVar
+
+from tqdm import tqdm
 
 from lf_flame._common.threads import one_thread
 
 T = TypeVar("T")
 
 
+class _Worker(SpawnProcess):
+    """Process that Ctrl-C never reaches: not even while it starts, before any code of ours runs."""
+
+    def start(self) -> None:
+        """Start the process, which inherits the signals that are blocked here for a moment."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Context(SpawnContext):
+    Process = _Worker
+
+
 @contextmanager
 def worker_pool(
     workers: int, setup: Callable[..., None] | None = None, *arguments
 ) -> Iterator[ProcessPoolExecutor]:
-    """Start worker processes; they ignore Ctrl-C and end when this process ends for any reason.
+    """Start worker processes that Ctrl-C does not reach; they end when this one ends, however.
 
     Parameters
     ----------
@@ -40,8 +59,8 @@ def worker_pool(
     ChildProcessError
         If a process is killed, for example because memory is exhausted.
     """
-    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
-    with ProcessPoolExecutor(workers, context, _start, (setup, arguments)) as pool:
+    others = multiprocessing.active_children()
+    with ProcessPoolExecutor(workers, _Context(), _start, (setup, arguments)) as pool:
         try:
             yield pool
         except BrokenProcessPool:
@@ -59,7 +78,8 @@ def worker_pool(
 
 
 def _start(setup: Callable[..., None] | None, arguments: tuple) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The lock that tqdm shares among processes would be reported as leaked when this one is killed.
+    tqdm.set_lock(RLock())
     Thread(target=_end_with_parent, daemon=True).start()
     if setup is not None:
         setup(*arguments)

@@ -55,12 +55,51 @@ def _remember(value):
 
 
 def _recall(_):
-    return os.environ["LF_FLAME_TEST"], signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    return os.environ["LF_FLAME_TEST"], signal.SIGINT in blocked
 
 
 def test_workers_are_set_up_and_leave_ctrl_c_to_their_parent():
     with worker_pool(1, _remember, "set up") as pool:
         assert list(pool.map(_recall, range(2))) == [("set up", True)] * 2
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+from tqdm import tqdm
+from lf_flame._common.workers import worker_pool
+
+def work(seconds):
+    with tqdm(disable=True):
+        os.write(1, b"working\\n")
+        time.sleep(seconds)
+
+if __name__ == "__mp_main__":  # imported by a worker that starts
+    os.write(1, f"{os.getpid()}\\n".encode())
+    time.sleep(0.5)
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with worker_pool(2) as pool:
+            list(pool.map(work, [60, 60]))
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+def test_workers_say_nothing_at_ctrl_c_while_they_start_or_work(tmp_path):
+    """A terminal sends it to all processes of a command."""
+    (tmp_path / "program.py").write_text(INTERRUPTED)
+    command = [sys.executable, tmp_path / "program.py"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes, start_new_session=True) as parent:
+        for _ in range(2):
+            os.kill(int(parent.stdout.readline()), signal.SIGINT)
+        assert [parent.stdout.readline() for _ in range(2)] == ["working\n"] * 2
+        os.killpg(parent.pid, signal.SIGINT)
+        _, said = parent.communicate(timeout=30)
+    assert (parent.returncode, said) == (130, "")
 
 
 def _end(_):
