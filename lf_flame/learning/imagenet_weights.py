@@ -55,9 +55,18 @@ def imagenet_file() -> Path:
                 raise OSError("what came is not the file, or not all of it")
     except (OSError, HTTPException) as error:
         raise ImagenetUnavailable(
-            f"The ImageNet weights of ResNet-50 could not be downloaded ({error})."
+            f"The ImageNet weights of ResNet-50 could not be downloaded into {path.parent} "
+            f"({_reason(error)})."
         ) from None
     return path
+
+
+def _reason(error: Exception) -> str:
+    """Reason of an error on one line, without number and file."""
+    inner = getattr(error, "reason", None)
+    if isinstance(inner, OSError):  # of the connection, wrapped by urllib
+        error = inner
+    return " ".join(str(getattr(error, "strerror", None) or error).split())
 
 
 def _download(url: str, path: Path) -> None:

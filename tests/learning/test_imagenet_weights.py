@@ -68,10 +68,18 @@ def test_the_file_is_downloaded_once(server, tmp_path):
 def test_half_a_file_is_none_and_nobody_waits_for_the_rest(server, tmp_path, stalls):
     server.content, server.stalls = CONTENT[:5000], stalls
     started = time.perf_counter()
-    with pytest.raises(ImagenetUnavailable, match=r"could not be downloaded .*(timed out|not all)"):
+    with pytest.raises(ImagenetUnavailable) as said:
         imagenet_file()
+    reason = "timed out" if stalls else "what came is not the file, or not all of it"
+    assert str(said.value).endswith(f"could not be downloaded into {tmp_path}/models ({reason}).")
     assert time.perf_counter() - started < 10
     assert list((tmp_path / "models").iterdir()) == []
+
+
+def test_no_connection_is_the_reason_in_words(server, monkeypatch):
+    monkeypatch.setattr(imagenet_weights, "ORIGIN", "http://127.0.0.1:9/")
+    with pytest.raises(ImagenetUnavailable, match=r"models \(Connection refused\)\.$"):
+        imagenet_file()
 
 
 def test_other_connections_of_the_process_keep_their_patience(server):
