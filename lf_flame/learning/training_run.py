@@ -219,9 +219,9 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
     """Train to the last epoch, or until Ctrl-C or the time limit ends the call after an epoch."""
     saved_at, first = time.perf_counter(), run.next_epoch
     quiet = not show or job.epochs == 0  # solved, not trained
-    bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=quiet)
+    total, done = job.epochs, run.epochs_done
+    bar = tqdm(total=total, initial=done, desc="training", unit="epoch", disable=quiet)
     with bar, _interrupt_after_epoch() as interrupted:
-        bar.update(run.epochs_done)
         for epoch in range(first, job.epochs + 1):
             begun = time.perf_counter() if epoch else started
             losses = _run_epoch(trainer, job.seed, epoch)

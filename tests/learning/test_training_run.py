@@ -1,7 +1,9 @@
 """Ctrl-C, or the end of the minutes: what is done is saved, the next call goes on from there."""
 
 import os
+import re
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -34,12 +36,12 @@ class RandomWalk:
         return self.evaluate("train")
 
 
-def train(out, trainer, minutes=0.0):
+def train(out, trainer, minutes=0.0, show=False):
     run = load_checkpoint(out, {"recipe": {"schedule": "constant"}})
     if run.state:
         trainer.state = run.state
     job = Job(REQUEST, 12, 3, 1e9, None, None, {}, minutes)  # no checkpoint by the clock
-    _fit(run, trainer, job, out, False, 0.0)
+    _fit(run, trainer, job, out, show, 0.0)
     return [row["val_loss"] for row in run.history]
 
 
@@ -55,6 +57,20 @@ def test_an_interrupted_epoch_is_finished_and_saved(tmp_path, capsys):
     rest = RandomWalk()
     assert train(tmp_path / "cut", rest) == whole
     assert rest.epochs == 2
+
+
+def test_the_time_left_is_that_of_epochs_of_this_call(tmp_path, capsys):
+    class Slow(RandomWalk):
+        def train_epoch(self, rng):
+            time.sleep(0.1)
+            return super().train_epoch(rng)
+
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path, RandomWalk([10]))
+    train(tmp_path, Slow(), show=True)
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "12/12" in last
+    assert float(re.search(r"([\d.]+)epoch/s", last)[1]) <= 10
 
 
 def test_a_second_interrupt_is_not_waited_for(tmp_path):
