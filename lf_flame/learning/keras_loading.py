@@ -152,3 +152,12 @@ def _is_known(class_name: Any, module: Any = None, registered_name: Any = None, 
         and str(module or "keras").partition(".")[0] == "keras"
         and registered_name in (None, class_name)
     )
+
+
+def accelerators() -> list[str]:
+    """Names of the accelerators that train, with JAX; none on a processor."""
+    if keras.backend.backend() != "jax":
+        return []
+    import jax
+
+    return [device.device_kind for device in jax.devices() if device.platform != "cpu"]

@@ -25,6 +25,7 @@ from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import is_whole, read_run_record
 
 MAX_SEED = 1_000_000
@@ -147,7 +148,7 @@ def _train(job: Job, model: Path, started: float, show: bool) -> None:
         "best_validation_loss": run.best_row["val_loss"],
         **job.metadata,
         "keras_backend": keras.backend.backend(),
-        "devices": _devices(),
+        "devices": accelerators(),
         "start_s": run.history[0]["seconds"],
         "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
         "wall_s": round(time.perf_counter() - started, 2),
@@ -156,15 +157,6 @@ def _train(job: Job, model: Path, started: float, show: bool) -> None:
     with atomic_write(model) as aside:  # renamed last: make looks at this file
         network.save(aside)
         write_json(out / "run.json", sealed(record | {"model_sha256": file_sha256(aside)}))
-
-
-def _devices() -> list[str]:
-    """Names of the accelerators that train, with JAX; none on a processor."""
-    if keras.backend.backend() != "jax":
-        return []
-    import jax
-
-    return [device.device_kind for device in jax.devices() if device.platform != "cpu"]
 
 
 def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) -> None:
