@@ -156,6 +156,8 @@ def _is_known(class_name: Any, module: Any = None, registered_name: Any = None, 
 
 def accelerators() -> list[str]:
     """Names of the accelerators that train, with JAX; none on a processor."""
+    import keras
+
     if keras.backend.backend() != "jax":
         return []
     import jax
