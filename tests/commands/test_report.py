@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import DATA
 from click.testing import CliRunner
 from PIL import Image
 
@@ -15,6 +16,7 @@ from lf_flame import InputError
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.output_folders import output_folder
 from lf_flame.commands import cli
+from lf_flame.datasets.config import config_from_json, config_to_json
 
 
 def run(folder, out):
@@ -102,6 +104,24 @@ def test_a_light_field_whose_record_makes_no_sense_is_not_shown(tmp_path, slopes
     page = (tmp_path / "one.html").read_text()
     assert "The viewer is not shown: " in page
     assert "script" not in page
+
+
+def write_scored(folder, config):
+    folder.mkdir()
+    record = {"dataset": {"config": config, "slopes": [0.5, -0.5]}}
+    (folder / "table1.json").write_text(json.dumps(record))
+
+
+def test_the_report_of_a_network_holds_a_light_field_of_its_data_set(tmp_path):
+    config = config_to_json(config_from_json(DATA, "here"))
+    write_scored(tmp_path / "scored", config)
+    assert run(tmp_path / "scored", tmp_path / "one.html").exception is None
+    assert "script" in (tmp_path / "one.html").read_text()
+    config["camera"]["lenslets"] = [40_000, 64_000]
+    for number, wrong in enumerate((config, {"kind": "shapes"}, {"kind": ["x"]})):
+        write_scored(tmp_path / f"{number}", wrong)
+        assert run(tmp_path / f"{number}", tmp_path / "one.html").exception is None
+        assert "The viewer is not shown: " in (tmp_path / "one.html").read_text()
 
 
 def test_a_page_of_yours_is_not_replaced_unasked(tmp_path, monkeypatch):
