@@ -25,8 +25,8 @@ def report(folder: Path, out: Path | None) -> None:
     FOLDER is what a command has written: a training run, a data set, emission, temperatures,
     flicker, refocused images, or the tables of a reproduction. The report holds a verdict, the
     tables, curves and pictures of the folder, a paragraph for the methods part of a paper, the
-    commands to repeat it, and where it comes from; of emission by depth and of a
-    simulated light field also the viewer. It has 5 MB at most, needs no network, and no JavaScript
+    commands to repeat it, and where it comes from; of emission by depth, a simulated light field
+    and a reproduction (the first light field of its data set) also the viewer. It has 5 MB at most, needs no network, and no JavaScript
     but for the viewer, and is the same for the same files.
 
     \b
