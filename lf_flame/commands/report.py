@@ -26,8 +26,8 @@ def report(folder: Path, out: Path | None) -> None:
     flicker, refocused images, or the tables of a reproduction. The report holds a verdict, the
     tables, curves and pictures of the folder, a paragraph for the methods part of a paper, the
     commands to repeat it, and where it comes from; of emission by depth, a simulated light field
-    and a reproduction (the first light field of its data set) also the viewer. It has 5 MB at most, needs no network, and no JavaScript
-    but for the viewer, and is the same for the same files.
+    and a reproduction (the first light field of its data set) also the viewer. It has 5 MB at most,
+    needs no network, and no JavaScript but for the viewer, and is the same for the same files.
 
     \b
       lf-flame report reconstructed/flame
