@@ -329,7 +329,7 @@ def damage_table(name, change):
         ("table1.json", lambda x: b"[" * 10_000, "nest deeper than 64"),
         ("table1.json", lambda x: x.replace(b'"seed": 1', b'"seed": "1"'), "seed: input should be"),
         ("table1.json", lambda x: x.replace(b'"ssim": 0', b'"ssim": null, "x": 0', 1), "0.ssim"),
-        ("table1.json", lambda x: x.replace(b"20.0", b"21.0", 1), "lacks a depth"),
+        ("table1.json", lambda x: x.replace(b'mm": 20.0', b'mm": 21.0'), "lacks a depth"),
     ],
     ids=lambda value: str(value)[:20],
 )
