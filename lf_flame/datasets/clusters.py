@@ -1,5 +1,6 @@
 """Dask clusters for making data sets on other machines, or in other processes on this one."""
 
+import logging
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
@@ -13,8 +14,13 @@ RETRIES = 10
 """Number of times that a task is repeated after its worker died; with Dask's default, a task is
 taken for the cause after three."""
 
-ANY_PORT = "127.0.0.1:0"
-"""Address of a local cluster's dashboard: a free port, so that two clusters do not collide."""
+LOCAL = {
+    "threads_per_worker": 1,
+    "dashboard_address": "127.0.0.1:0",
+    "silence_logs": logging.CRITICAL,
+}
+"""Options of a cluster on this machine. Its dashboard has a free port, so that two do not collide.
+What a task raises comes back to the caller; the logs beside it are tracebacks of lost heartbeats."""
 
 
 @contextmanager
@@ -50,10 +56,7 @@ def cluster_executor(scheduler: str | None = None, local: int | None = None) -> 
                 with _connect(scheduler) as client:
                     yield client.get_executor()
                 return
-            with (
-                LocalCluster(local, threads_per_worker=1, dashboard_address=ANY_PORT) as cluster,
-                Client(cluster) as client,
-            ):
+            with LocalCluster(local, **LOCAL) as cluster, Client(cluster) as client:
                 yield client.get_executor()
     except (CancelledError, KilledWorker):
         raise ChildProcessError(
