@@ -43,23 +43,18 @@ class SimulationRecord:
 
 
 @dataclass(frozen=True)
-class DatasetRecord:
+class DatasetRecord(SimulationRecord):
     """Content of a network's record on its data set that the viewer needs.
 
     Attributes
     ----------
+    slopes
+        As of a simulation.
     config : dict
         Configuration of the data set.
-    slopes : list of float
-        Slopes of the refocused images, at least one.
     """
 
     config: dict[str, Any]
-    slopes: list[float]
-
-    def __post_init__(self):
-        if not self.slopes:
-            raise InputError("slopes must hold at least one number.")
 
 
 @dataclass(frozen=True)

@@ -237,7 +237,7 @@ def reconstruct(
         files = {"source": source, "optical_thickness": optical_thickness}
         _write_emission(light_field, grid, thickness, out, files, facts, options)
     else:
-        _write_soot(light_field, grid, calibration, out, source, facts | of_soot, options, of_soot)
+        _write_soot(light_field, grid, calibration, out, source, facts, options, of_soot)
 
 
 def _write_emission(light_field, grid, thickness, out: Path, files, facts, options) -> None:
@@ -279,4 +279,5 @@ def _write_soot(light_field, grid, calibration, out, source, facts, options, of_
     )
     names = calibration.responses.names
     lights = split_colours(light_field, names)
+    facts = facts | of_soot
     write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)

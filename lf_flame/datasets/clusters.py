@@ -20,7 +20,7 @@ LOCAL = {
     "silence_logs": logging.CRITICAL,
 }
 """Options of a cluster on this machine. Its dashboard has a free port, so that two do not collide.
-What a task raises comes back to the caller; logs beside it are tracebacks of lost heartbeats."""
+Exceptions of tasks come back to the caller; logs beside them are tracebacks of lost heartbeats."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What a process or a machine does with the frames of a video: read, apply all steps, write."""
+"""Work of a process or a machine on the frames of a video: read, apply all steps, write."""
 
 import pickle
 from collections.abc import Callable

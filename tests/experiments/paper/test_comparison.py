@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.histories import extrapolate, trend
+from experiments.histories import extrapolate, read_history, trend
 from experiments.paper.comparison import (
+    ASKED,
     compare_table,
     learning_markdown,
     pool_seeds,
@@ -229,6 +230,27 @@ def test_a_later_psnr_is_that_of_the_logarithm(rng):
     history = pd.DataFrame({"epoch": epochs, "val_psnr_db": psnr})
     assert extrapolate(history, 5000) == pytest.approx(30 + 1.5 * np.log(5000), abs=0.4)
     assert np.isnan(extrapolate(history[:15], 5000))
+
+
+def test_committed_trainings_stayed_below_the_logarithm():
+    """As the function and the page on the reproduction say, drawn after 400 epochs and more."""
+    for name in ("paper/table1", "paper/table2", "paper-seed2/table2", "paper-seed3/table2"):
+        whole = read_history(RESULTS / f"{name}_history.csv")
+        last = whole.val_psnr_db[-50:].mean()
+        for epochs in (400, len(whole) // 2):
+            assert extrapolate(whole[: epochs + 1], len(whole) - 25) > last
+
+
+def test_learning_names_accelerators_and_what_unfinished_runs_could_reach():
+    epochs = np.arange(101)
+    rows = pd.DataFrame({"epoch": epochs, "seconds": 1.0 * epochs, "val_psnr_db": 0.1 * epochs})
+    unfinished = rows.copy()
+    unfinished.attrs = {ASKED: 200, "devices": "A card"}
+    text = learning_markdown(tabulate_learning({"a": unfinished, "b": rows}))
+    first, second = (line.split("|") for line in text.splitlines()[-2:])
+    assert first[1].strip() == "a, on A card"
+    assert float(first[-2]) == pytest.approx(extrapolate(rows, 200), abs=0.01)
+    assert (second[1].strip(), second[-2].strip()) == ("b", "-")
 
 
 def test_how_runs_learnt_is_kept_as_numbers(tmp_path):
