@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from experiments.tomography.phantoms import BLOCK, Recorder, round_glow, volume_flame
 from experiments.tomography.tasks import NOISE, Row
 from lf_flame import PAPER_CAMERA, LightField
-from lf_flame._common.figures import subplots
 from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
 
 HEIGHT_MM, RADIUS_MM, REACH_MM = 25.0, 4.0, 12.0
@@ -21,6 +21,9 @@ tip is finer than a pixel."""
 
 STRENGTHS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 """Strengths of PyAbel's penalty; that of least true error is shown, which no user could choose."""
+
+SHOWN_HEIGHTS = (-9.0, 0.0, 7.0)
+"""Heights in mm at which the figure shows errors along the radius."""
 
 TASK = "round flame"
 
@@ -62,7 +65,7 @@ def _errors(heights: np.ndarray, radii: np.ndarray, found: np.ndarray) -> tuple[
     """Root-mean-square errors over the volume and over the section, relative to the truth's."""
     h = heights / HEIGHT_MM + 0.5
     rows = (h > COMPARED[0]) & (h < COMPARED[1])
-    truth = round_glow(h[rows, None], radii[None, :], RADIUS_MM)
+    truth = _truth(heights[rows], radii)
     weight = np.sqrt(radii)
     volume, section = (
         float(np.linalg.norm((found[rows] - truth) * w) / np.linalg.norm(truth * w))
@@ -140,7 +143,7 @@ METHODS: dict[str, Callable[[LightField, float], Iterator[Section]]] = {
 
 
 def round_figure():
-    """Show the section at 1 % of noise, by every method, and radial profiles at three heights."""
+    """Show the section at 1 % of noise, by every method, and its error at three heights."""
     recorder, pixel = _recorder()
     light_field = recorder.with_noise(0.01, np.random.default_rng(0))
     sections = {}
@@ -149,31 +152,37 @@ def round_figure():
         if found:
             sections[name] = min(found, key=lambda one: _errors(*one))
     heights, radii, _ = sections[ALL]
-    truth = round_glow(heights[:, None] / HEIGHT_MM + 0.5, radii[None, :], RADIUS_MM)
-    sections = {"truth": (heights, radii, truth), **sections}
-    figure, axes = subplots(
-        1,
-        len(sections) + 1,
-        figsize=(17, 4.2),
-        layout="constrained",
-        width_ratios=[*[1] * len(sections), 2],
-    )
-    for axis, (name, (rows, columns, section)) in zip(axes, sections.items(), strict=False):
-        _draw_half(axis, rows, columns, section, float(truth.max()))
-        axis.set_title("\n".join(textwrap.wrap(name, 22)), fontsize=8)
-    axes[0].set_ylabel("height (mm)", fontsize=8)
-    _draw_profiles(axes[-1], sections)
-    figure.legend(loc="outside right upper", fontsize=8)
+    white = float(_truth(heights, radii).max())
+    shown = {"truth": (heights, radii, _truth(heights, radii)), **sections}
+    figure = Figure(figsize=(11, 7.4), layout="constrained")
+    parts = figure.subfigures(2, 1, height_ratios=[1.4, 1])
+    above = parts[0].subplots(1, len(shown), sharey=True)
+    for axis, (name, (rows, columns, section)) in zip(above, shown.items(), strict=True):
+        drawn = _draw_half(axis, rows, columns, section, white)
+        axis.set_title("\n".join(textwrap.wrap(name, 18)), fontsize=8)
+    above[0].set_ylabel("height (mm)", fontsize=8)
+    parts[0].colorbar(drawn, ax=above, label="emission per mm")
+    below = parts[1].subplots(1, len(SHOWN_HEIGHTS), sharey=True)
+    for axis, height in zip(below, SHOWN_HEIGHTS, strict=True):
+        _draw_errors(axis, sections, height, white)
+    below[0].set_ylabel("error, % of the peak", fontsize=8)
+    handles = below[0].get_legend_handles_labels()
+    parts[1].legend(*handles, loc="outside lower center", ncols=2, fontsize=8)
     return figure
 
 
-def _draw_half(axis, heights, radii, section, white: float) -> None:
+def _truth(heights: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    return round_glow(heights[:, None] / HEIGHT_MM + 0.5, radii[None, :], RADIUS_MM)
+
+
+def _draw_half(axis, heights, radii, section, white: float):
     edge = _half_step(radii)
     extent = (0, radii[-1] + edge, heights[-1] - edge, heights[0] + edge)
-    axis.imshow(section, cmap="inferno", vmin=0, vmax=white, extent=extent)
+    drawn = axis.imshow(section, cmap="inferno", vmin=0, vmax=white, extent=extent)
     axis.set_xlim(0, 9)
     axis.set_ylim(-14, 14)
     axis.set_xlabel("from the axis (mm)", fontsize=8)
+    return drawn
 
 
 def _half_step(places: np.ndarray) -> float:
@@ -181,16 +190,15 @@ def _half_step(places: np.ndarray) -> float:
     return float(places[1] - places[0]) / 2
 
 
-def _draw_profiles(axis, sections: dict[str, Section]) -> None:
-    colours = {name: "k" if name == "truth" else f"C{k}" for k, name in enumerate(sections)}
-    for height in (-9.0, 0.0, 7.0):
-        for name, (heights, radii, section) in sections.items():
-            row = int(np.argmin(np.abs(heights - height)))
-            width = 2.0 if name == "truth" else 0.9
-            label = name if height == 0 else None
-            axis.plot(radii, section[row], color=colours[name], linewidth=width, label=label)
+def _draw_errors(axis, sections: dict[str, Section], height: float, white: float) -> None:
+    """Draw what each method finds more than the truth, along the radius at a height."""
+    for name, (heights, radii, section) in sections.items():
+        row = int(np.argmin(np.abs(heights - height)))
+        error = section[row] - _truth(heights[[row]], radii)[0]
+        axis.plot(radii, 100 * error / white, linewidth=1.2, label=name)
+    axis.axhline(0, color="k", linewidth=0.8)
     axis.set_xlim(0, 9)
-    axis.set_ylim(-0.02, 0.16)
-    axis.set_title("profiles at -9, 0 and 7 mm", fontsize=8)
+    axis.set_ylim(-20, 20)
+    axis.set_title(f"at {height:g} mm", fontsize=8)
     axis.set_xlabel("from the axis (mm)", fontsize=8)
     axis.grid(alpha=0.3)

@@ -141,7 +141,9 @@ def _near(place: Place, known: list[str]) -> list[str]:
 
 
 def _shown(place: Place) -> str:
-    return ".".join(reprlib.repr(str(part))[1:-1] for part in place)
+    """Name a place: keys joined by dots, entries of a list counted from 1 as "layers #1"."""
+    parts = [f" #{x + 1}" if isinstance(x, int) else f".{reprlib.repr(x)[1:-1]}" for x in place]
+    return "".join(parts).removeprefix(".")
 
 
 def _unknown_key(place: Place, kind: type) -> str:

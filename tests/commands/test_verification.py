@@ -66,6 +66,23 @@ def test_results_of_several_commands_in_one_folder_are_all_looked_at(results):
     assert run(results / "refocus")[1] == ["whole", "DAMAGED", "DAMAGED"]
 
 
+@pytest.mark.parametrize("damage", ["none", "table1.csv", "table1.json"])
+def test_tables_are_compared_with_their_record(tmp_path, damage):
+    """A table's record has the hashes of its files; slopes.json, without any, claims nothing."""
+    for name in ("table1.csv", "table1.md", "table1.json", "slopes.csv", "slopes.md"):
+        write_text(tmp_path / name, name)
+    tables = {name: file_sha256(tmp_path / name) for name in ("table1.csv", "table1.md")}
+    write_json(tmp_path / "table1.json", {"versions": {}, "sha256": tables})
+    write_json(tmp_path / "slopes.json", {"versions": {}})
+    if damage != "none":
+        path = tmp_path / damage
+        write_text(path, path.read_text()[:-2])
+    result, marks = run(tmp_path)
+    assert marks[0] == ("whole" if damage == "none" else "DAMAGED")
+    assert result.output.count(str(tmp_path)) <= 2
+    assert ("2 files, as table1.json says" in result.output) == (damage == "none")
+
+
 def test_a_sample_that_changed_is_noticed(results):
     chunk = next((results / "data" / "shapes.zarr" / "input").rglob("c/0/*/*/*"))
     chunk.write_bytes(chunk.read_bytes()[::-1])

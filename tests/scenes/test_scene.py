@@ -251,9 +251,9 @@ def test_unknown_keys_are_told_all_at_once_with_those_that_are_like_them(tmp_pat
         read_scene(tmp_path / "scene.toml")
     said = str(found.value)
     assert "camera.veiws is not a known key (perhaps views)" in said
-    for layer in (0, 1, 2):
-        assert f"layers.{layer}.depht_mm is not a known key (perhaps depth_mm" in said
-    assert "layers.2.xyzzy is not a known key (known are depth_mm, size_mm," in said
+    for layer in (1, 2, 3):
+        assert f"layers #{layer}.depht_mm is not a known key (perhaps depth_mm" in said
+    assert "layers #3.xyzzy is not a known key (known are depth_mm, size_mm," in said
     (tmp_path / "scene.toml").write_text("".join(f"key{n} = 1\n" for n in range(900)))
     many = "known are layers, camera, effects.*; and 895 more"
     with pytest.raises(InputError, match=many) as found:

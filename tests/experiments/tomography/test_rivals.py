@@ -62,4 +62,4 @@ def test_the_report_has_a_column_for_each_method_and_names_what_is_left_out():
 def test_the_page_has_the_records_table():
     record = (REFERENCE / "tomography/rivals.md").read_text()
     table = record.split("## Error\n\n")[1].split("\n\n")[0]
-    assert table in (EXPERIMENTS.parent / "docs/emission_by_depth.md").read_text()
+    assert table in (EXPERIMENTS.parent / "docs/emission_methods.md").read_text()
