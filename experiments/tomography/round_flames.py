@@ -198,7 +198,7 @@ def _draw_errors(axis, sections: dict[str, Section], height: float, white: float
         axis.plot(radii, 100 * error / white, linewidth=1.2, label=name)
     axis.axhline(0, color="k", linewidth=0.8)
     axis.set_xlim(0, 9)
-    axis.set_ylim(-20, 20)
+    axis.set_ylim(-8, 8)
     axis.set_title(f"at {height:g} mm", fontsize=8)
     axis.set_xlabel("from the axis (mm)", fontsize=8)
     axis.grid(alpha=0.3)
