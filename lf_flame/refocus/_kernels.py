@@ -147,7 +147,7 @@ def _shift_and_sum(
         parts = np.empty(wide, weights[0].dtype), np.empty(wide, weights[0].dtype)
         total, probe = np.empty(size), np.zeros(padded, weights[0].dtype)
         for v in range(group * rows // groups, (group + 1) * rows // groups):
-            if not np.any(used[v]):
+            if not is_used(used, v):
                 continue
             for t in range(height):
                 for u in range(columns):
@@ -158,11 +158,35 @@ def _shift_and_sum(
                     sum_row(lines, at, weights, v, n, channels, parts, total)
                     for j in range(down_weights.shape[2]):
                         add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
-        bad[k] = np.any(np.isnan(probe))
+        bad[k] = has_nan(probe)
         mine = slice(start, start + size)
-        sums[group, :, :, mine] = block
+        copy(block, group, start, sums)
         if take_next(done, k // groups) == groups - 1:  # the last group of these columns
             merge(sums[:, :, :, mine], out[:, :, mine])
+
+
+def _is_used(used, v):
+    """Whether a row of views has one with a weight above 0."""
+    found = False
+    for u in range(used.shape[1]):  # `np.any`, and assigning arrays, take seconds to compile
+        found = found or used[v, u]
+    return found
+
+
+def _has_nan(line):
+    """Whether a number of a line is NaN."""
+    found = False
+    for s in range(line.size):
+        found = found or np.isnan(line[s])
+    return found
+
+
+def _copy(block, group, start, sums):
+    """Copy block[n, t, s] to sums[group, n, t, start + s]."""
+    for n in range(block.shape[0]):
+        for t in range(block.shape[1]):
+            for s in range(np.uint64(block.shape[2])):
+                sums[group, n, t, np.uint64(start) + s] = block[n, t, s]
 
 
 def _merge(sums, out):
@@ -206,6 +230,9 @@ sum_views_twice = njit(_sum_views_twice)
 sum_row = njit(forceinline=True)(_sum_row)
 add_row = njit(forceinline=True)(_add_row)
 merge = njit(_merge)
+is_used = njit(_is_used)
+has_nan = njit(_has_nan)
+copy = njit(_copy)
 
 shift_and_sum = shared(_shift_and_sum)
 slice_spectrum = shared(_slice_spectrum)

@@ -101,10 +101,12 @@ def _compare_views(
                         if turn == 1:
                             add_differences(shifted, middle, used, limit, out[i, part])
                         else:
-                            middle += used * shifted
+                            for s in range(np.uint64(width)):
+                                middle[s] += used * shifted[s]
                             count += used
             if turn == 0:
-                middle /= count
+                for s in range(np.uint64(width)):
+                    middle[s] /= count
 
 
 def _choose_sides(queue, parts, shares, margins, out):
@@ -117,7 +119,7 @@ def _choose_sides(queue, parts, shares, margins, out):
     for t in pieces(queue, height):
         above, below = max(t - 1, 0), min(t + 1, height - 1)
         down, smooth = np.empty(width, np.float32), np.empty((9, width), np.float32)
-        least = np.full(width, np.float32(np.inf))
+        out[t, :] = np.inf
         for part in range(9):
             mix_lines(parts[above, part], parts[t, part], parts[below, part], down)
             smooth[part, 0] = OWN * down[0] + BESIDE * (down[0] + down[min(1, width - 1)])
@@ -132,8 +134,7 @@ def _choose_sides(queue, parts, shares, margins, out):
                     for s in range(np.uint64(width)):
                         down[s] += share * smooth[part, s]
             for s in range(np.uint64(width)):
-                least[s] = min(least[s], down[s])
-        out[t] = least
+                out[t, s] = min(out[t, s], down[s])
 
 
 def _mix_lines(before, own, after, out):

@@ -25,7 +25,9 @@ def _add_product(queue, left, right, out):
                 weight = left[i, k]
                 for x in range(np.uint64(size)):
                     total[i, x] += weight * line[x]
-        out[:, start : start + size] += total
+        for i in range(rows):
+            for x in range(np.uint64(size)):
+                out[i, np.uint64(start) + x] += total[i, x]
 
 
 add_product = shared(_add_product)

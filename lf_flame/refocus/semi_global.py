@@ -146,8 +146,10 @@ def _add_paths(queue, costs, guide, top, down, across, entered, left, sums):
         way[1:-1] = 0.0
         y, x = top + t - down, s - across
         if enters and 0 <= y < guide.shape[0] and 0 <= x < width:
-            least, before = entered[x].min(), guide[y, x]
-            way[1:-1] = entered[x]
+            least, before = np.float32(np.inf), guide[y, x]
+            for n in range(np.uint64(count)):
+                way[n + np.uint64(1)] = entered[x, n]
+                least = min(least, entered[x, n])
         while 0 <= t < height and 0 <= s < width:
             change = abs(guide[top + t, s] - before)
             jump = least + max(np.float32(JUMP) / (1 + np.float32(EDGE) * change), np.float32(STEP))
@@ -165,7 +167,8 @@ def _add_paths(queue, costs, guide, top, down, across, entered, left, sums):
             t += down
             s += across
             if down != 0 and not 0 <= t < height:
-                left[s - across] = way[1:-1]
+                for n in range(np.uint64(count)):
+                    left[s - across, n] = way[n + np.uint64(1)]
 
 
 @shared
