@@ -568,6 +568,28 @@ def devignetted(folder, rng):
         Image.fromarray(np.rint(image / 16).astype(np.uint8)).save(folder / f"{name}.jpg")
 
 
+def test_a_camera_s_pixels_narrower_than_the_steps_of_decoded_views_are_refused(
+    camera, tmp_path, rng
+):
+    """10 sensor pixels under a lenslet, of which 9 are stated as views."""
+    devignetted(tmp_path, rng)
+    filling = camera.micro_image_pitch_mm / 9
+    facts = {"views": 9, "lenslets": (14, 14)}
+    words = ["--white", tmp_path / "white.tif", "--dark", tmp_path / "dark.tif", "--depth-mm", 1]
+    file = written_camera(camera, tmp_path, **facts, pixel_pitch_mm=0.9 * filling)
+    with pytest.raises(InputError, match=f"Leave pixel_pitch_mm out .* is {filling:.6g} mm"):
+        run(tmp_path / "raw.tif", *words, "--camera", file, "--out", tmp_path / "out")
+    file = written_camera(camera, tmp_path, **facts, pixel_pitch_mm=0.995 * filling)
+    run(tmp_path / "raw.tif", *words, "--camera", file, "--out", tmp_path / "out")
+
+
+def test_a_camera_of_other_pixels_is_noted(folder, camera, tmp_path):
+    for lenslets, noted in ((camera.lenslets, False), ((30, 48), True)):
+        file = written_camera(camera, tmp_path, lenslets=lenslets)
+        result = run(folder, "--depth-mm", DEPTH, "--camera", file, "--out", tmp_path / "out")
+        assert ("for views of 30 x 48 pixels, got 40 x 48" in result.output) is noted
+
+
 @pytest.mark.parametrize("kind", ["tif", "png", "jpg"])
 def test_devignetted_raw_images_are_converted_whatever_their_values(kind, tmp_path, rng):
     devignetted(tmp_path, rng)
