@@ -127,6 +127,12 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
         share = output.write_slope_map(job, focus.slope_map, folder)
         ends = " to ".join(with_depth(f"{end:+.3f}", end, job.camera) for end in focus.slope_map)
         click.echo(f"slope map from {ends}: {share:.0%} of the pixels are certain")
+        if not share:
+            click.echo(
+                "No slope is certain: the range is too narrow to compare slopes, or there is too "
+                "little texture. --map auto finds a range.",
+                err=True,
+            )
 
 
 def _tell_files(folder) -> None:

@@ -103,6 +103,14 @@ def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_pat
     assert {"slope_search.png", "focal_stack.tif", "refocus.json"} < names
 
 
+def test_a_map_over_too_narrow_a_range_says_so(folder, camera, tmp_path):
+    """Two steps off the centre, the views distinguish slopes half a pixel apart."""
+    slope = camera.depth_to_slope(DEPTH)
+    for reach, said in ((0.2, True), (1.5, False)):
+        result = run(folder, "--map", slope - reach, slope + reach, "--out", tmp_path / "out")
+        assert ("the range is too narrow" in result.output) is said
+
+
 def test_numbers_of_other_programs(folder, light_field, tmp_path):
     """plenpy's number for our slope 0.5 with 5 views is -0.4."""
     run(folder, "--slope", -0.4, "--slope-of", "plenpy", "--out", tmp_path / "out")
