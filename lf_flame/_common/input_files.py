@@ -143,7 +143,7 @@ def readable(
 
 
 def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
-    """Read a text file in UTF-8 of at most `largest` bytes.
+    """Read a text file in UTF-8, with or without a byte-order mark, of at most `largest` bytes.
 
     Raises
     ------
@@ -161,9 +161,11 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")  # Windows' Notepad and Excel write the mark
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is no text in UTF-8: {error.reason} at {error.start}.") from None
+        raise InputError(
+            f"{path} is no text in UTF-8 ({error.reason} at {error.start}); save it as UTF-8."
+        ) from None
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

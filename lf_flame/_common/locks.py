@@ -27,9 +27,11 @@ def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another process is still writing there.
+        If another process is still writing there, or the output is the root folder.
     """
     path = Path(output).resolve()
+    if not path.name:
+        raise InputError(f"{output} is the root of all folders; choose another place.")
     file = path.with_name(f".{path.name}.lock")
     lock = FileLock(file, timeout=wait_s)
     with made(path.parent):

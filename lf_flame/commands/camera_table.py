@@ -7,6 +7,12 @@ from tabulate import tabulate
 
 from lf_flame.optics.camera import PlenopticCamera
 
+FASTEST = 0.5
+"""F-number of the fastest lens in air, by Abbe's sine condition."""
+
+ALIKE = 1.02
+"""Largest ratio of an aperture to the matched one at which micro-images hardly overlap."""
+
 
 def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
     """Tabulate the numbers that follow from a camera, and the slopes at some depths."""
@@ -22,6 +28,7 @@ def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
         ("view step on the main lens", f"{camera.view_step_mm:.3f} mm"),
         ("lenslets (rows x columns)", f"{camera.lenslets[0]} x {camera.lenslets[1]}"),
         ("views", f"{camera.views} x {camera.views}"),
+        ("pixels from lenslet to lenslet", f"{camera.micro_image_pitch_mm / camera.pixel_mm:.3f}"),
         ("pixel pitch", f"{camera.pixel_mm * 1e3:.3f} um"),
         ("field of view (down x across)", f"{fov[0]:.2f} x {fov[1]:.2f} degrees"),
         ("field at the focal plane", f"{field[0]:.2f} x {field[1]:.2f} mm"),
@@ -37,7 +44,34 @@ def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
         for depth in depths_mm
     ]
     columns = ["depth (mm)", "slope (lenslets per view)", "alpha", "field (mm)"]
-    return f"{_table(rows, ['camera', 'value'])}\n\n{_table(layers, columns)}"
+    tables = [_table(rows, ["camera", "value"]), _table(layers, columns)]
+    return "\n\n".join([*tables, *_doubts(camera)])
+
+
+def _doubts(camera: PlenopticCamera) -> list[str]:
+    """List what is unlikely or unfortunate in a camera that can be computed all the same."""
+    matched, given = camera.aperture_mm, camera.aperture_diameter_mm
+    if given is None:
+        if camera.main_lens_focal_mm >= FASTEST * matched:
+            return []
+        return [
+            f"note: lenslets of this pitch and focal length match f/"
+            f"{camera.main_lens_focal_mm / matched:.2g}; no lens is faster than "
+            f"f/{FASTEST:g}. All lengths are in mm."
+        ]
+    if given > matched * ALIKE:
+        return [
+            f"note: the aperture is wider than the {matched:.2f} mm that match the lenslets: "
+            f"micro-images overlap, and the outer views hold light of two lenslets. From f/"
+            f"{camera.main_lens_focal_mm / matched:.2f} on, as engraved, they do not."
+        ]
+    lit = given / camera.view_step_mm
+    if lit < camera.views / 2:
+        return [
+            f"note: the aperture lights {lit:.2g} of the {camera.views} pixels under a lenslet; "
+            f"the other views are dark. All lengths are in mm."
+        ]
+    return []
 
 
 def _aperture(camera: PlenopticCamera) -> str:

@@ -35,11 +35,7 @@ def lens_facts(lens: "Lens", shape: tuple[int, ...] = ()) -> tuple[dict[str, str
     notes = []
     if shape:
         lens.check_views(shape)
-        if tuple(shape[2:4]) != tuple(lens.lenslets):
-            notes.append(
-                f"The camera file is for views of {lens.lenslets[0]} x {lens.lenslets[1]} pixels, "
-                f"got {shape[2]} x {shape[3]}: mm hold if the pixels are the same, cut out."
-            )
+        notes += note_on_pixels(lens, shape)
     facts = {
         "focal plane": f"at {lens.focal_plane_mm:.4g} mm, "
         f"{lens.focus_distance_mm:.4g} mm from where the views meet",
@@ -55,6 +51,16 @@ def lens_facts(lens: "Lens", shape: tuple[int, ...] = ()) -> tuple[dict[str, str
             f"{PERIOD * finest:.2g} mm over {coarse:.2g} mm"
         )
     return facts, notes
+
+
+def note_on_pixels(lens: "Lens", shape: tuple[int, ...]) -> list[str]:
+    """Note that a light field, (v, u, t, s), has views of other pixels than the camera's, if so."""
+    if tuple(shape[2:4]) == tuple(lens.lenslets):
+        return []
+    return [
+        f"The camera file is for views of {lens.lenslets[0]} x {lens.lenslets[1]} pixels, "
+        f"got {shape[2]} x {shape[3]}: mm hold if the pixels are the same, cut out."
+    ]
 
 
 def _span(lens: "Lens", slope: float) -> str:

@@ -11,7 +11,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.options import FOLDER, PATH, UsablePath
-from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.reading_options import READING, Reading, tell
 from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
@@ -65,6 +65,7 @@ def refocus(source, camera, out, **options):
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
+    from lf_flame.commands.lens_facts import note_on_pixels
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
@@ -83,6 +84,8 @@ def refocus(source, camera, out, **options):
         views = light_field.shape[:2]
         if lens is not None:
             lens.check_views(views)
+            for note in note_on_pixels(lens, light_field.shape):
+                tell(note)
             light_field = lens.corrected(light_field)
         if focus.slope_of != Focus().slope_of:
             refuse_placed(light_field, "--slope-of")
@@ -124,6 +127,12 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
         share = output.write_slope_map(job, focus.slope_map, folder)
         ends = " to ".join(with_depth(f"{end:+.3f}", end, job.camera) for end in focus.slope_map)
         click.echo(f"slope map from {ends}: {share:.0%} of the pixels are certain")
+        if not share:
+            click.echo(
+                "No slope is certain: the range is too narrow to compare slopes, or there is too "
+                "little texture. --map auto finds a range.",
+                err=True,
+            )
 
 
 def _tell_files(folder) -> None:

@@ -10,6 +10,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.options import FOLDER, RUN, FiniteRange
+from lf_flame.errors import InputError
 
 
 @cloup.command()
@@ -48,6 +49,7 @@ def profiles(folder, out, **strips) -> None:
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.tomography.axisymmetric.section_folder import is_section
     from lf_flame.tomography.profile_output import (
         RECORD,
         Strips,
@@ -56,6 +58,11 @@ def profiles(folder, out, **strips) -> None:
         write_profiles,
     )
 
+    if is_section(folder):
+        raise InputError(
+            f"{folder} is of `lf-flame abel`, which has written its profiles: axial.csv and "
+            f"radial.csv."
+        )
     emission = read_emission(folder)
     found = take_profiles(emission, Strips(**strips))
     with output_folder(out or Path("profiles") / folder.resolve().name, RECORD) as written:

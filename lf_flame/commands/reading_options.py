@@ -23,7 +23,11 @@ if TYPE_CHECKING:
     from lf_flame.formats.view_files.parallax_order import FoundOrder
     from lf_flame.lazy_light_field import LazyLightField
     from lf_flame.lightfield import LightField
+    from lf_flame.optics.camera import PlenopticCamera
     from lf_flame.optics.lens import Lens
+
+FILLING = 0.99
+"""Smallest share of a micro-image that a camera's views fill, if they divide the whole of it."""
 
 READING = cloup.option_group(
     "How the light field is read",
@@ -101,6 +105,18 @@ def refuse_options(what: str, **options: Any) -> None:
             raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
 
 
+def _refuse_gaps(camera: "PlenopticCamera") -> None:
+    """Refuse a camera whose views are narrower than micro-image / views, as decoded ones are."""
+    filling = camera.micro_image_pitch_mm / camera.views
+    if camera.pixel_mm < FILLING * filling:
+        raise InputError(
+            f"Leave pixel_pitch_mm out of the camera file: the {camera.views} views of a decoded "
+            f"raw image divide the whole micro-image, so one step between them is {filling:.6g} "
+            f"mm on the sensor, got {camera.pixel_mm:.6g}. (A simulated raw image is read by "
+            f"--views.)"
+        )
+
+
 @dataclass(frozen=True)
 class Reading:
     """Options of the group `READING`: how to read a light field."""
@@ -125,10 +141,12 @@ class Reading:
         Raises
         ------
         InputError
-            If the source is said to have focused lenslets, and the camera's are not.
+            If the source is said to have focused lenslets, and the camera's are not; or if the
+            camera's views do not fill the micro-images, as those of a decoded raw image do.
         """
         from lf_flame.calibration import CameraLaw
         from lf_flame.formats.view_files.sources import is_view_folder
+        from lf_flame.optics.camera import PlenopticCamera
 
         if not (self.focused is None or lens is None or isinstance(lens, CameraLaw)):
             raise InputError(
@@ -136,6 +154,8 @@ class Reading:
                 "those of --focused; use a calibration by `lf-flame calibrate`."
             )
 
+        if self.is_raw and isinstance(lens, PlenopticCamera):
+            _refuse_gaps(lens)
         stated = self.views is not None or self.mosaic is not None
         if lens is None or stated or is_view_folder(source):
             return self

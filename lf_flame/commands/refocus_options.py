@@ -28,7 +28,12 @@ SLOPE_CONVENTIONS = (
 SLOPES = cloup.option_group(
     "Where to focus",
     cloup.option(
-        "--slope", "slopes", multiple=True, type=float, help="Slope to refocus at; may be repeated."
+        "--slope",
+        "slopes",
+        multiple=True,
+        type=float,
+        help="Slope to refocus at, in pixels of a view per step to the next view, positive behind "
+        "the plane in focus; may be repeated.",
     ),
     cloup.option(
         "--slope-of",
@@ -83,6 +88,8 @@ APPEARANCE = cloup.option_group(
         type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
         default="linear",
         show_default=True,
+        help="Interpolation between the pixels of a view; sinc is exact where views hold no "
+        "aliasing.",
     ),
     cloup.option(
         "--method",
@@ -106,9 +113,21 @@ APPEARANCE = cloup.option_group(
         help="Centre of the aperture, in rows and columns of views from the central view.",
     ),
     cloup.option("--f-number", type=float, help="F-number of a round aperture; needs --camera."),
-    cloup.option("--gain", type=float, help="Factor on the brightness of the pictures."),
-    cloup.option("--gamma", type=float, help="Gamma of the pictures; 2.2 brightens dark regions."),
-    cloup.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
+    cloup.option(
+        "--gain", type=float, help="Factor on the brightness of the pictures (default: 1)."
+    ),
+    cloup.option(
+        "--gamma",
+        type=float,
+        help="Gamma of the pictures; 2.2 brightens dark regions (default: 1).",
+    ),
+    cloup.option(
+        "--movie",
+        type=click.Choice(["gif", "mp4"]),
+        default="gif",
+        show_default=True,
+        help="Format of the movie of --sweep.",
+    ),
     cloup.option(
         "--network",
         type=UsablePath(exists=True, path_type=Path),

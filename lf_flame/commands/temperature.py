@@ -66,6 +66,8 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
       lf-flame temperature abel/flame --colours colours/colours.toml
       lf-flame temperature green red --wavelengths 550 650
     """  # noqa: D301 - click reads the backspace
+    import numpy as np
+
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.tomography import emission_folder
@@ -109,10 +111,11 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
             "unit_of_optical_thickness": "per mm" if is_section(every[0]) else "of each plane",
             "notes": notes,
         }
-    known = int((found.kelvin > 0).sum())  # NaN is not
+    known = found.kelvin[found.kelvin > 0]  # NaN is not
+    median = f", their median {np.median(known):.0f} K" if known.size else ""
     click.echo(
-        f"{known} of {found.kelvin.size} cells have a temperature; {', '.join(folder.files)} and "
-        f"{RECORD} are in {printable(folder.folder)}"
+        f"{known.size} of {found.kelvin.size} cells have a temperature{median}; "
+        f"{', '.join(folder.files)} and {RECORD} are in {printable(folder.folder)}"
     )
     for note in notes:
         click.echo(f"Note: {note}")

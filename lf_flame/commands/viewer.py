@@ -14,7 +14,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, PATH, FiniteRange, UsablePath
-from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.reading_options import READING, Reading, tell
 from lf_flame.commands.refocus_options import open_network
 from lf_flame.errors import InputError
 
@@ -97,6 +97,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
       lf-flame view results/emission                   emission, plane by plane
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
+    from lf_flame.commands.lens_facts import note_on_pixels
     from lf_flame.viewer.exhibit import Exhibit
 
     beside = (options[name] for name in ("white", "dark", "focused"))
@@ -111,7 +112,10 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     system = open_network(network)
     reading = reading.for_camera(source, lens)
     light_field = reading.read(source)
-    light_field = light_field if lens is None else lens.corrected(light_field)
+    if lens is not None:
+        for note in note_on_pixels(lens, light_field.shape):
+            tell(note)
+        light_field = lens.corrected(light_field)
     chosen = _choose_slopes(light_field, slopes, system, lens)
     exhibit = Exhibit(
         light_field,

@@ -209,8 +209,6 @@ def _matched(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slopes at which compared views match best, and their confidence."""
     slopes, shape = compared.slopes, compared.views.shape
-    used = (np.abs(centred(n))[some] for n, some in zip(shape, _used(weights), strict=False))
-    farthest = max(steps.max() for steps in used)
     limit, best = compared.limit(), np.empty(shape[2:])
     size = FLOAT * best.size * len(slopes)
     costs: list | StoredBands = [] if len(compared.bands) == 1 else StoredBands(size)
@@ -219,7 +217,14 @@ def _matched(
         best[rows] = slopes[band.argmin(axis=2)]
         costs.append(band)
     picture = _middle(light_field, shape[:2], best)
-    return choose_slopes(costs, slopes, _guide(picture), window, RESOLVED / max(farthest, 0.5))
+    return choose_slopes(costs, slopes, _guide(picture), window, distinct_by(weights))
+
+
+def distinct_by(weights: np.ndarray) -> float:
+    """Smallest difference of slopes that views with these weights, (v, u), can distinguish."""
+    used = zip(weights.shape, _used(weights), strict=True)
+    farthest = max(np.abs(centred(n))[some].max() for n, some in used)
+    return RESOLVED / max(farthest, 0.5)
 
 
 def _guide(picture: np.ndarray) -> np.ndarray:

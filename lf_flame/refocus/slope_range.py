@@ -13,6 +13,7 @@ from lf_flame.refocus._arguments import (
     farthest_slope,
     shape_of,
 )
+from lf_flame.refocus.focus_map import distinct_by
 from lf_flame.refocus.sharpness import find_sharpest_slopes
 
 SIDE = 192
@@ -28,7 +29,11 @@ AGREEING = 0.5
 """Largest difference of slope of neighbours that agree. At an outline a tile may be wrong."""
 
 MARGIN = 0.3
-"""Slope added to the range on both sides, because a peak at an end would not be trusted."""
+"""Smallest slope added to the range on both sides: a peak at an end would not be trusted."""
+
+BEYOND = 1.2
+"""Smallest margin, in differences of slope that the views can distinguish. A slope is certain only
+by comparison with one that differs as much; of a single plane, all such are in the margin."""
 
 FEWEST = 0.25
 """Smallest fraction of certain tiles with which the range is certain."""
@@ -91,7 +96,8 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     sure = slopes[_certain(slopes, np.array([one.confidence for one in found]).reshape(tiles))]
     if not sure.size:
         return SlopeRange(-min(3.0, limit), min(3.0, limit), 0.0, False)
-    low, high = float(sure.min()) - MARGIN, float(sure.max()) + MARGIN
+    margin = max(MARGIN, BEYOND * distinct_by(weights))
+    low, high = float(sure.min()) - margin, float(sure.max()) + margin
     certain = sure.size >= FEWEST * slopes.size
     return SlopeRange(max(low, -limit), min(high, limit), float(np.median(sure)), certain)
 

@@ -65,6 +65,10 @@ class EmissionFolder:
 
     def __init__(self, folder: str | Path):
         self.folder = folder = Path(folder)
+        if not (folder / RECORD).exists():
+            raise InputError(
+                f"{folder} is no folder of `lf-flame reconstruct`: there is no {RECORD} in it."
+            )
         record = load_record(EmissionRecord, folder / RECORD)
         if not isinstance(record.files, dict):
             raise InputError(

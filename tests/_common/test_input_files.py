@@ -102,8 +102,13 @@ def test_text_that_hides_brackets_ends_in_a_sentence_too(tmp_path):
 
 def test_what_is_no_text_is_refused(tmp_path):
     (tmp_path / "a.toml").write_bytes(b"a = '\xff'")
-    with pytest.raises(InputError, match="is no text in UTF-8: invalid start byte at 5"):
+    with pytest.raises(InputError, match="is no text in UTF-8 .invalid start byte at 5.; save it"):
         read_toml(tmp_path / "a.toml")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
+    (tmp_path / "a.toml").write_bytes(b"\xef\xbb\xbfa = 1")
+    assert read_toml(tmp_path / "a.toml") == {"a": 1}
 
 
 def test_the_usual_is_read_as_it_stands(tmp_path):

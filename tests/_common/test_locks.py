@@ -91,3 +91,8 @@ def test_who_comes_in_during_a_release_keeps_the_lock(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="another process"), exclusive(tmp_path / "out"):
         pass
     second.release()
+
+
+def test_the_root_folder_is_no_output():
+    with pytest.raises(InputError, match="/ is the root of all folders"), exclusive("/"):
+        pass

@@ -1,11 +1,14 @@
 """The picture of the set-up is drawn by rays that a thin lens's own geometry gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from lf_flame import PAPER_CAMERA
 from lf_flame.commands.camera_figure import trace_to_array, trace_to_sensor
+from lf_flame.commands.camera_table import camera_report
 from lf_flame.commands.cli import commands
 from lf_flame.errors import InputError
 
@@ -33,3 +36,21 @@ def test_the_command_writes_the_picture(tmp_path):
     assert (tmp_path / "camera.png").read_bytes()[:4] == b"\x89PNG"
     refused = CliRunner().invoke(commands, ["camera", "--figure", str(tmp_path / "camera.pdf")])
     assert isinstance(refused.exception, InputError)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, ""),
+        ({"f_number": 150 / 77.0}, ""),
+        # 277.84 mm * 0.112 / 0.4 = 77.80 mm match the lenslets: f/1.93.
+        ({"f_number": 1.6}, "wider than the 77.80 mm that match the lenslets"),
+        ({"f_number": 1.6}, "From f/1.93 on"),
+        ({"f_number": 8}, "lights 3.6 of the 15 pixels"),
+        ({"lenslet_pitch_mm": 112.0}, "no lens is faster than f/0.5"),
+    ],
+)
+def test_what_is_unlikely_in_a_camera_is_said(changes, words):
+    said = camera_report(replace(PAPER_CAMERA, **changes), [0.0])
+    assert words in said
+    assert ("note:" in said) == bool(words)

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from lf_flame._common import progress
+from lf_flame.commands.cli import commands
 from lf_flame.commands.options import FILE, FOLDER, PATH, PlainName, Program
 
 
@@ -73,3 +74,10 @@ def test_a_command_that_loads_for_long_says_so(tmp_path, monkeypatch, caplog, im
     progress.show(False)
     assert result.exit_code == 0, result.output
     assert caplog.messages == ["Loading what this command needs ..."] * imports
+
+
+def test_every_option_says_what_it_is_for():
+    for name, each in commands.commands.items():
+        for option in each.params:
+            hidden = isinstance(option, click.Argument) or option.hidden
+            assert hidden or option.help, f"{name} {option.opts[0]}"

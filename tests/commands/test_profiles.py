@@ -189,5 +189,9 @@ def test_what_cannot_be_used_is_refused(folder, tmp_path):
     out = tmp_path / "out"
     assert "must lie within" in str(run("profiles", folder, "--across", 9, "--out", out).exception)
     (folder / "reconstruct.json").unlink()
-    assert run("profiles", folder, "--out", out).exit_code
+    said = str(run("profiles", folder, "--out", out).exception)
+    assert "flames is no folder of `lf-flame reconstruct`: there is no reconstruct.json" in said
+    (folder / "abel.json").write_text("{}")
+    said = str(run("profiles", folder, "--out", out).exception)
+    assert "has written its profiles: axial.csv and radial.csv" in said
     assert not out.exists()

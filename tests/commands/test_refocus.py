@@ -103,6 +103,14 @@ def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_pat
     assert {"slope_search.png", "focal_stack.tif", "refocus.json"} < names
 
 
+def test_a_map_over_too_narrow_a_range_says_so(folder, camera, tmp_path):
+    """Two steps off the centre, the views distinguish slopes half a pixel apart."""
+    slope = camera.depth_to_slope(DEPTH)
+    for reach, said in ((0.2, True), (1.5, False)):
+        result = run(folder, "--map", slope - reach, slope + reach, "--out", tmp_path / "out")
+        assert ("the range is too narrow" in result.output) is said
+
+
 def test_numbers_of_other_programs(folder, light_field, tmp_path):
     """plenpy's number for our slope 0.5 with 5 views is -0.4."""
     run(folder, "--slope", -0.4, "--slope-of", "plenpy", "--out", tmp_path / "out")
@@ -566,6 +574,28 @@ def devignetted(folder, rng):
         write_image(folder / f"{name}.tif", np.rint(image + noise).astype(np.uint16))
         write_image(folder / f"{name}.png", np.rint(8 * (image + noise)).astype(np.uint16))
         Image.fromarray(np.rint(image / 16).astype(np.uint8)).save(folder / f"{name}.jpg")
+
+
+def test_a_camera_s_pixels_narrower_than_the_steps_of_decoded_views_are_refused(
+    camera, tmp_path, rng
+):
+    """10 sensor pixels under a lenslet, of which 9 are stated as views."""
+    devignetted(tmp_path, rng)
+    filling = camera.micro_image_pitch_mm / 9
+    facts = {"views": 9, "lenslets": (14, 14)}
+    words = ["--white", tmp_path / "white.tif", "--dark", tmp_path / "dark.tif", "--depth-mm", 1]
+    file = written_camera(camera, tmp_path, **facts, pixel_pitch_mm=0.9 * filling)
+    with pytest.raises(InputError, match=f"Leave pixel_pitch_mm out .* is {filling:.6g} mm"):
+        run(tmp_path / "raw.tif", *words, "--camera", file, "--out", tmp_path / "out")
+    file = written_camera(camera, tmp_path, **facts, pixel_pitch_mm=0.995 * filling)
+    run(tmp_path / "raw.tif", *words, "--camera", file, "--out", tmp_path / "out")
+
+
+def test_a_camera_of_other_pixels_is_noted(folder, camera, tmp_path):
+    for lenslets, noted in ((camera.lenslets, False), ((30, 48), True)):
+        file = written_camera(camera, tmp_path, lenslets=lenslets)
+        result = run(folder, "--depth-mm", DEPTH, "--camera", file, "--out", tmp_path / "out")
+        assert ("for views of 30 x 48 pixels, got 40 x 48" in result.output) is noted
 
 
 @pytest.mark.parametrize("kind", ["tif", "png", "jpg"])

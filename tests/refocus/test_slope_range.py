@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
-from lf_flame.refocus import find_slope_range
+from lf_flame.refocus import all_in_focus, find_slope_range
 from lf_flame.refocus.slope_range import MARGIN, _certain
 from lf_flame.scenes.dead_leaves import DeadLeaves
 
@@ -38,6 +38,18 @@ def test_it_reaches_from_the_nearest_to_the_farthest(seed, enlarged):
     assert found.low == pytest.approx(min(slopes) - MARGIN, abs=0.1 * enlarged)
     assert found.high == pytest.approx(max(slopes) + MARGIN, abs=0.1 * enlarged)
     assert found.low < found.slope < found.high
+
+
+@pytest.mark.parametrize("count", [3, 5, 9])
+def test_a_single_plane_is_certain_in_its_range(count):
+    """Few views distinguish only slopes that lie far apart; the range must hold some."""
+    pattern = LEAVES.draw((1, 1), (64, 80), np.random.default_rng(2)).views[0, 0]
+    at = np.arange(count) - count // 2
+    views = [[np.roll(pattern, (v, u), (0, 1)) for u in at] for v in at]
+    found = find_slope_range(LightField(views))
+    assert found.low < 1 < found.high
+    sure = all_in_focus(views, np.linspace(found.low, found.high, 33)).confidence >= 0.2
+    assert sure.mean() > 0.5
 
 
 @pytest.mark.parametrize("scene", ["flat", "smooth", "noise"])

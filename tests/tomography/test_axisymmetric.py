@@ -228,6 +228,8 @@ def test_dark_light_field_has_no_axis(camera, seen):
         find_axis(LightField(np.zeros_like(seen.views)), camera)
     with pytest.raises(InputError, match="3 or more view columns"):
         find_axis(LightField(seen.views[:, :1]), camera)
+    with pytest.raises(InputError, match="in colour, its colours need a calibration"):
+        find_axis(LightField(np.stack(3 * [seen.views], -1)), camera)
 
 
 @pytest.mark.parametrize(

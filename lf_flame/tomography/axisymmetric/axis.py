@@ -117,9 +117,12 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     light_field, camera = inner_views(camera.corrected(light_field), camera)
     views = light_field.filled
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
+        wrong = "of fewer, its depth must be stated"
+        if views.ndim == 5:
+            wrong = "in colour, its colours need a calibration (--colours)"
         raise InputError(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
-            f"of fewer, its depth must be stated."
+            f"{wrong}."
         )
     if depth_mm is None:  # else a single view of any camera suffices
         camera.check_views(views.shape)
