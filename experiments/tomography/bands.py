@@ -68,7 +68,7 @@ class Held:
     cells, profiles : float
         Share of the cells, and of the profiles' places, whose truth lies within the bar.
     error : float
-        Root-mean-square error of a profile relative to its truth, the mean over the profiles.
+        Root-mean-square error of profiles, the mean over them, relative to the brightest one.
     seconds : float
         Time of the reconstruction.
     emission, sigma : ndarray, shape (planes, rows, columns)
@@ -179,13 +179,13 @@ def _draw(
         found = reconstruct(LightField(add(clean, rng)), grid, bootstrap=BOOTSTRAP, rng=rng)
     seconds = time.perf_counter() - begin
     within = np.abs(found.emission - truth) <= TIMES * found.sigma
-    profiles, error = np.mean(list(_profiles(found, grid, truth)), axis=0)
-    cells = float(within[_bright(truth)].mean())
-    return Held(cells, profiles, error, seconds, found.emission, found.sigma)
+    profiles, off, true = np.array(list(_profiles(found, grid, truth))).T
+    cells, error = float(within[_bright(truth)].mean()), float(off.mean() / true.max())
+    return Held(cells, float(profiles.mean()), error, seconds, found.emission, found.sigma)
 
 
-def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[float, float]]:
-    """Share of places within the band, and the error, of each profile."""
+def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[float, ...]]:
+    """Share of places within the band, and norms of error and truth, of each profile."""
     for plane, wanted in enumerate(truth):
         cell = grid.cell_mm(grid.depths_mm[plane])
         draws, nothing = found.draws[:, plane], np.empty((0, *wanted.shape))
@@ -196,7 +196,8 @@ def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[flo
             off, lit = np.abs(profile.values - true), true > BRIGHT * float(wanted.max())
             yield (
                 float(np.mean(off[lit] <= profile.band[lit])),
-                float(np.linalg.norm(off) / np.linalg.norm(true)),
+                float(np.linalg.norm(off)),
+                float(np.linalg.norm(true)),
             )
 
 
