@@ -21,7 +21,6 @@ from .penalties import TotalVariation as TotalVariation
 from .projection_operator import ProjectionOperator as ProjectionOperator
 from .pyrometry import Temperatures as Temperatures
 from .pyrometry import soot_temperature as soot_temperature
-from .pyrometry import two_colour_temperature as two_colour_temperature
 from .reconstruction import reconstruct as reconstruct
 from .reconstruction_plan import ReconstructionPlan as ReconstructionPlan
 from .reconstruction_result import Reconstruction as Reconstruction
@@ -33,3 +32,4 @@ from .soot import reconstruct_soot as reconstruct_soot
 from .source_signals import measure_source as measure_source
 from .spectra import SpectralResponses as SpectralResponses
 from .spectra import read_responses as read_responses
+from .two_colours import two_colour_temperature as two_colour_temperature
