@@ -28,6 +28,7 @@ from lf_flame.tomography.error_bars import (
     redraw,
 )
 from lf_flame.tomography.explainer import Explainer
+from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.iterative_methods import (
     MOST,
@@ -36,16 +37,11 @@ from lf_flame.tomography.iterative_methods import (
     check_method,
     iterate,
 )
+from lf_flame.tomography.operators import Operators
 from lf_flame.tomography.penalties import ROUGHNESS, Penalty, Roughness, as_penalty
-from lf_flame.tomography.plane_fit import (
-    Explanation,
-    FitOptions,
-    Operators,
-    PlaneFit,
-    average_blocks,
-    known_blocks,
-)
+from lf_flame.tomography.plane_fit import FitOptions, PlaneFit
 from lf_flame.tomography.reconstruction_result import Reconstruction
+from lf_flame.tomography.view_blocks import average_blocks, known_blocks
 
 ITERATIONS = 80
 """Largest number of iterations of the splitting for the solution, in two fits. Each strength that
