@@ -82,20 +82,12 @@ def scan_view_folder(
     >>> formats.scan_view_folder("views").files.shape
     (3, 3)
     """
-    path = Path(path)
-    shape = as_grid(grid)
-    left_out = 0
+    path, shape, left_out = Path(path), as_grid(grid), 0
     if path.suffix.lower() == LIST and not path.is_dir():
         listed = read_list(path)
-        files, pairs = list(listed.values()), list(listed)
-        if shape is None and off_grid(pairs):
-            return _placed_folder(path, files, pairs, order, left_out)
-        numbered, missing = grid_of(files, pairs, path)
-        if shape not in (None, numbered.shape):
-            raise InputError(
-                f"{path} lists {numbered.shape[0]} x {numbered.shape[1]} views, not the "
-                f"{shape[0]} x {shape[1]} of the grid stated."
-            )
+        if shape is None and off_grid(list(listed)):
+            return _placed_folder(path, list(listed.values()), list(listed), order, left_out)
+        numbered, missing = _listed_grid(path, listed, shape)
     else:
         files, left_out = find_files(path)
         placed = pairs_off_grid(files) if shape is None else None
@@ -111,6 +103,19 @@ def scan_view_folder(
     else:
         found = FoundOrder(check_order(order), "as stated")
     return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
+
+
+def _listed_grid(
+    path: Path, listed: dict[Pair, File], shape: Grid | None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Arrange the files of a list by rows and columns, and name the views that are missing."""
+    numbered, missing = grid_of(list(listed.values()), list(listed), path)
+    if shape not in (None, numbered.shape):
+        raise InputError(
+            f"{path} lists {numbered.shape[0]} x {numbered.shape[1]} views, not the "
+            f"{shape[0]} x {shape[1]} of the grid stated."
+        )
+    return numbered, missing
 
 
 def _placed_folder(
