@@ -178,13 +178,7 @@ class ReconstructionPlan:
         check_bootstrap(bootstrap)
         check_bars(self._method, bootstrap)
         rng = np.random.default_rng(rng)
-        light_field = self.grid.camera.corrected(light_field)
-        grid, left_out = fitted_views(light_field, self.grid)
-        views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
-        check_range(views, self._options.noise)
-        known = known_blocks(light_field, grid.camera, grid.block)
-        valid = None if known is None else grid.pick(known)
-        left_out = (*left_out, *check_unknown(valid))
+        grid, views, valid, left_out = self._pick(light_field)
         self._keep(grid)
         first = None if start is None else _checked_start(start, grid)
         fit = PlaneFit(self.operators, self._options, valid, first)
@@ -217,6 +211,18 @@ class ReconstructionPlan:
         said = _disagreements(result, fitted, stated=self._options.noise is not None)
         result = replace(result, warnings=(*left_out, *said))
         return result if self._method == PENALISED else self._iterated(result, fitted, explain)
+
+    def _pick(
+        self, light_field: LightField
+    ) -> tuple[FrustumGrid, np.ndarray, np.ndarray | None, tuple[str, ...]]:
+        """Pick the views that count: their grid, light, known rays, and what to say of others."""
+        light_field = self.grid.camera.corrected(light_field)
+        grid, left_out = fitted_views(light_field, self.grid)
+        views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
+        check_range(views, self._options.noise)
+        known = known_blocks(light_field, grid.camera, grid.block)
+        valid = None if known is None else grid.pick(known)
+        return grid, views, valid, (*left_out, *check_unknown(valid))
 
     def _iterated(
         self, result: Reconstruction, fitted: "_Fitted", explain: Explainer

@@ -7,7 +7,8 @@ found in turn: emission in each colour, from it temperature and optical thicknes
 attenuation of each ray, and emission again, until the thickness stands still.
 """
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -88,27 +89,27 @@ class Soot(Generic[Found]):
     warnings: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Steps(Generic[Found]):
-    """Fits and sums of one geometry that the rounds call.
+class Steps(ABC, Generic[Found]):
+    """Fits and sums of one geometry that the rounds call; colours are counted from 0."""
 
-    Attributes
-    ----------
-    first : callable
-        Emission of a colour, by its number, of a flame that does not absorb.
-    again : callable
-        Emission of a colour with an optical thickness, given the emission of the last round.
-    finish : callable
-        The same of all colours, with error bars and warnings; thickness None for a flame that does
-        not absorb.
-    total : callable
-        Largest total of an optical thickness along a ray.
-    """
+    @abstractmethod
+    def first(self, c: int) -> Emission:
+        """Emission of a colour, of a flame that does not absorb."""
 
-    first: Callable[[int], Emission]
-    again: Callable[[int, np.ndarray, Any], Emission]
-    finish: Callable[[np.ndarray | None, Any], tuple[Found, ...]]
-    total: Callable[[np.ndarray], float]
+    @abstractmethod
+    def again(self, c: int, thickness: np.ndarray, last: Any) -> Emission:
+        """Emission of a colour with an optical thickness, given that of the last round."""
+
+    @abstractmethod
+    def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[Found, ...]:
+        """Emission of all colours, with error bars and warnings.
+
+        The thickness is None for a flame that does not absorb.
+        """
+
+    @abstractmethod
+    def total(self, thickness: np.ndarray) -> float:
+        """Largest total of an optical thickness along a ray."""
 
 
 def solve_soot(
@@ -193,6 +194,42 @@ def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightFi
     ]
 
 
+class _PlaneSteps(Steps[Reconstruction]):
+    """Fits of depth planes to each colour."""
+
+    def __init__(
+        self, lights: list[LightField], plan: ReconstructionPlan, bootstrap: int, seed: int
+    ):
+        self._lights, self._plan = lights, plan
+        self._bootstrap, self._seed = bootstrap, seed
+
+    def first(self, c: int) -> Reconstruction:
+        return self._plan.reconstruct(self._lights[c])
+
+    def again(self, c: int, thickness: np.ndarray, last: Any) -> Reconstruction:
+        return self._plan.absorbing(thickness).reconstruct(self._lights[c], start=last)
+
+    def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[Reconstruction, ...]:
+        by_colour = [None] * len(self._lights) if thickness is None else thickness
+        # With one strength for all colours, the effect of the penalty cancels in their ratios.
+        strength = max(
+            self._plan.absorbing(one).reconstruct(light).strength
+            for one, light in zip(by_colour, self._lights, strict=True)
+        )
+        return tuple(
+            self._plan.absorbing(one, strength=strength).reconstruct(
+                self._lights[c],
+                bootstrap=self._bootstrap,
+                rng=np.random.default_rng((self._seed, c)),
+                prior_rng=np.random.default_rng(self._seed),  # all colours draw the same prior
+            )
+            for c, one in enumerate(by_colour)
+        )
+
+    def total(self, thickness: np.ndarray) -> float:
+        return float(thickness.sum(axis=0).max())
+
+
 def reconstruct_soot(
     light_field: LightField,
     grid: FrustumGrid,
@@ -256,34 +293,7 @@ def reconstruct_soot(
     1800.0
     """
     lights = split_colours(light_field, calibration.responses.names)
-
-    plan = ReconstructionPlan(grid, **options)
-
-    def finish(thickness: np.ndarray | None, last: Any) -> tuple[Reconstruction, ...]:
-        by_colour = [None] * len(lights) if thickness is None else thickness
-        # With one strength for all colours, the effect of the penalty cancels in their ratios.
-        strength = max(
-            plan.absorbing(one).reconstruct(light).strength
-            for one, light in zip(by_colour, lights, strict=True)
-        )
-        return tuple(
-            plan.absorbing(one, strength=strength).reconstruct(
-                lights[c],
-                bootstrap=bootstrap,
-                rng=np.random.default_rng((seed, c)),
-                prior_rng=np.random.default_rng(seed),  # all colours draw the same prior
-            )
-            for c, one in enumerate(by_colour)
-        )
-
-    steps = Steps(
-        first=lambda c: plan.reconstruct(lights[c]),
-        again=lambda c, thickness, last: plan.absorbing(thickness).reconstruct(
-            lights[c], start=last
-        ),
-        finish=finish,
-        total=lambda thickness: float(thickness.sum(axis=0).max()),
-    )
+    steps = _PlaneSteps(lights, ReconstructionPlan(grid, **options), bootstrap, seed)
     return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)
 
 
