@@ -295,7 +295,8 @@ def _write_soot(fit: _Fit, calibration: "ColourCalibration", of_soot: dict[str, 
     """Find temperature and absorption from the colours, and write the folders of both."""
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
-    from lf_flame.tomography.soot import reconstruct_soot, split_colours
+    from lf_flame.tomography.soot import reconstruct_soot
+    from lf_flame.tomography.soot_rounds import split_colours
 
     soot = reconstruct_soot(
         fit.light_field, fit.grid, calibration, seed=fit.facts["seed"], **of_soot, **fit.options

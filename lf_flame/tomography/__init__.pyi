@@ -27,8 +27,8 @@ from .reconstruction_result import Reconstruction as Reconstruction
 from .resolution import depth_blur as depth_blur
 from .resolution import depth_modes as depth_modes
 from .resolution import depth_singular_values as depth_singular_values
-from .soot import Soot as Soot
 from .soot import reconstruct_soot as reconstruct_soot
+from .soot_rounds import Soot as Soot
 from .source_signals import measure_source as measure_source
 from .spectra import SpectralResponses as SpectralResponses
 from .spectra import read_responses as read_responses

@@ -19,7 +19,7 @@ from lf_flame.tomography.axisymmetric.reconstruction import (
 from lf_flame.tomography.axisymmetric.section_fit import SectionFit
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.data_checks import check_range
-from lf_flame.tomography.soot import Emission, Soot, Steps, solve_soot, split_colours
+from lf_flame.tomography.soot_rounds import Emission, Soot, Steps, solve_soot, split_colours
 
 
 class _Round(NamedTuple):
