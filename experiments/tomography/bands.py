@@ -25,7 +25,7 @@ from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
 from lf_flame.tomography.error_bars import bar_times
 from lf_flame.tomography.frustum_grid import planes_between
 from lf_flame.tomography.profiles import axial, radial
-from lf_flame.tomography.pyrometry import emission_ratio
+from lf_flame.tomography.two_colours import emission_ratio
 
 BOOTSTRAP = 20
 """Of each reconstruction, as many as `lf-flame reconstruct` makes."""

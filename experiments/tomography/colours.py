@@ -11,7 +11,7 @@ from experiments.tomography.tasks import DEPTHS_MM, NOISE, OURS, Row, relative_e
 from lf_flame import Scene
 from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
-from lf_flame.tomography.pyrometry import emission_ratio
+from lf_flame.tomography.two_colours import emission_ratio
 
 WAVELENGTHS_NM = (550.0, 650.0)
 

@@ -126,7 +126,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
     from lf_flame.tomography.axisymmetric.soot import reconstruct_axisymmetric_soot
     from lf_flame.tomography.data_checks import check_range
-    from lf_flame.tomography.soot import split_colours
+    from lf_flame.tomography.soot_rounds import split_colours
 
     # Reading and compiling are slow, so everything that can be refused at once comes first.
     check_fit_options(options["noise"], options["strength"], options["bootstrap"])

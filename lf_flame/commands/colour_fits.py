@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from lf_flame._common.output_folders import OutputFolder
     from lf_flame.lightfield import LightField
     from lf_flame.tomography.colour_calibration import ColourCalibration
-    from lf_flame.tomography.soot import Soot
+    from lf_flame.tomography.soot_rounds import Soot
 
 COLOURS_HELP = (
     "Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours. SOURCE is in "

@@ -149,7 +149,7 @@ def status(folder) -> None:
 def _read_colours(path: Path, steps: str):
     """Read the calibration of colours, and tell if temperatures rest on single wavelengths."""
     from lf_flame.tomography import read_colours
-    from lf_flame.tomography.pyrometry import SINGLE_WAVELENGTHS
+    from lf_flame.tomography.two_colours import SINGLE_WAVELENGTHS
 
     if "emission" not in steps:
         raise InputError("--colours goes with the step emission, which it finds in each colour.")

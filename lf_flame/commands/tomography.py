@@ -4,6 +4,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 import cloup
@@ -20,6 +21,12 @@ from lf_flame.commands.colour_fits import (
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from lf_flame.lightfield import LightField
+    from lf_flame.tomography import ColourCalibration, FrustumGrid
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
 """Lateral periods in mm of the table if none is given."""
@@ -233,14 +240,25 @@ def reconstruct(
     out = out or Path("reconstructed") / source.stem
     if l_curve:
         options["penalty"] = Roughness(whole_curve=True)
+    fit = _Fit(light_field, grid, options, source, out, facts)
     if calibration is None:
-        files = {"source": source, "optical_thickness": optical_thickness}
-        _write_emission(light_field, grid, thickness, out, files, facts, options)
+        _write_emission(fit, thickness, optical_thickness)
     else:
-        _write_soot(light_field, grid, calibration, out, source, facts, options, of_soot)
+        _write_soot(fit, calibration, of_soot)
 
 
-def _write_emission(light_field, grid, thickness, out: Path, files, facts, options) -> None:
+class _Fit(NamedTuple):
+    """A light field to fit, the options of the fit, and what is recorded of the call."""
+
+    light_field: "LightField"
+    grid: "FrustumGrid"
+    options: dict[str, Any]
+    source: Path
+    out: Path
+    facts: dict[str, Any]
+
+
+def _write_emission(fit: _Fit, thickness: "float | np.ndarray | None", given: str | None) -> None:
     """Find emission in grey light, write its folder, and say what was found."""
     import numpy as np
 
@@ -251,14 +269,19 @@ def _write_emission(light_field, grid, thickness, out: Path, files, facts, optio
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
 
-    with output_folder(out, RECORD) as folder:
-        rng = np.random.default_rng(facts["seed"])
-        found = find_emission(light_field, grid, rng=rng, optical_thickness=thickness, **options)
-        write_reconstruction(found, light_field, folder)
-        folder.facts |= {"source": recorded_path(files["source"], folder.folder)} | facts
-        folder.facts |= {"method": options["method"]}
-        folder.facts |= thickness_facts(files["optical_thickness"], thickness)
-    for note in facts["notes"]:
+    with output_folder(fit.out, RECORD) as folder:
+        found = find_emission(
+            fit.light_field,
+            fit.grid,
+            rng=np.random.default_rng(fit.facts["seed"]),
+            optical_thickness=thickness,
+            **fit.options,
+        )
+        write_reconstruction(found, fit.light_field, folder)
+        folder.facts |= {"source": recorded_path(fit.source, folder.folder)} | fit.facts
+        folder.facts |= {"method": fit.options["method"]}
+        folder.facts |= thickness_facts(given, thickness)
+    for note in fit.facts["notes"]:
         click.echo(f"Note: {note}", err=True)
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
@@ -268,16 +291,17 @@ def _write_emission(light_field, grid, thickness, out: Path, files, facts, optio
     )
 
 
-def _write_soot(light_field, grid, calibration, out, source, facts, options, of_soot) -> None:
+def _write_soot(fit: _Fit, calibration: "ColourCalibration", of_soot: dict[str, Any]) -> None:
     """Find temperature and absorption from the colours, and write the folders of both."""
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
-    from lf_flame.tomography.soot import reconstruct_soot, split_colours
+    from lf_flame.tomography.soot import reconstruct_soot
+    from lf_flame.tomography.soot_rounds import split_colours
 
     soot = reconstruct_soot(
-        light_field, grid, calibration, seed=facts["seed"], **of_soot, **options
+        fit.light_field, fit.grid, calibration, seed=fit.facts["seed"], **of_soot, **fit.options
     )
     names = calibration.responses.names
-    lights = split_colours(light_field, names)
-    facts = facts | of_soot
-    write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)
+    lights = split_colours(fit.light_field, names)
+    facts = fit.facts | of_soot
+    write_soot(soot, lights, names, fit.out, RECORD, write_reconstruction, fit.source, facts)

@@ -33,13 +33,10 @@ class Peak:
         Radiance of the peak.
     place : (int, int)
         Row and column of one of its pixels.
-    is_hot : bool
-        Whether single (hot) pixels are brighter.
     """
 
     value: float
     place: tuple[int, int]
-    is_hot: bool
 
 
 def find_peak(image: np.ndarray) -> Peak:
@@ -47,8 +44,8 @@ def find_peak(image: np.ndarray) -> Peak:
     place, reached = joined_pixels(image, LEAST_PIXELS)
     brightest = float(image.max())
     if brightest <= HOT * reached:
-        return Peak(brightest, _place(image.argmax(), image), False)
-    return Peak(reached, place, True)
+        return Peak(brightest, _place(image.argmax(), image))
+    return Peak(reached, place)
 
 
 def joined_pixels(image: np.ndarray, count: int) -> tuple[tuple[int, int], float]:

@@ -27,8 +27,8 @@ from .stacks import read_focal_stack as read_focal_stack
 from .stacks import read_view_stack as read_view_stack
 from .stacks import write_focal_stack as write_focal_stack
 from .view_files.folder import ViewFolder as ViewFolder
-from .view_files.folder import read_view_folder as read_view_folder
-from .view_files.folder import scan_view_folder as scan_view_folder
-from .view_files.folder import write_view_folder as write_view_folder
+from .view_files.folder_output import write_view_folder as write_view_folder
 from .view_files.mosaic import read_view_mosaic as read_view_mosaic
+from .view_files.scan import read_view_folder as read_view_folder
+from .view_files.scan import scan_view_folder as scan_view_folder
 from .writing import write_light_field as write_light_field

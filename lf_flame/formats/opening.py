@@ -24,9 +24,9 @@ from lf_flame.formats.arrays import (
     open_file,
 )
 from lf_flame.formats.hci_files import find_hci_order, is_hci
-from lf_flame.formats.view_files.folder import scan_view_folder
 from lf_flame.formats.view_files.orders import Grid, arranged, as_grid
 from lf_flame.formats.view_files.parallax_order import fold
+from lf_flame.formats.view_files.scan import scan_view_folder
 from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lazy_light_field import LazyLightField
 

@@ -16,10 +16,10 @@ from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
 from lf_flame.formats.stacks import is_stack, read_view_stack
-from lf_flame.formats.view_files.folder import scan_view_folder
 from lf_flame.formats.view_files.mosaic import read_view_mosaic
 from lf_flame.formats.view_files.orders import Grid, arranged
 from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
+from lf_flame.formats.view_files.scan import scan_view_folder
 from lf_flame.formats.view_files.sources import ARCHIVE, LIST, is_view_folder
 from lf_flame.lightfield import LightField
 

@@ -14,7 +14,7 @@ import numpy as np
 from keras import ops
 
 from lf_flame.learning import _adam
-from lf_flame.learning.fast_decoder import training_view
+from lf_flame.learning.fast_decoder import find_dense, training_view
 
 ALIGNMENT = 64
 """Alignment of addresses, in bytes, with which TensorFlow reads memory without a copy."""
@@ -86,12 +86,7 @@ class FactoredGradients:
 
     def __init__(self, decoder: keras.Model):
         self.model = training_view(decoder)
-        dense = decoder.get_layer("basis")
-        variables = self.model.trainable_variables
-        self._units = dense.units
-        self._kernel, self._bias = (
-            next(k for k, x in enumerate(variables) if x is y) for y in (dense.kernel, dense.bias)
-        )
+        self._dense = find_dense(self.model)
         self.run_batch = _on_processor(self._run_batch)
         self.run_in_inference = _on_processor(self._run_in_inference)
 
@@ -120,8 +115,8 @@ class FactoredGradients:
         others = [x.numpy() for x in others]
         rest, back = (np.from_dlpack(x) for x in rest), np.from_dlpack(back)
         of_dense = {
-            self._kernel: Product(np.from_dlpack(vectors), back),
-            self._bias: back.sum(axis=0),
+            self._dense.kernel: Product(np.from_dlpack(vectors), back),
+            self._dense.bias: back.sum(axis=0),
         }
         count = len(arrays.trainable)
         gradients = [of_dense[k] if k in of_dense else next(rest) for k in range(count)]
@@ -131,8 +126,8 @@ class FactoredGradients:
         """Loss, new other values, gradients except the dense layer's, and that one's factors."""
         import tensorflow as tf
 
-        offset = tf.zeros((tf.shape(features)[0], self._units))
-        apart = (self._kernel, self._bias)
+        offset = tf.zeros((tf.shape(features)[0], self._dense.units))
+        apart = (self._dense.kernel, self._dense.bias)
         watched = [x for k, x in enumerate(parameters) if k not in apart]
         with tf.GradientTape(watch_accessed_variables=False) as tape:
             tape.watch([*watched, offset])
@@ -146,7 +141,7 @@ class FactoredGradients:
     def _run_in_inference(self, parameters, others, features, targets):
         import tensorflow as tf
 
-        inputs = [features, tf.zeros((tf.shape(features)[0], self._units))]
+        inputs = [features, tf.zeros((tf.shape(features)[0], self._dense.units))]
         (_, stack), _ = self.model.stateless_call(parameters, others, inputs, training=False)
         return mean_squared_error(targets, stack)
 

@@ -9,7 +9,7 @@ import keras
 from keras import ops
 
 from lf_flame.learning.array_training import mean_squared_error
-from lf_flame.learning.fast_decoder import training_view
+from lf_flame.learning.fast_decoder import find_dense, training_view
 
 OUTER_PRODUCTS = 8
 """Largest batch whose gradient is written as outer products; a matrix product beyond."""
@@ -31,34 +31,32 @@ class DeviceGradients:
 
     def __init__(self, decoder: keras.Model):
         self.model = training_view(decoder)
-        dense = decoder.get_layer("basis")
-        variables = self.model.trainable_variables
-        self._units = dense.units
-        self._kernel = next(k for k, x in enumerate(variables) if x is dense.kernel)
+        self._dense = find_dense(self.model)
 
     def of_batch(self, trainable: list, others: list, features, targets):
         """Compute loss, new other values and gradients of a batch in training mode."""
         import jax
 
-        kernel = trainable[self._kernel]
+        place = self._dense.kernel
+        kernel = trainable[place]
 
         def loss_of(rest, offset):
-            parameters = [*rest[: self._kernel], kernel, *rest[self._kernel :]]
+            parameters = [*rest[:place], kernel, *rest[place:]]
             (vectors, stack), new = self.model.stateless_call(
                 parameters, others, [features, offset], training=True
             )
             return mean_squared_error(targets, stack), (vectors, new)
 
-        rest = [x for k, x in enumerate(trainable) if k != self._kernel]
-        offset = ops.zeros((len(features), self._units))
+        rest = [x for k, x in enumerate(trainable) if k != place]
+        offset = ops.zeros((len(features), self._dense.units))
         both = jax.value_and_grad(loss_of, argnums=(0, 1), has_aux=True)
         (loss, (vectors, new)), (rest, back) = both(rest, offset)
-        rest = [*rest[: self._kernel], _product(vectors, back), *rest[self._kernel :]]
+        rest = [*rest[:place], _product(vectors, back), *rest[place:]]
         return loss, new, rest
 
     def in_inference(self, trainable: list, others: list, features, targets):
         """Compute the loss of a batch in inference mode."""
-        inputs = [features, ops.zeros((len(features), self._units))]
+        inputs = [features, ops.zeros((len(features), self._dense.units))]
         (_, stack), _ = self.model.stateless_call(trainable, others, inputs, training=False)
         return mean_squared_error(targets, stack)
 

@@ -13,6 +13,8 @@ Measured on two cores, the matrix products make a step at batch 2 up to 3.1 time
 with other work on the cores). Only training needs this module: the plain decoder is saved and used.
 """
 
+from typing import NamedTuple
+
 import keras
 from keras import layers, ops
 
@@ -99,3 +101,26 @@ def training_view(decoder: keras.Model) -> keras.Model:
         else:
             x = layer(x)
     return keras.Model([decoder.input, offset], [vectors, x], name="decoder_in_training")
+
+
+class DensePlace(NamedTuple):
+    """Place of the dense layer in a training view.
+
+    Attributes
+    ----------
+    units : int
+        Number of the layer's outputs.
+    kernel, bias : int
+        Index of its kernel and of its bias among the view's trainable variables.
+    """
+
+    units: int
+    kernel: int
+    bias: int
+
+
+def find_dense(view: keras.Model) -> DensePlace:
+    """Find the place of the dense layer in a decoder's training view."""
+    dense = next(layer for layer in view.layers if isinstance(layer, OffsetDense)).dense
+    places = {id(variable): k for k, variable in enumerate(view.trainable_variables)}
+    return DensePlace(dense.units, places[id(dense.kernel)], places[id(dense.bias)])

@@ -27,10 +27,6 @@ UNROLLED = 4
 """Steps in one round of a device's loop: 0.36 ms a step in place of 0.39 on an NVIDIA H200."""
 
 
-TRAINERS = ("fast", "keras")
-"""Kinds of training: the fastest form for the backend, or Keras's own `fit`."""
-
-
 def make_trainer(
     decoder: keras.Model, learning_rate, batch_size: int, arrays: dict, kind: str = "fast"
 ) -> "ArrayTrainer | DeviceTrainer | KerasTrainer":

@@ -29,10 +29,6 @@ differs from its trend by less than 1e-5, which changes a weight by less than 1e
 NODES = 12
 """Number of Gauss-Legendre nodes in each panel; no panel holds more than one resolved ring."""
 
-
-ANGLES = 256
-"""Number of directions over which the fraction of an Airy pattern beyond a line is averaged."""
-
 ROWS_AT_ONCE = 256
 """Number of rows held as float64 at a time when a two-dimensional kernel is applied."""
 
@@ -115,34 +111,6 @@ def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
     return kernel / kernel.sum()
 
 
-def share_beyond(distances_mm: ArrayLike, spread_mm: float, round_aperture: bool) -> np.ndarray:
-    """Fraction of a point's light that diffraction spreads farther than a distance on one axis.
-
-    Both sides count together. For a square aperture it is ``1 - 2 (Si(2 pi t) / pi - sin^2(pi t) /
-    (pi^2 t))`` with t in spreads. For a round one it is the light outside the radius at which each
-    direction reaches the line, averaged over directions.
-
-    Parameters
-    ----------
-    distances_mm : array_like
-        Distances in mm, above 0.
-    spread_mm : float
-        Wavelength times distance over the aperture's width, in mm, above 0.
-    round_aperture : bool
-        Whether the aperture is round; otherwise square.
-
-    Returns
-    -------
-    ndarray of float64, of the shape of `distances_mm`
-    """
-    t = np.asarray(distances_mm, np.float64) / spread_mm
-    if not round_aperture:
-        inside = scipy.special.sici(2 * np.pi * t)[0] - np.sin(np.pi * t) ** 2 / (np.pi * t)
-        return 1 - 2 * inside / np.pi
-    directions = (np.arange(ANGLES) + 0.5) / ANGLES * np.pi / 2
-    return _light_outside(t[..., None] / np.cos(directions)).mean(axis=-1)
-
-
 def blur_raw(raw: ArrayLike, kernel: np.ndarray) -> np.ndarray:
     """Blur a raw image; its outermost pixels continue beyond the border.
 
@@ -197,20 +165,6 @@ def blur_views(views: ArrayLike, kernel: np.ndarray) -> np.ndarray:
     for view in np.ndindex(views.shape[:2]):
         out[view] = blur_raw(views[view], kernel)
     return out
-
-
-def share_leaving(kernel: np.ndarray) -> float:
-    """Fraction of its light that a pixel gives to other pixels.
-
-    It bounds the change of a pixel by the blur, relative to the range of the image.
-
-    Parameters
-    ----------
-    kernel : ndarray, shape (odd,) or (odd, odd)
-        Weights with sum 1; one axis is applied along both.
-    """
-    centre = float(kernel[tuple(n // 2 for n in kernel.shape)])
-    return 1 - centre ** (3 - kernel.ndim)
 
 
 def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool) -> float:

@@ -11,9 +11,9 @@ from .focus_map import depth_from_focus as depth_from_focus
 from .fourier import fourier_refocus as fourier_refocus
 from .fourier import fourier_slice as fourier_slice
 from .methods import refocus as refocus
-from .sharpness import SlopeSearch as SlopeSearch
 from .sharpness import find_sharpest_slope as find_sharpest_slope
 from .sharpness import find_sharpest_slopes as find_sharpest_slopes
+from .sharpness_curves import SlopeSearch as SlopeSearch
 from .shift import shift_and_sum as shift_and_sum
 from .slope_range import SlopeRange as SlopeRange
 from .slope_range import find_slope_range as find_slope_range

@@ -64,15 +64,6 @@ SAMPLED_ROWS = 32
 """Approximate number of rows from which noise and levels are estimated."""
 
 
-def match_views(
-    views: np.ndarray, slopes: np.ndarray, weights: np.ndarray | None = None
-) -> np.ndarray:
-    """Mismatch of the views at each pixel and slope: `ComparedViews.costs` of all rows."""
-    weights = np.ones(views.shape[:2]) if weights is None else weights
-    compared = ComparedViews(GreyViews(views), slopes, weights)
-    return np.concatenate([compared.costs(rows, compared.limit()) for rows in compared.bands])
-
-
 def _sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the nine parts in all views, each half and each quarter, and their margins.
 

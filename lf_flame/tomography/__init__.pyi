@@ -21,15 +21,15 @@ from .penalties import TotalVariation as TotalVariation
 from .projection_operator import ProjectionOperator as ProjectionOperator
 from .pyrometry import Temperatures as Temperatures
 from .pyrometry import soot_temperature as soot_temperature
-from .pyrometry import two_colour_temperature as two_colour_temperature
 from .reconstruction import reconstruct as reconstruct
 from .reconstruction_plan import ReconstructionPlan as ReconstructionPlan
 from .reconstruction_result import Reconstruction as Reconstruction
 from .resolution import depth_blur as depth_blur
 from .resolution import depth_modes as depth_modes
 from .resolution import depth_singular_values as depth_singular_values
-from .soot import Soot as Soot
 from .soot import reconstruct_soot as reconstruct_soot
+from .soot_rounds import Soot as Soot
 from .source_signals import measure_source as measure_source
 from .spectra import SpectralResponses as SpectralResponses
 from .spectra import read_responses as read_responses
+from .two_colours import two_colour_temperature as two_colour_temperature

@@ -8,7 +8,8 @@ from pylops import LinearOperator
 from lf_flame.errors import InputError
 from lf_flame.tomography.absorption import Absorption
 from lf_flame.tomography.background import Level, fit_background, measure_edge
-from lf_flame.tomography.plane_fit import Explanation, PlaneFit
+from lf_flame.tomography.explanation import Explanation
+from lf_flame.tomography.plane_fit import PlaneFit
 
 BACKGROUND_FITS = 4
 """Largest number of fits, of background and emission in turn; two are usual."""

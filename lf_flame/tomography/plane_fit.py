@@ -1,15 +1,11 @@
 """Fit of depth planes to a light field: noise, strength, foreground, and detail within cells."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from lf_flame._common import progress
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField
-from lf_flame.optics.lens import Lens
-from lf_flame.refocus import align_views
 from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.error_bars import (
     Prior,
@@ -18,16 +14,15 @@ from lf_flame.tomography.error_bars import (
     noise_variance,
     standard_errors,
 )
+from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.foreground import Fitting, brightest_noise, find_foreground
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
-from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.noise_correlation import correlation_factor
+from lf_flame.tomography.operators import Operators
 from lf_flame.tomography.penalised_fit import Fit, RangeFit
 from lf_flame.tomography.penalties import Penalty, Roughness, TotalVariation
-from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import (
     StrengthSearch,
-    TriedStrength,
     check_noise_and_strength,
 )
 from lf_flame.tomography.total_variation import STRENGTH, fit_total_variation
@@ -64,89 +59,6 @@ class FitOptions:
         check_noise_and_strength(self.noise, self.strength)
         if self.iterations < 1:
             raise InputError(f"iterations must be 1 or more, got {self.iterations}.")
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """Cells that explain a light field.
-
-    Attributes
-    ----------
-    cells : ndarray of float32, shape (planes, rows, columns)
-        Light that leaves each cell.
-    foreground : ndarray of bool, same shape, or None
-        Cells that may emit; None if all may.
-    noise, measured : float
-        Standard deviation of a pixel's noise: as used, and as measured.
-    uneven : ndarray of float32, shape (v, u, t, s)
-        Variance of each pixel's noise relative to its mean.
-    shared : float
-        Factor by which correlation raises the noise of sums of pixels.
-    strength : float
-        Strength of the regularisation.
-    tried : tuple of TriedStrength
-        Strengths that were tried.
-    settled : bool
-        Whether the correction for absorption converged.
-    state : ndarray of float32, or None
-        State from which a similar fit starts.
-    brightest : float
-        Largest light that noise alone makes, relative to `summed_noise`.
-    """
-
-    cells: np.ndarray
-    foreground: np.ndarray | None
-    noise: float
-    measured: float
-    uneven: np.ndarray
-    shared: float
-    strength: float
-    tried: tuple[TriedStrength, ...]
-    settled: bool = True
-    state: np.ndarray | None = None
-    brightest: float = 0.0
-
-    def with_fit(self, fit: Fit) -> "Explanation":
-        """Take the cells of another fit."""
-        return replace(self, cells=fit.cells, state=fit.state)
-
-    @property
-    def summed_noise(self) -> float:
-        """Standard deviation of a pixel with independent noise, whose sums have the same noise."""
-        return self.noise * self.shared
-
-    @property
-    def pixel_noise(self) -> np.ndarray:
-        """The same of each pixel, float32, shape (v, u, t, s)."""
-        return np.float32(self.summed_noise) * np.sqrt(self.uneven)
-
-    def lit_noise(self, seen: np.ndarray) -> float:
-        """Find that standard deviation, weighted by the light of `seen`."""
-        light = max(float(np.sum(seen, dtype=np.float64)), 1e-30)
-        lit = float(np.sum(self.uneven * seen, dtype=np.float64)) / light
-        return self.summed_noise * float(np.sqrt(max(lit, 0.0)))
-
-
-@dataclass(frozen=True, eq=False)
-class Operators:
-    """Operators of a grid, which do not depend on the light field; made when they are needed."""
-
-    grid: FrustumGrid
-
-    @cached_property
-    def projection(self) -> ProjectionOperator:
-        """Light field of cells."""
-        return ProjectionOperator(self.grid)
-
-    @cached_property
-    def gram(self) -> FrequencyGram:
-        """Its Gram matrix by frequency."""
-        return FrequencyGram(self.grid)
-
-    @cached_property
-    def smooth(self) -> SmoothStack:
-        """Filtered focal stack of smooth functions through cells."""
-        return SmoothStack(self.projection)
 
 
 class PlaneFit:
@@ -379,44 +291,3 @@ class PlaneFit:
         level = brightest * draft.summed_noise
         foreground, fit = find_foreground(problem, level, first, fitting)
         return replace(draft, foreground=foreground).with_fit(fit)
-
-
-def known_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray | None:
-    """Find the blocks of a camera's lenslets of which all pixels are known; None if all are.
-
-    Returns
-    -------
-    ndarray of bool, shape (v, u, t, s), or None
-    """
-    if light_field.valid is None:
-        return None
-    known = LightField.trusted(light_field.valid.astype(np.float32))
-    return average_blocks(known, camera, block) > 1 - 1 / (2 * block**2)
-
-
-def average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray:
-    """Average blocks of a camera's lenslets.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, t, s)
-
-    Raises
-    ------
-    InputError
-        If the light field is not grey, or not of that camera.
-    """
-    views = light_field.filled
-    wanted = (camera.views, camera.views, *camera.lenslets)
-    if views.shape != wanted:
-        hint = "; in colour, its colours need a calibration (--colours)" if views.ndim == 5 else ""
-        raise InputError(
-            f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
-            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."
-        )
-    if block == 1:
-        return views
-    # Alignment at slope 0 is the identity; it averages blocks at the speed of reading.
-    indices = [(v, u) for v in range(camera.views) for u in range(camera.views)]
-    aligned = align_views(views, 0.0, indices, block=(block, block))
-    return aligned.reshape(*views.shape[:2], *aligned.shape[1:])

@@ -28,6 +28,7 @@ from lf_flame.tomography.error_bars import (
     redraw,
 )
 from lf_flame.tomography.explainer import Explainer
+from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.iterative_methods import (
     MOST,
@@ -36,16 +37,11 @@ from lf_flame.tomography.iterative_methods import (
     check_method,
     iterate,
 )
+from lf_flame.tomography.operators import Operators
 from lf_flame.tomography.penalties import ROUGHNESS, Penalty, Roughness, as_penalty
-from lf_flame.tomography.plane_fit import (
-    Explanation,
-    FitOptions,
-    Operators,
-    PlaneFit,
-    average_blocks,
-    known_blocks,
-)
+from lf_flame.tomography.plane_fit import FitOptions, PlaneFit
 from lf_flame.tomography.reconstruction_result import Reconstruction
+from lf_flame.tomography.view_blocks import average_blocks, known_blocks
 
 ITERATIONS = 80
 """Largest number of iterations of the splitting for the solution, in two fits. Each strength that
@@ -182,13 +178,7 @@ class ReconstructionPlan:
         check_bootstrap(bootstrap)
         check_bars(self._method, bootstrap)
         rng = np.random.default_rng(rng)
-        light_field = self.grid.camera.corrected(light_field)
-        grid, left_out = fitted_views(light_field, self.grid)
-        views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
-        check_range(views, self._options.noise)
-        known = known_blocks(light_field, grid.camera, grid.block)
-        valid = None if known is None else grid.pick(known)
-        left_out = (*left_out, *check_unknown(valid))
+        grid, views, valid, left_out = self._pick(light_field)
         self._keep(grid)
         first = None if start is None else _checked_start(start, grid)
         fit = PlaneFit(self.operators, self._options, valid, first)
@@ -221,6 +211,18 @@ class ReconstructionPlan:
         said = _disagreements(result, fitted, stated=self._options.noise is not None)
         result = replace(result, warnings=(*left_out, *said))
         return result if self._method == PENALISED else self._iterated(result, fitted, explain)
+
+    def _pick(
+        self, light_field: LightField
+    ) -> tuple[FrustumGrid, np.ndarray, np.ndarray | None, tuple[str, ...]]:
+        """Pick the views that count: their grid, light, known rays, and what to say of others."""
+        light_field = self.grid.camera.corrected(light_field)
+        grid, left_out = fitted_views(light_field, self.grid)
+        views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
+        check_range(views, self._options.noise)
+        known = known_blocks(light_field, grid.camera, grid.block)
+        valid = None if known is None else grid.pick(known)
+        return grid, views, valid, (*left_out, *check_unknown(valid))
 
     def _iterated(
         self, result: Reconstruction, fitted: "_Fitted", explain: Explainer

@@ -7,8 +7,8 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.tomography.error_bars import scatter
+from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.plane_fit import Explanation
 from lf_flame.tomography.strength_search import TriedStrength
 
 

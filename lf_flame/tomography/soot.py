@@ -1,196 +1,51 @@
-"""Temperature and absorption of a sooty flame together, from one colour light field.
+"""Emission, temperature and absorption of soot at depth planes, from one colour light field."""
 
-Soot absorbs as it emits (Kirchhoff): in each colour, a cell's emission is its optical thickness
-times the signal of a black body of its temperature. So with absolute gains of the colours, the
-emission that was found tells the absorption, and the absorption corrects the emission. Both are
-found in turn: emission in each colour, from it temperature and optical thickness, from that the
-attenuation of each ray, and emission again, until the thickness stands still.
-"""
-
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
-from lf_flame._common import progress
-from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.tomography.absorption import MOST_THICKNESS
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.pyrometry import Temperatures, soot_temperature
 from lf_flame.tomography.reconstruction_plan import ReconstructionPlan
 from lf_flame.tomography.reconstruction_result import Reconstruction
-
-MOST_ROUNDS = 20
-"""Largest number of rounds; at a total thickness of 1, each leaves two fifths of the change."""
-
-SETTLED = 2e-3
-"""Largest change of the total optical thickness, in one round, at which the rounds end."""
-
-CLIPPED = 1.25
-"""Total thickness in rounds under way, relative to `MOST_THICKNESS`."""
-
-UNSETTLED = (
-    "Emission and absorption have not settled: the flame is too thick for this light field, or its "
-    "colours contradict each other."
-)
+from lf_flame.tomography.soot_rounds import Soot, Steps, solve_soot, split_colours
 
 
-class Emission(Protocol):
-    """Emission in one colour, as a round under way finds it."""
+class _PlaneSteps(Steps[Reconstruction]):
+    """Fits of depth planes to each colour."""
 
-    @property
-    def emission(self) -> np.ndarray:
-        """Emission without absorption."""
-        ...
+    def __init__(
+        self, lights: list[LightField], plan: ReconstructionPlan, bootstrap: int, seed: int
+    ):
+        self._lights, self._plan = lights, plan
+        self._bootstrap, self._seed = bootstrap, seed
 
+    def first(self, c: int) -> Reconstruction:
+        return self._plan.reconstruct(self._lights[c])
 
-class Measured(Emission, Protocol):
-    """Emission in one colour with error bars."""
+    def again(self, c: int, thickness: np.ndarray, last: Any) -> Reconstruction:
+        return self._plan.absorbing(thickness).reconstruct(self._lights[c], start=last)
 
-    @property
-    def draws(self) -> np.ndarray:
-        """Bootstrap draws of the emission, shape (draws, ...)."""
-        ...
-
-    @property
-    def sigma(self) -> np.ndarray | None:
-        """Standard deviation of the emission, None without error bars."""
-        ...
-
-
-Found = TypeVar("Found", bound=Measured)
-
-
-@dataclass(frozen=True, eq=False)
-class Soot(Generic[Found]):
-    """Emission, temperature and absorption of a sooty flame.
-
-    Attributes
-    ----------
-    colours : tuple of AxisymmetricFlame or Reconstruction
-        Emission in each colour, without absorption.
-    temperatures : Temperatures
-        Temperatures of the soot; `Temperatures.amount` is the optical thickness at 600 nm.
-    optical_thickness : ndarray of float64, shape (colours, ...)
-        Absorption in each colour, by plane or by mm, as the emission.
-    total_thickness : ndarray of float64, shape (colours,)
-        Largest total along a ray through the flame in each colour.
-    warnings : tuple of str
-    """
-
-    colours: tuple[Found, ...]
-    temperatures: Temperatures
-    optical_thickness: np.ndarray
-    total_thickness: np.ndarray
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Steps(Generic[Found]):
-    """Fits and sums of one geometry that the rounds call.
-
-    Attributes
-    ----------
-    first : callable
-        Emission of a colour, by its number, of a flame that does not absorb.
-    again : callable
-        Emission of a colour with an optical thickness, given the emission of the last round.
-    finish : callable
-        The same of all colours, with error bars and warnings; thickness None for a flame that does
-        not absorb.
-    total : callable
-        Largest total of an optical thickness along a ray.
-    """
-
-    first: Callable[[int], Emission]
-    again: Callable[[int, np.ndarray, Any], Emission]
-    finish: Callable[[np.ndarray | None, Any], tuple[Found, ...]]
-    total: Callable[[np.ndarray], float]
-
-
-def solve_soot(
-    steps: Steps[Found],
-    calibration: ColourCalibration,
-    *,
-    absorbing: bool = True,
-    soot_exponent: float = 1.0,
-) -> Soot[Found]:
-    """Find emission, temperature and absorption of a sooty flame in turn.
-
-    Parameters
-    ----------
-    steps : Steps
-        Fits of one colour with a given optical thickness.
-    calibration : ColourCalibration
-        Absolute gains and spectral responses of the colours.
-    absorbing : bool, optional
-        Whether absorption is found, or emission and temperature of thin soot alone.
-    soot_exponent : float, optional
-        Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
-
-    Returns
-    -------
-    Soot
-
-    Raises
-    ------
-    InputError
-        If no cell has a temperature, or the flame is too thick.
-    """
-    count = len(calibration.gains)
-    if not absorbing:
-        thin = steps.finish(None, None)
-        known = temperatures_of(thin, calibration, soot_exponent)
-        nothing = np.zeros((count, *thin[0].emission.shape))
-        return Soot(thin, known, nothing, np.zeros(count), ())
-    found = [steps.first(c) for c in range(count)]
-    thickness = np.zeros((count, *found[0].emission.shape))
-    settled = False
-    for number in progress.steps(range(MOST_ROUNDS), "absorption", MOST_ROUNDS, "round"):
-        if number:
-            found = [steps.again(c, thickness[c], found[c]) for c in range(count)]
-        fresh = _thickness(found, calibration, soot_exponent)
-        highest = max(steps.total(one) for one in fresh)
-        fresh *= min(1.0, CLIPPED * MOST_THICKNESS / highest)
-        change = max(steps.total(one) for one in np.abs(fresh - thickness))
-        thickness = fresh
-        if change < SETTLED:
-            settled = True
-            break
-    totals = np.array([steps.total(one) for one in thickness])
-    if totals.max() > MOST_THICKNESS:
-        name = calibration.responses.names[int(np.argmax(totals))]
-        raise InputError(
-            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
-            f"comes out at {totals.max():.2g} or more in {name}: hardly any light leaves from "
-            f"behind; or the flame was exposed longer than the furnace (--exposure of "
-            f"calibrate-colours), or the colours are in another order than the channels."
+    def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[Reconstruction, ...]:
+        by_colour = [None] * len(self._lights) if thickness is None else thickness
+        # With one strength for all colours, the effect of the penalty cancels in their ratios.
+        strength = max(
+            self._plan.absorbing(one).reconstruct(light).strength
+            for one, light in zip(by_colour, self._lights, strict=True)
         )
-    colours = steps.finish(thickness, found)
-    temperatures = temperatures_of(colours, calibration, soot_exponent)
-    return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
-
-
-def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightField]:
-    """Give each colour of a light field as a grey one.
-
-    Raises
-    ------
-    InputError
-        If the light field has another number of channels than there are names, or fewer than two.
-    """
-    if light_field.channels != len(names) or len(names) < 2:
-        raise InputError(
-            f"The light field must have a channel for each of the calibration's {len(names)} "
-            f"colours ({', '.join(names)}), two or more, got {light_field.channels}."
+        return tuple(
+            self._plan.absorbing(one, strength=strength).reconstruct(
+                self._lights[c],
+                bootstrap=self._bootstrap,
+                rng=np.random.default_rng((self._seed, c)),
+                prior_rng=np.random.default_rng(self._seed),  # all colours draw the same prior
+            )
+            for c, one in enumerate(by_colour)
         )
-    return [
-        replace(light_field, views=np.ascontiguousarray(light_field.views[..., c]))
-        for c in range(len(names))
-    ]
+
+    def total(self, thickness: np.ndarray) -> float:
+        return float(thickness.sum(axis=0).max())
 
 
 def reconstruct_soot(
@@ -256,71 +111,5 @@ def reconstruct_soot(
     1800.0
     """
     lights = split_colours(light_field, calibration.responses.names)
-
-    plan = ReconstructionPlan(grid, **options)
-
-    def finish(thickness: np.ndarray | None, last: Any) -> tuple[Reconstruction, ...]:
-        by_colour = [None] * len(lights) if thickness is None else thickness
-        # With one strength for all colours, the effect of the penalty cancels in their ratios.
-        strength = max(
-            plan.absorbing(one).reconstruct(light).strength
-            for one, light in zip(by_colour, lights, strict=True)
-        )
-        return tuple(
-            plan.absorbing(one, strength=strength).reconstruct(
-                lights[c],
-                bootstrap=bootstrap,
-                rng=np.random.default_rng((seed, c)),
-                prior_rng=np.random.default_rng(seed),  # all colours draw the same prior
-            )
-            for c, one in enumerate(by_colour)
-        )
-
-    steps = Steps(
-        first=lambda c: plan.reconstruct(lights[c]),
-        again=lambda c, thickness, last: plan.absorbing(thickness).reconstruct(
-            lights[c], start=last
-        ),
-        finish=finish,
-        total=lambda thickness: float(thickness.sum(axis=0).max()),
-    )
+    steps = _PlaneSteps(lights, ReconstructionPlan(grid, **options), bootstrap, seed)
     return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)
-
-
-def temperatures_of(
-    colours: Sequence[Measured], calibration: ColourCalibration, soot_exponent: float = 1.0
-) -> Temperatures:
-    """Find the temperature of soot from its emission in the colours of a calibration."""
-    sigmas = [one.sigma for one in colours]
-    return soot_temperature(
-        [one.emission for one in colours],
-        calibration.responses,
-        sigmas=None if any(one is None for one in sigmas) else sigmas,  # type: ignore[arg-type]
-        draws=[one.draws for one in colours] if all(len(one.draws) for one in colours) else None,
-        gains=calibration.gains,
-        soot_exponent=soot_exponent,
-    )
-
-
-def _thickness(
-    found: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float
-) -> np.ndarray:
-    """Optical thickness of each cell in each colour, float64, shape (colours, ...)."""
-    light = np.stack([one.emission for one in found]).astype(float)
-    kelvin = soot_temperature(
-        list(light), calibration.responses, gains=calibration.gains, soot_exponent=soot_exponent
-    ).kelvin
-    bright = light.sum(axis=0)
-    known = np.isfinite(kelvin) & (bright > bright.max() / 5)
-    if not known.any():
-        raise InputError(
-            "No bright cell has a temperature: the ratios of the colours are not those of soot. "
-            "See whether the calibration's colours are in another order than the channels."
-        )
-    # Faint cells hold little soot; they count as being as hot as the flame's bright part.
-    typical = float(np.median(kelvin[known]))
-    faint = ~np.isfinite(kelvin) | (bright < bright.max() / 20)
-    kelvin = np.where(faint, typical, kelvin)
-    shape = (-1, *[1] * kelvin.ndim)
-    black = calibration.gains.reshape(shape) * calibration.responses.black_body(kelvin)
-    return np.maximum(light, 0) / black

@@ -19,11 +19,11 @@ from lf_flame.tomography.pyrometry import (
     LEAST_K,
     LEAST_SIGNAL,
     MOST_K,
-    SINGLE_WAVELENGTHS,
     Temperatures,
     soot_temperature,
 )
 from lf_flame.tomography.temperature_figure import temperature_figure
+from lf_flame.tomography.two_colours import SINGLE_WAVELENGTHS
 
 RECORD = "temperature.json"
 SIGMA_FILE = "temperature_sigma.tif"

@@ -596,7 +596,7 @@ def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
         written.append(path)
         path.write_bytes(b"half")
 
-    monkeypatch.setattr("lf_flame.formats.view_files.folder.write_image", full)
+    monkeypatch.setattr("lf_flame.formats.view_files.folder_output.write_image", full)
     with pytest.raises(OSError, match="disk full"):
         write_view_folder(LightField(rng.uniform(size=(2, 2, 3, 3))), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

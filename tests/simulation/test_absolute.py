@@ -64,7 +64,6 @@ class Case:
     allowed: float = 5e-4
 
 
-THIN = Case([glow()])
 # Pairs whose two effects come together in a case of three are left out.
 CASES = {
     "defocus": Case([glow(20.0)], rays=None, allowed=1e-5),

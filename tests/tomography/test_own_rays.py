@@ -9,7 +9,7 @@ from scipy.special import erf
 
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.pyrometry import two_colour_temperature
+from lf_flame.tomography.two_colours import two_colour_temperature
 
 LENS = Lens(lenslets=(40, 48))
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))

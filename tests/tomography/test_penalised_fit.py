@@ -8,8 +8,8 @@ import pytest
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.scenes.flames import flame_texture
 from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.operators import Operators
 from lf_flame.tomography.penalised_fit import RangeFit
-from lf_flame.tomography.plane_fit import Operators
 
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(48, 48))
 DEPTHS_MM = [1.2, 0.0, -1.2]

@@ -66,7 +66,7 @@ class Emission:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
-        from lf_flame.tomography.soot import split_colours
+        from lf_flame.tomography.soot_rounds import split_colours
 
         light_field = frame.light_field
         lights = split_colours(light_field, self.colours) if self.colours else [light_field]

@@ -131,13 +131,8 @@ def process_frames(
         _check_same(group, request, part)
         model = paths[dict[str, Any](group.attrs)["model"]]
         assert model is not None
-        job = pickle.dumps(Job(steps, read, model))
-        states = result.read_states(group, part)
-        tasks = [
-            Task(job, str(part.resolve()), first, tuple(paths[first : first + together]))
-            for first in range(0, len(paths), together)
-            if (states[first : first + together] == result.TO_DO).any()
-        ]
+        job = Job(steps, read, model)
+        tasks = _tasks_to_do(job, paths, result.read_states(group, part), part, together)
         missing = sum(len(task.paths) for task in tasks)
         finished = carry_out(tasks, workers, executor)
         for done in progress(finished, len(paths) - missing, len(paths)) if progress else finished:
@@ -226,6 +221,18 @@ def _lay_out(
         state = Values(np.uint8(result.TO_DO), (), flags)
         result.create_array(group, "state", frames, state, together)
         set_attributes(group, facts)
+
+
+def _tasks_to_do(
+    job: Job, paths: Sequence[Path | None], states: np.ndarray, part: Path, together: int
+) -> list[Task]:
+    """List the tasks of which a frame is not done yet."""
+    packed, folder = pickle.dumps(job), str(part.resolve())
+    return [
+        Task(packed, folder, first, tuple(paths[first : first + together]))
+        for first in range(0, len(paths), together)
+        if (states[first : first + together] == result.TO_DO).any()
+    ]
 
 
 def _finish(part: Path, out: Path) -> Progress:

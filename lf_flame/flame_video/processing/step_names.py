@@ -92,9 +92,7 @@ def find_steps(
         elif word.startswith("refocus@"):
             focus = _find_focus(word.removeprefix("refocus@"), camera)
             steps.append(focus)
-            if pixel_mm is None and camera is not None:
-                depth = focus.depth_mm
-                side = None if depth is None else camera.field_mm(depth)[0] / camera.lenslets[0]
+            side = _pixel_side(focus, camera) if pixel_mm is None else pixel_mm
         elif word == "emission":
             if camera is None or not depths_mm:
                 raise InputError("The step emission needs the camera, and depths of its planes.")
@@ -102,12 +100,7 @@ def find_steps(
             fit = (tuple(depths_mm), block, noise, strength, background, channels)
             steps.append(Emission(camera, *fit))
         elif word == "temperature":
-            if colours is None or "emission" not in words[:number]:
-                raise InputError(
-                    "The step temperature needs the step emission before it, and a calibration of "
-                    "the colours."
-                )
-            steps.append(Temperature(colours, soot_exponent))
+            steps.append(_find_temperature(colours, soot_exponent, words[:number]))
         elif word == "height":
             steps.append(Height(level, side, burner_row))
         elif word == "contour":
@@ -115,6 +108,25 @@ def find_steps(
         else:
             raise InputError(f"Steps must be of {', '.join(NAMES)}, got {word!r}.")
     return tuple(steps)
+
+
+def _pixel_side(focus: Refocus, camera: Lens | None) -> float | None:
+    """Side of a pixel in mm at the depth of a refocusing; None without a depth or a camera."""
+    if camera is None or focus.depth_mm is None:
+        return None
+    return camera.field_mm(focus.depth_mm)[0] / camera.lenslets[0]
+
+
+def _find_temperature(
+    colours: "ColourCalibration | None", soot_exponent: float, before: list[str]
+) -> Temperature:
+    """Make the step temperature, if the steps before it find the emission."""
+    if colours is None or "emission" not in before:
+        raise InputError(
+            "The step temperature needs the step emission before it, and a calibration of "
+            "the colours."
+        )
+    return Temperature(colours, soot_exponent)
 
 
 def _find_focus(place: str, camera: Lens | None) -> Refocus:

@@ -112,6 +112,28 @@ def _down_columns(lines, weights, slopes, taps, move, share, out):
         out[c] += share * total
 
 
+def _write_row(light, gain, joined, parity, r, out):
+    """Write a row of lenslets, divided by the white image, interpolated in a hexagonal array.
+
+    light: shape (channel, v, u, lenslet), changed. parity: that of the row in the array. gain,
+    joined, out: as for `_resample`; r: row of gain and out.
+    """
+    for v in range(out.shape[0]):
+        for u in range(out.shape[1]):
+            for channel in range(out.shape[4]):
+                line = light[channel, v, u]
+                if gain is not None:
+                    for c in range(line.size):
+                        line[c] *= gain[v, u, r, c, channel]
+                if joined is None:
+                    out[v, u, r, :, channel] = line
+                else:
+                    for c in range(out.shape[3]):
+                        near = joined.left[parity, c]
+                        far = joined.share[parity, c] * (line[near + 1] - line[near])
+                        out[v, u, r, c, channel] = line[near] + far
+
+
 def _resample(queue, lattices, places, array, across, along, taps, taps_down, gain, joined, out):
     """Resample each row of lenslets into its views: first along the pixel rows, then down.
 
@@ -171,27 +193,13 @@ def _resample(queue, lattices, places, array, across, along, taps, taps_down, ga
                             lines[u, skip : skip + len(taps_down)], weights, slopes, taps_down,
                             move, places.share[n], light[places.channel[n], v, start + u]
                         )  # fmt: skip
-        # The parts are divided by the white image's, and rows of a hexagonal array interpolated.
-        for v in range(views):
-            for u in range(views):
-                for channel in range(out.shape[4]):
-                    line = light[channel, v, u]
-                    if gain is not None:
-                        for c in range(size):
-                            line[c] *= gain[v, u, r, c, channel]
-                    if joined is None:
-                        out[v, u, r, :, channel] = line
-                    else:
-                        parity = array.rows[r] % 2
-                        for c in range(out.shape[3]):
-                            near = joined.left[parity, c]
-                            far = joined.share[parity, c] * (line[near + 1] - line[near])
-                            out[v, u, r, c, channel] = line[near] + far
+        write_row(light, gain, joined, array.rows[r] % 2, r, out)
 
 
 find_weights = njit(_find_weights)
 along_rows = njit(_along_rows)
 down_columns = njit(_down_columns)
+write_row = njit(_write_row)
 
 filter_rows = shared(_filter_rows)
 filter_columns = shared(_filter_columns)

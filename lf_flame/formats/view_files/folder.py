@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.array_files import MappedArray
-from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import read_shape
@@ -18,17 +17,9 @@ from lf_flame._common.printable import printable
 from lf_flame._common.scratch import Scratch
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
-from lf_flame.formats.images import read_image, to_levels, write_image
-from lf_flame.formats.view_files.names import grid_of, name_some, number_grid
-from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_order
-from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, fold, order_memory
-from lf_flame.formats.view_files.positions import (
-    Pair,
-    off_grid,
-    pairs_off_grid,
-    place_views,
-)
-from lf_flame.formats.view_files.sources import LIST, find_files, read_list
+from lf_flame.formats.images import read_image
+from lf_flame.formats.view_files.names import name_some
+from lf_flame.formats.view_files.parallax_order import FoundOrder, order_memory
 from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField
 
@@ -112,7 +103,7 @@ class ViewFolder:
             If a file cannot be read, or differs from the first in size or channels.
         """
         paths = [file for file in self.files.flat if file]
-        _check_memory(paths, self.path, self.files.size)
+        check_view_memory(paths, self.path, self.files.size)
         shape = read_image(paths[0]).shape
         views = np.zeros((self.files.size, *shape), np.float32)
         self._fill(views, progress)
@@ -170,109 +161,7 @@ class ViewFolder:
         return None if there.all() else there.reshape(self.files.shape)
 
 
-def scan_view_folder(
-    path: str | Path,
-    order: str | None = None,
-    *,
-    grid: Grid | str | None = None,
-    larger: bool = False,
-) -> ViewFolder:
-    """Find the files that are the views of a light field, and their order.
-
-    The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) with names that differ only in
-    numbers: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
-    ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
-    ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and so on. A running number counts a square
-    row by row, if the parallax shows one, or the rows of `grid`. Numbers may start anywhere. Other
-    files are left out; a second set of images half as large or larger is refused. Places with
-    decimals that fill no grid of equal steps are kept as positions (`LightField.positions`).
-
-    Parameters
-    ----------
-    path : str or Path
-        A folder; a ``.zip`` archive of one, which is read without being extracted; or a list, a
-        ``.csv`` file with a name, a row and a column in each line, of images beside it.
-    order : str, optional
-        Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
-        way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
-        bottom), ``row,-col``, and so on; with ``snake,`` before it where every other row (of
-        ``col,row``: column) runs back. Default: the order that the parallax of the four central
-        views shows (`lf_flame.formats.view_files.parallax_order.find_order`), else ``row,col``.
-    grid : (int, int) or str, optional
-        Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
-        than a third of the views are missing. What is missing gets weight 0.
-    larger : bool, optional
-        Whether the views together may exceed the memory limit, for `ViewFolder.unpack`.
-
-    Returns
-    -------
-    ViewFolder
-
-    Raises
-    ------
-    InputError
-        If the folder, its names or the order cannot be used, or too many views are missing.
-
-    Notes
-    -----
-    With rows counted downward and columns to the right, as seen by the cameras, nearer objects have
-    the lower slope, as in `lf_flame.refocus`: when the camera moves to the right, near objects move
-    to the left. Parallel cameras then give only slopes below 0. A folder that gives higher slopes
-    to nearer objects has both axes turned, which no parallax shows: read it as ``-row,-col``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame import LightField, formats
-    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
-
-    >>> formats.write_view_folder(light_field, "views")
-    >>> formats.scan_view_folder("views").files.shape
-    (3, 3)
-    """
-    path = Path(path)
-    shape = as_grid(grid)
-    left_out = 0
-    if path.suffix.lower() == LIST and not path.is_dir():
-        listed = read_list(path)
-        files, pairs = list(listed.values()), list(listed)
-        if shape is None and off_grid(pairs):
-            return _placed_folder(path, files, pairs, order, left_out)
-        numbered, missing = grid_of(files, pairs, path)
-        if shape not in (None, numbered.shape):
-            raise InputError(
-                f"{path} lists {numbered.shape[0]} x {numbered.shape[1]} views, not the "
-                f"{shape[0]} x {shape[1]} of the grid stated."
-            )
-    else:
-        files, left_out = find_files(path)
-        placed = pairs_off_grid(files) if shape is None else None
-        if placed is not None:
-            return _placed_folder(path, files, placed, order, left_out)
-        numbered, missing = number_grid(files, shape)
-    places = 0 if larger else numbered.size
-    _check_memory([file for file in numbered.flat if file], path, places)
-    if numbered.ndim == 1:
-        numbered = fold(numbered, path, shape, read_image)
-    if order is None:
-        found = find_order(numbered, read_image)
-    else:
-        found = FoundOrder(check_order(order), "as stated")
-    return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
-
-
-def _placed_folder(
-    path: Path, files: list[File], pairs: list[Pair], order: str | None, left_out: int
-) -> ViewFolder:
-    """Arrange views at positions of their own as rows of one column."""
-    _check_memory(files, path, len(files))
-    positions, found = place_views(pairs, order)
-    column = np.empty((len(files), 1), object)
-    column[:, 0] = files
-    return ViewFolder(path, column, found, left_out, positions=positions)
-
-
-def _check_memory(files: list[File], folder: Path, places: int) -> None:
+def check_view_memory(files: list[File], folder: Path, places: int) -> None:
     """Refuse views that need too much memory, from the header of the first, before decoding.
 
     Counted are the places of views as floats, with files being decoded, or with the search for
@@ -294,71 +183,5 @@ def _readers(files: list[File]) -> int:
     return min(len(files), os.cpu_count() or 1)
 
 
-def read_view_folder(
-    path: str | Path,
-    order: str | None = None,
-    progress: Callable = iter,
-    *,
-    grid: Grid | str | None = None,
-) -> LightField:
-    """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; same parameters.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame import LightField, formats
-    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
-
-    >>> formats.write_view_folder(light_field, "views")
-    >>> read = formats.read_view_folder("views")
-    >>> bool(np.abs(read.views - light_field.views).max() < 1e-4)  # 16 bits
-    True
-    """
-    return scan_view_folder(path, order, grid=grid).read(progress)
-
-
 def _kind(shape: tuple[int, ...]) -> str:
     return f"{shape[0]} x {shape[1]} {'grey' if len(shape) == 2 else 'colour'}"
-
-
-def write_view_folder(
-    light_field: LightField, folder: str | Path, bits: int = 16, *, linear: bool = True
-) -> None:
-    """Write each view as ``view_RR_CC.png`` (floats: ``.tif``), rows and columns from 0.
-
-    Parameters
-    ----------
-    light_field : LightField
-        Values from 0 to 1, unless written as floats; grey, or with 1 or 3 channels.
-    folder : str or Path
-        A new or an empty folder. It appears when all views are written.
-    bits : int, optional
-        Number of bits: 8 or 16; 32 for floats.
-    linear : bool, optional
-        Whether values are linear in radiance; an 8-bit PNG then states it.
-
-    Raises
-    ------
-    InputError
-        If the folder contains files, or values or channels do not fit.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame import LightField, formats
-    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
-
-    >>> formats.write_view_folder(light_field, "views")
-    >>> formats.read_view_folder("views")
-    LightField(3 x 3 views of 20 x 30 pixels, grey)
-    """
-    folder = Path(folder).resolve()
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
-    levels = light_field.views if bits == 32 else to_levels(light_field.views, bits)
-    suffix = ".tif" if bits == 32 else ".png"
-    width = max(2, len(str(max(levels.shape[:2]) - 1)))
-    with atomic_folder(folder) as aside:
-        for v, u in np.ndindex(levels.shape[:2]):
-            path = aside / f"view_{v:0{width}}_{u:0{width}}{suffix}"
-            write_image(path, levels[v, u], linear=linear)

@@ -19,7 +19,7 @@ from lf_flame.tomography.axisymmetric.reconstruction import (
 from lf_flame.tomography.axisymmetric.section_fit import SectionFit
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.data_checks import check_range
-from lf_flame.tomography.soot import Emission, Soot, Steps, solve_soot, split_colours
+from lf_flame.tomography.soot_rounds import Emission, Soot, Steps, solve_soot, split_colours
 
 
 class _Round(NamedTuple):
@@ -96,6 +96,28 @@ class _AbsorbingFit:
         return excess.reshape(self._looked.views.shape), leaves
 
 
+class _SectionSteps(Steps[AxisymmetricFlame]):
+    """Fits of half sections to each colour."""
+
+    def __init__(self, fits: list[_AbsorbingFit], step_mm: float, bootstrap: int):
+        self._fits, self._step_mm, self._bootstrap = fits, step_mm, bootstrap
+
+    def first(self, c: int) -> Emission:
+        return self._fits[c].first()
+
+    def again(self, c: int, thickness: np.ndarray, last: Any) -> Emission:
+        return self._fits[c].again(thickness, last)
+
+    def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[AxisymmetricFlame, ...]:
+        if thickness is None:
+            return tuple(one.finish(None, None, self._bootstrap) for one in self._fits)
+        every = zip(self._fits, thickness, last, strict=True)
+        return tuple(one.finish(by_mm, before, self._bootstrap) for one, by_mm, before in every)
+
+    def total(self, thickness: np.ndarray) -> float:
+        return float(2 * thickness.sum(axis=1).max() * self._step_mm)
+
+
 def reconstruct_axisymmetric_soot(
     light_field: LightField,
     grid: AxisymmetricGrid,
@@ -169,21 +191,5 @@ def reconstruct_axisymmetric_soot(
         looked = look_at(one, grid)
         check_range(looked.views, noise)
         fits.append(_AbsorbingFit(looked, noise, strength, (seed, c)))
-
-    def first(c: int) -> Emission:
-        return fits[c].first()
-
-    def again(c: int, absorption: np.ndarray, last: Any) -> Emission:
-        return fits[c].again(absorption, last)
-
-    def finish(absorption: np.ndarray | None, last: Any) -> tuple[AxisymmetricFlame, ...]:
-        if absorption is None:
-            return tuple(one.finish(None, None, bootstrap) for one in fits)
-        every = zip(fits, absorption, last, strict=True)
-        return tuple(one.finish(by_mm, before, bootstrap) for one, by_mm, before in every)
-
-    def total(absorption: np.ndarray) -> float:
-        return float(2 * absorption.sum(axis=1).max() * grid.step_mm)
-
-    steps = Steps(first, again, finish, total)
+    steps = _SectionSteps(fits, grid.step_mm, bootstrap)
     return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)
