@@ -50,10 +50,15 @@ def explain_misfit(
     alone = _odd_view(views, chi_squared, noise)
     if residual is None:
         return alone
-    # Views that are blamed do not count: the emission must explain the others.
-    rest = residual.reshape(-1, *residual.shape[2:])
-    if alone:
-        rest = rest[np.argsort(chi_squared[np.isfinite(chi_squared)])[:-2]]
+    by_view = residual.reshape(-1, *residual.shape[2:])
+    if not alone:
+        return _unexplained(views, chi_squared, noise, by_view)
+    # Least squares leaves more of a fault in its view than in all other views together.
+    order = np.argsort(chi_squared[np.isfinite(chi_squared)])
+    rest = by_view[order[:-2]]
+    shared = _likeness(rest) * float(np.sum(np.square(rest, dtype=np.float64)))
+    if shared < float(np.sum(np.square(by_view[order[-2:]], dtype=np.float64))):
+        return alone
     return _unexplained(views, chi_squared, noise, rest) or alone
 
 
