@@ -5,21 +5,8 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.tomography.background import measure_edge
 from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.misfit import explain_misfit
 from lf_flame.tomography.resolution import depth_blur, finest_period
-
-VIEW_EXCESS = 1.3
-"""Smallest significant chi-squared of a view, relative to the median view; also that of the median
-view."""
-
-ALONE = 2.0
-"""Distance of the worst view from the median view, relative to that of the third worst, above which
-the view is wrong and not the model."""
-
-MODEL_ERROR = 2e-3
-"""Residual relative to the peak that is due to constant emission over each cell."""
-
-STRUCTURE = 0.1
-"""Correlation of residuals of neighbouring pixels above which they are not noise (about 0)."""
 
 SATURATED = 4
 """Smallest number of pixels at exactly the brightest value that suggests saturation."""
@@ -30,15 +17,9 @@ LARGEST = 1e15
 BRIGHT = 5.0
 """Number of standard errors by which the brightest pixel, averaged over views, exceeds darkness."""
 
-NEGATIVE = 6.0
-"""Number of standard deviations of noise below 0 beyond which light is negative."""
-
 ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
 by side reach 0.15, flames behind each other 0.6 and more."""
-
-DARK_CORNERS = 0.9
-"""Light of the corner views, relative to the median view, below which a stop darkens them."""
 
 
 def check_range(views: np.ndarray, noise: float | None) -> None:
@@ -97,6 +78,12 @@ def check_data(
         One sentence for each disagreement.
     """
     if not _has_light(views, noise):
+        if _has_light(-views, noise):
+            return (
+                f"The light field is negative (its darkest pixel, averaged over the views, is "
+                f"{float(views.mean(axis=(0, 1)).min()):.3g}), and no light explains that: its "
+                f"sign is turned, or too much was subtracted.",
+            )
         return (
             f"The light field holds no light above its noise (its brightest pixel, averaged over "
             f"the views, is {float(views.mean(axis=(0, 1)).max()):.3g}): there is nothing to find; "
@@ -109,10 +96,7 @@ def check_data(
             f"what no emission at these depths explains: depths, alignment, gains or a background "
             f"may be wrong."
         )
-    alone = _odd_view(views, chi_squared, noise)
-    found += alone
-    if not alone or np.nanmedian(chi_squared) > VIEW_EXCESS:
-        found += _unexplained(views, chi_squared, noise, residual)
+    found += explain_misfit(views, chi_squared, noise, residual)
     found += _check_edges(views, noise, len(chi_squared))
     peak = views.max()
     ceiling = int(np.count_nonzero(views == peak))
@@ -197,75 +181,6 @@ def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
 def _has_light(views: np.ndarray, noise: float) -> bool:
     error = noise / np.sqrt(np.prod(views.shape[:2]))
     return float(views.mean(axis=(0, 1), dtype=np.float64).max()) > BRIGHT * error
-
-
-def _odd_view(views: np.ndarray, chi_squared: np.ndarray, noise: float) -> list[str]:
-    """Name the worst view if it, or it and one other, is wrong, and the rest is not."""
-    worst = np.unravel_index(np.nanargmax(chi_squared), chi_squared.shape)
-    middle, highest = float(np.nanmedian(chi_squared)), float(chi_squared[worst])
-    third = float(np.sort(chi_squared[np.isfinite(chi_squared)])[-3:][0])
-    residual = np.sqrt(highest) * noise
-    if (
-        residual > MODEL_ERROR * views.max()
-        and highest > VIEW_EXCESS * middle
-        and highest - middle > ALONE * (third - middle)
-    ):
-        return [
-            f"View {worst[0]}, {worst[1]} is explained {highest / middle:.3g} times "
-            f"worse than the median view: its gain, or the alignment, may be off."
-        ]
-    return []
-
-
-def _unexplained(
-    views: np.ndarray, chi_squared: np.ndarray, noise: float, residual: np.ndarray | None
-) -> list[str]:
-    """Warn if the emission does not explain the views, with the possible causes."""
-    if residual is None:
-        return []
-    peak, size = float(views.max()), float(np.sqrt(np.mean(np.square(residual, dtype=np.float64))))
-    likeness, middle = _likeness(residual), float(np.nanmedian(chi_squared))
-    structured = likeness > STRUCTURE and np.sqrt(likeness) * size > MODEL_ERROR * peak
-    far_above = middle > VIEW_EXCESS and size > MODEL_ERROR * peak
-    if not structured and not far_above:
-        return []
-    return [
-        f"No emission at these depths explains the views: the residual is {size / peak:.1%} of the "
-        f"peak, chi-squared of the median view is {middle:.3g}, and {max(likeness, 0):.0%} of the "
-        f"residual is structure, which noise does not have. The emission is wrong by more than its "
-        f"error bars say. Most likely first: {'; '.join(_causes(views, noise))}."
-    ]
-
-
-def _likeness(residual: np.ndarray) -> float:
-    """Correlation of residuals of neighbouring pixels, averaged over rows and columns."""
-    power = float(np.mean(np.square(residual, dtype=np.float64)))
-    if not power:
-        return 0.0
-    beside = (
-        np.mean(residual[..., 1:, :] * residual[..., :-1, :], dtype=np.float64),
-        np.mean(residual[..., 1:] * residual[..., :-1], dtype=np.float64),
-    )
-    return float(np.nan_to_num(beside).mean()) / power
-
-
-def _causes(views: np.ndarray, noise: float) -> list[str]:
-    """List the causes of views that no emission explains, most likely first."""
-    found = [
-        "depths that are wrong or do not hold all of the scene",
-        "another camera than the one stated, or views that are not aligned",
-        "light that is hidden or absorbed on its way",
-        "a round stop, which darkens the corner views (keep the inner views)",
-        "negative light, where too much was subtracted",
-    ]
-    first = []
-    if views.min() < -NEGATIVE * noise:
-        first.append(found.pop(4))
-    light = views.mean(axis=(2, 3), dtype=np.float64)
-    corners = light[np.ix_([0, -1], [0, -1])]
-    if light.shape[1] > 1 and corners.max() < DARK_CORNERS * np.median(light):
-        first.append(found.pop(3))
-    return first + found
 
 
 def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:

@@ -38,6 +38,12 @@ def test_a_light_field_without_light_gets_a_remark(level):
     assert "holds no light above its noise" in said
 
 
+def test_negative_light_is_said_to_be_negative():
+    (said,) = check_data(-quiet_views(), EVEN, 0.01, 0.01, stated=False)
+    assert "its sign is turned" in said
+    assert "-1" in said
+
+
 def test_a_view_is_odd_beside_the_others_and_not_by_itself():
     chi_squared = EVEN.copy()
     chi_squared[3, 1] = 2.0

@@ -211,7 +211,8 @@ def explain_views(
     chi_squared = grid.place(power / noise_variance(fit.noise), np.nan)
     draws = fit.draw(section, bootstrap, rng, prior_rng)
     depth_ratio = fit.depth_ratio(section)
-    departures = check_roundness(looked.axis) + check_stated(looked.axis, grid, views)
+    # An axis that is not straight may also seem to lean.
+    departures = check_stated(looked.axis, grid, views) + check_roundness(looked.axis)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
     misfit = check_misfit(grid, residual, float(views.max()))

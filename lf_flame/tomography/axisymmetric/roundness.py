@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
+from lf_flame._common.arrays import centred
 from lf_flame.tomography.axisymmetric.axis import MARGIN, FlameAxis
 from lf_flame.tomography.axisymmetric.fit import AxisymmetricFit
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
@@ -37,7 +38,10 @@ DEPTH_RATIO = 1.5
 DEEPEST = 10.0
 """Extent in depth, relative to that across, beyond which a flame is not thought of."""
 
-MOST_DEPTH_RATIO = 0.15
+FLATTEST = 1 / DEEPEST
+"""Extent in depth, relative to that across, below which a flame is not thought of."""
+
+MOST_DEPTH_RATIO = 0.05
 """Largest departure of the depth ratio from 1 without a warning."""
 
 MODEL_ERROR = 1e-3
@@ -170,12 +174,25 @@ def check_misfit(grid: AxisymmetricGrid, residual: np.ndarray, peak: float) -> t
     )
 
 
+def _longer_path(grid: AxisymmetricGrid) -> np.ndarray:
+    """Excess of a ray's path through a slab, 1 / cos - 1, to second order, shape (v, u, t, s)."""
+    camera, pixels = grid.camera, grid.view_shape[2:]
+    distance, slope = camera.distance_mm(grid.depth_mm), camera.depth_to_slope(grid.depth_mm)
+    views = centred(camera.views)[:, None]
+    squared = []
+    for count in pixels:
+        place = grid.step_mm * (centred(count) - slope / grid.block * views)
+        squared.append(np.square((place - camera.view_step_mm * views) / distance))
+    down, across = squared
+    return grid.pick((down[:, None, :, None] + across[None, :, None, :]) / 2)
+
+
 class DepthRatio:
     """Extent of a flame in depth relative to that across, as its light field shows it.
 
     The reconstructed emission is stretched in depth, with the same light along the line of sight.
-    The resulting change of the views, without the part that an axisymmetric flame could imitate, is
-    correlated with the residual (a matched filter).
+    The resulting change of the views, without the parts that an axisymmetric flame or the longer
+    path of oblique rays could imitate, is correlated with the residual (a matched filter).
 
     Parameters
     ----------
@@ -204,22 +221,49 @@ class DepthRatio:
         sd: np.ndarray,
     ):
         wide = replace(operator.grid, depth_ratio=DEPTH_RATIO)
+        round_one = operator.matvec(emission.ravel())
         seen = AxisymmetricOperator(wide).matvec(emission.ravel() / DEPTH_RATIO)
         peak = float(seen.max())
-        seen -= operator.matvec(emission.ravel())
-        change = problem.explain(operator.rmatvec(seen))
-        change = (seen - operator.matvec(change.ravel())).reshape(residual.shape)
+
+        def unlike_round(views: np.ndarray) -> np.ndarray:
+            explained = problem.explain(operator.rmatvec(views.ravel()))
+            return views.reshape(residual.shape) - operator.matvec(explained.ravel()).reshape(
+                residual.shape
+            )
+
+        change = unlike_round(seen - round_one)
+        # The operator gives all rays the path of one along the optical axis. Oblique rays have
+        # longer ones, which looks like a flatter flame.
+        longer = unlike_round(round_one.reshape(residual.shape) * _longer_path(operator.grid))
+        power = max(float(np.sum(np.square(longer))), float(np.finfo(np.float32).tiny))
+        change -= longer * float(np.sum(change * longer)) / power
         power = max(float(np.sum(np.square(change))), float(np.finfo(np.float32).tiny))
         noise = float(np.sum(np.square(change * sd)))
-        step = DEPTH_RATIO - 1
+        # The change follows the flame's second moment along depth.
+        step = DEPTH_RATIO**2 - 1
         size = float(np.sqrt(power / change.size))
-        grid_error = GRID_ERROR * peak / size
-        self.ratio = 1 + step * float(np.sum(change * residual)) / power
-        self.error = step * float(np.hypot(np.sqrt(noise) / power, grid_error))
+        self._squared = 1 + step * float(np.sum(change * residual)) / power
+        self._error = step * float(np.hypot(np.sqrt(noise) / power, GRID_ERROR * peak / size))
+        self.ratio = float(np.sqrt(max(self._squared, FLATTEST**2)))
+        self.error = self._error / 2 / self.ratio
+
+    def hidden(self, ratio: float) -> float | None:
+        """Nearest depth ratio that this light field would show, if not `ratio`, else None.
+
+        It is 0 or infinite if there is none to be thought of.
+        """
+        reach = ERRORS * self._error
+        if abs(ratio**2 - 1) >= reach:
+            return None
+        if ratio < 1:
+            return float(np.sqrt(1 - reach)) if reach < 1 - FLATTEST**2 else 0.0
+        return float(np.sqrt(1 + reach)) if reach < DEEPEST**2 - 1 else np.inf
 
     def check(self) -> tuple[str, ...]:
         """Sentence if the flame is deeper or flatter than axisymmetric."""
-        if abs(self.ratio - 1) <= max(MOST_DEPTH_RATIO, ERRORS * self.error):
+        if abs(self._squared - 1) <= ERRORS * self._error:
+            return ()
+        if abs(self.ratio - 1) <= MOST_DEPTH_RATIO:
             return ()
         deeper = "deeper" if self.ratio > 1 else "flatter"
         return (
@@ -231,12 +275,18 @@ class DepthRatio:
 def name_unseen(axis: FlameAxis, depth: DepthRatio) -> tuple[str, ...]:
     """Sentences on departures from an axisymmetric, upright flame that noise would hide."""
     found = []
-    hidden = 1 + ERRORS * depth.error
-    if hidden > DEPTH_RATIO:
-        shown = f", only one above about {hidden:.2g}" if hidden < DEEPEST else ", nor a deeper one"
+    deep, flat = depth.hidden(DEPTH_RATIO), depth.hidden(1 / DEPTH_RATIO)
+    if deep is not None:
+        shown = f", only one above about {deep:.2g}" if deep < DEEPEST else ", nor a deeper one"
         found.append(
             f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide"
             f"{shown}: what is found would be too large by that factor."
+        )
+    if flat is not None:
+        shown = f", only one below about {flat:.2g}" if flat > 0 else ", nor a flatter one"
+        found.append(
+            f"This light field would not show a flame {1 / DEPTH_RATIO:.2g} times as deep as wide"
+            f"{shown}: what is found would be too small by that factor."
         )
     if ERRORS * axis.depth_lean_error_deg > SEEN_LEAN_DEG:
         found.append(

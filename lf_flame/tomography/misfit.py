@@ -1,0 +1,139 @@
+"""The part of a light field that no emission explains, and its possible causes."""
+
+import numpy as np
+
+from lf_flame.tomography.background import measure_edge
+
+VIEW_EXCESS = 1.3
+"""Smallest significant chi-squared of a view, relative to the median view; also that of the median
+view."""
+
+ALONE = 2.0
+"""Distance of the worst view from the median view, relative to that of the third worst, above which
+the view is wrong and not the model."""
+
+MODEL_ERROR = 2e-3
+"""Residual relative to the peak that is due to constant emission over each cell."""
+
+STRUCTURE = 0.1
+"""Correlation of residuals of neighbouring pixels above which they are not noise (about 0)."""
+
+NEGATIVE = 6.0
+"""Number of standard deviations of noise below 0 beyond which light is negative."""
+
+DARK_CORNERS = 0.9
+"""Light of the corner views, relative to the median view, below which a stop darkens them."""
+
+UNEVEN = 0.02
+"""Standard deviation of the views' light, relative to their median, above which views lose light on
+its way: with wrong depths or a wrong camera it is 0.005, behind a post 0.1."""
+
+LIT_EDGE = 0.03
+"""Light at the field's edge, relative to the peak, above which the edge is the likely cause."""
+
+
+def explain_misfit(
+    views: np.ndarray, chi_squared: np.ndarray, noise: float, residual: np.ndarray | None
+) -> list[str]:
+    """Say what no emission explains: of a single view, or of all, with the likely causes.
+
+    Parameters
+    ----------
+    views : ndarray, shape (v, u, t, s)
+    chi_squared : ndarray, shape (v, u)
+        Mean squared residual of each view, in units of the noise's variance.
+    noise : float
+        Standard deviation of a pixel's noise.
+    residual : ndarray, shape of `views`, or None
+        Part that the emission does not explain; None if it is unknown.
+    """
+    alone = _odd_view(views, chi_squared, noise)
+    if residual is None:
+        return alone
+    by_view = residual.reshape(-1, *residual.shape[2:])
+    if not alone:
+        return _unexplained(views, chi_squared, noise, by_view)
+    # Least squares leaves more of a fault in its view than in all other views together.
+    order = np.argsort(chi_squared[np.isfinite(chi_squared)])
+    rest = by_view[order[:-2]]
+    shared = _likeness(rest) * float(np.sum(np.square(rest, dtype=np.float64)))
+    if shared < float(np.sum(np.square(by_view[order[-2:]], dtype=np.float64))):
+        return alone
+    return _unexplained(views, chi_squared, noise, rest) or alone
+
+
+def _odd_view(views: np.ndarray, chi_squared: np.ndarray, noise: float) -> list[str]:
+    """Name the worst view if it, or it and one other, is wrong, and the rest is not."""
+    worst = np.unravel_index(np.nanargmax(chi_squared), chi_squared.shape)
+    middle, highest = float(np.nanmedian(chi_squared)), float(chi_squared[worst])
+    third = float(np.sort(chi_squared[np.isfinite(chi_squared)])[-3:][0])
+    residual = np.sqrt(highest) * noise
+    if (
+        residual > MODEL_ERROR * views.max()
+        and highest > VIEW_EXCESS * middle
+        and highest - middle > ALONE * (third - middle)
+    ):
+        return [
+            f"View {worst[0]}, {worst[1]} is explained {highest / middle:.3g} times "
+            f"worse than the median view: its gain, or the alignment, may be off."
+        ]
+    return []
+
+
+def _unexplained(
+    views: np.ndarray, chi_squared: np.ndarray, noise: float, residual: np.ndarray
+) -> list[str]:
+    """Warn if the emission does not explain the views, with the possible causes."""
+    peak, size = float(views.max()), float(np.sqrt(np.mean(np.square(residual, dtype=np.float64))))
+    likeness, middle = _likeness(residual), float(np.nanmedian(chi_squared))
+    structured = likeness > STRUCTURE and np.sqrt(likeness) * size > MODEL_ERROR * peak
+    far_above = middle > VIEW_EXCESS and size > MODEL_ERROR * peak
+    if not structured and not far_above:
+        return []
+    return [
+        f"No emission at these depths explains the views: the residual is {size / peak:.1%} of the "
+        f"peak, chi-squared of the median view is {middle:.3g}, and {max(likeness, 0):.0%} of the "
+        f"residual is structure, which noise does not have. The emission is wrong by more than its "
+        f"error bars say. Most likely first: {'; '.join(_causes(views, noise))}."
+    ]
+
+
+def _likeness(residual: np.ndarray) -> float:
+    """Correlation of residuals of neighbouring pixels, averaged over rows and columns."""
+    power = float(np.mean(np.square(residual, dtype=np.float64)))
+    if not power:
+        return 0.0
+    beside = (
+        np.mean(residual[..., 1:, :] * residual[..., :-1, :], dtype=np.float64),
+        np.mean(residual[..., 1:] * residual[..., :-1], dtype=np.float64),
+    )
+    return float(np.nan_to_num(beside).mean()) / power
+
+
+def _causes(views: np.ndarray, noise: float) -> list[str]:
+    """List the causes of views that no emission explains, most likely first.
+
+    What the views themselves show comes before what cannot be seen in them.
+    """
+    edge, light = measure_edge(views), views.mean(axis=(2, 3), dtype=np.float64)
+    middle = float(np.median(light))
+    corners = light[np.ix_([0, -1], [0, -1])]
+    lit = edge.brightest > max(LIT_EDGE * float(views.max()), NEGATIVE * edge.error)
+    dark = light.shape[1] > 1 and corners.max() < DARK_CORNERS * middle
+    # The noise of a view's mean is far smaller than that of a pixel.
+    lost = float(light.std()) > max(UNEVEN * middle, 3 * noise / np.sqrt(views[0, 0].size))
+    seen = {
+        "a background that was not subtracted, or too much of it": edge.is_background,
+        "negative light, where too much was subtracted": views.min() < -NEGATIVE * noise,
+        "light at the field's edge, of a flame that is cut, another object or an uneven "
+        "background": lit,
+        "a round stop, which darkens the corner views (keep the inner views)": dark,
+        "light that is hidden or absorbed on its way, or views of different gains": lost,
+    }
+    return [
+        *(cause for cause, shows in seen.items() if shows),
+        "depths that are wrong or do not hold all of the scene",
+        "another camera than the one stated, or views that are not aligned",
+        "values that are not linear in light (gamma, sRGB)",
+        *(cause for cause, shows in reversed(seen.items()) if not shows),
+    ]
