@@ -15,23 +15,17 @@ from lf_flame.formats.raw.black_level import note_on_black
 from lf_flame.formats.raw.colour_pattern import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.resampling import Resampling
+from lf_flame.formats.raw.white_views import (
+    bright_parts,
+    counted_views,
+    evenly_lit,
+    lit_views,
+    pixel_gain,
+    white_gain,
+)
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
-
-LEAST_LIT = 0.5
-"""Smallest brightness, relative to its micro-image's centre, of a pixel that counts as lit.
-
-A darker pixel is partly outside the image of the aperture; its light comes from its inner part.
-Scaled to full brightness, it would pull the slope of sharpest focus towards 0.
-"""
-
-SHARED, SHARED_IN_MOSAIC = 0.5, 1.5
-"""Mean overlap, in pixels, of a part with a pixel that it shares with a neighbouring part. In a
-mosaic the next pixel of a colour is up to two pixels away."""
-
-LEAST_LEVEL = 0.05
-"""Smallest centre brightness, relative to the median, of a micro-image that is trusted."""
 
 TOUCHED = 0.02
 """Share of unknown pixels of the sensor in a pixel of a view from which it is unknown too."""
@@ -50,7 +44,9 @@ class DecodePlan:
 
     The pixels of each colour of a Bayer mosaic are interpolated linearly by themselves, without a
     demosaic: no light moves between colours, and none further than two pixels. This blurs detail
-    of a micro-image that is finer than some pixels. It changes slopes by 1 % or so.
+    of a micro-image that is finer than some pixels. Its pixels are divided by those of the white
+    image before, and views that are read from dark pixels too, beyond the image of the aperture, do
+    not count: both would lower slopes by 2 %.
 
     A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
     and along each row linear interpolation removes the offset of every other row and changes the
@@ -136,14 +132,19 @@ class DecodePlan:
         self._refuse_mosaic(light, "white")
         self._bad = find_bad_pixels(light, self._black, grid, step)
         self._black = None if self._black is None else self._mended(self._black)
-        self._gain, bright = None, None
-        lit = np.ones((views, views), bool)
-        if white is not None:
+        self._gain, self._flat, bright = None, None, None
+        lit = even = np.ones((views, views), bool)
+        if white is not None and light is not None:
             flat = self._mended(_fitting(white, "white", self.shape))
             parts = self._resampling(flat, self._black, square=False)
-            lit, bright = _lit(parts), self._resampling.joined(_bright(parts))
-            self._gain = _gain(parts)
-        self.weights, self._saturation = _counted(grid, lit, step), saturation
+            lit, bright = lit_views(parts), self._resampling.joined(bright_parts(parts))
+            if self.bayer is not None:
+                light = self._mended(light)
+                self._flat = pixel_gain(light, grid)
+                even = evenly_lit(grid, light * self._flat, views, self.bayer)
+                parts = self._resampling(light * self._flat, None, square=False)
+            self._gain = white_gain(parts)
+        self.weights, self._saturation = counted_views(grid, lit, even, step), saturation
         lost = None if self._bad is None else self._untouched(self._bad.lost_in(self.shape))
         self._valid = self._known(bright, lost)
         self._is_new = True
@@ -176,7 +177,7 @@ class DecodePlan:
         saturated = find_saturated(image, self._saturation)
         if self._is_new:
             self._look_at(image, saturated)
-        views = self._resampling(self._mended(image), self._black, self._gain)
+        views = self._resample(self._mended(image))
         coloured = len(self.shape) == 3 or self.bayer is not None
         weights = None if self.weights.all() else self.weights.astype(np.float32)
         valid = self._valid
@@ -187,6 +188,12 @@ class DecodePlan:
         return LightField.trusted(
             views if coloured else views[..., 0], weights=weights, valid=valid
         )
+
+    def _resample(self, image: np.ndarray) -> np.ndarray:
+        if self._flat is None:
+            return self._resampling(image, self._black, self._gain)
+        light = image if self._black is None else image - self._black
+        return self._resampling(light * self._flat, None, self._gain)
 
     def _untouched(self, lost: np.ndarray) -> np.ndarray | None:
         """Find the pixels of views without noticeable light of lost pixels of the sensor.
@@ -293,51 +300,3 @@ def _count_views(grid: LensletGrid, views: int | None) -> int:
             f"lenslet, got {views}."
         )
     return int(views)
-
-
-def _counted(grid: LensletGrid, lit: np.ndarray, step: int) -> np.ndarray:
-    """Find the views that are lit and belong to their own lenslet: bool, shape (v, u)."""
-    views = len(lit)
-    own = lit & grid.own_views(views)
-    if grid.on_pixels and step == 1:
-        return own
-    alone = lit & grid.own_views(views, SHARED if step == 1 else SHARED_IN_MOSAIC)
-    # With few views, those at the rim are needed, even if they share some light.
-    fewest = own.sum() / 2 if step == 1 else 9
-    return alone if alone.sum() >= fewest else own
-
-
-def _lit(white: np.ndarray) -> np.ndarray:
-    """Find the views that are mostly lit in a white image's parts: bool, shape (v, u)."""
-    level = np.array([[np.median(view.mean(axis=2)) for view in row] for row in white])
-    return level >= LEAST_LIT * level[len(level) // 2, len(level) // 2]
-
-
-def _bright(white: np.ndarray) -> np.ndarray:
-    """Find the parts that are bright enough to divide by: bool, shape (v, u, row, column)."""
-    _, least = _levels(white)
-    return np.array([[(view >= least).all(axis=2) for view in row] for row in white])
-
-
-def _levels(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median of the white image's central view, and the least by which its parts are divided."""
-    middle = white[white.shape[0] // 2, white.shape[1] // 2].copy()
-    level = np.median(middle, axis=(0, 1))
-    if not np.all(level > 0):
-        raise InputError(
-            f"The white image must be bright in the middle of its micro-images, "
-            f"got a median there of {level.min():g}."
-        )
-    return level, np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
-
-
-def _gain(white: np.ndarray) -> np.ndarray:
-    """Median of the white image's central view over its parts, bounded for dark pixels.
-
-    It replaces the parts, to save memory.
-    """
-    level, least = _levels(white)
-    for row in white:
-        for view in row:
-            np.divide(level, np.maximum(view, least, out=view), out=view)
-    return white
