@@ -12,6 +12,7 @@ from . import simulation as simulation
 from . import systems as systems
 from . import tomography as tomography
 from . import viewer as viewer
+from .calibration import read_lens as read_lens
 from .errors import InputError as InputError
 from .formats import read_light_field as read_light_field
 from .formats import write_light_field as write_light_field
