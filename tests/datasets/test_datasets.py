@@ -391,7 +391,7 @@ def test_nothing_finished_is_overwritten(tiny, tmp_path):
         ("image = [8, 12]", "image = [7, 12]", "image must divide"),
         ("smoke = 5", "smoke = 0", "samples from 1 to 1000000"),
         ("size = 0.08", "size = 1.5", "size must be below 1"),
-        ('"circle"', '"star"', "template: objects.1.shape: input should be 'rectangle'"),
+        ('"circle"', '"star"', "template: objects #2.shape: input should be 'rectangle'"),
         ("views = 5", "views = 5.5", "camera.views: input should be a valid integer"),
         ("[camera]", "[camera", "is not a TOML file"),
     ],
