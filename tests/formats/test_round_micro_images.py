@@ -81,7 +81,7 @@ def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, 
         *(raw_of_a_plane(one, hexagonal, seed=k, falloff=0.4) for k, one in enumerate(slopes)),
         strict=True,
     )
-    raw, white = mosaic(raws, pattern), mosaic(whites, pattern)
+    raw, white = (np.rint(5e4 * mosaic(one, pattern)).astype(np.uint16) for one in (raws, whites))
     light_field = decode_raw(raw, estimate_grid(white), white=white, bayer=pattern)
     assert light_field.views.shape[4] == 3
     middle = light_field.views[7, 7].mean(axis=(0, 1))

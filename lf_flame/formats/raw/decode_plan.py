@@ -139,10 +139,12 @@ class DecodePlan:
             parts = self._resampling(flat, self._black, square=False)
             lit, bright = lit_views(parts), self._resampling.joined(bright_parts(parts))
             if self.bayer is not None:
-                light = self._mended(light)
+                del parts
+                light = self._mended(light).astype(np.float32, copy=False)
                 self._flat = pixel_gain(light, grid)
-                even = evenly_lit(grid, light * self._flat, views, self.bayer)
-                parts = self._resampling(light * self._flat, None, square=False)
+                light = light * self._flat
+                even = evenly_lit(grid, light, views, self.bayer)
+                parts = self._resampling(light, None, square=False)
             self._gain = white_gain(parts)
         self.weights, self._saturation = counted_views(grid, lit, even, step), saturation
         lost = None if self._bad is None else self._untouched(self._bad.lost_in(self.shape))
