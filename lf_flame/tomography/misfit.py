@@ -113,7 +113,7 @@ def _likeness(residual: np.ndarray) -> float:
 def _causes(views: np.ndarray, noise: float) -> list[str]:
     """List the causes of views that no emission explains, most likely first.
 
-    What the views themselves show comes before what cannot be seen in them.
+    Causes that show in the views themselves come before those that do not.
     """
     edge, light = measure_edge(views), views.mean(axis=(2, 3), dtype=np.float64)
     middle = float(np.median(light))

@@ -1,4 +1,4 @@
-"""What a white image tells of the views: which count, and by what their parts are divided."""
+"""Views that count, and the factors of their parts, from a white image."""
 
 import math
 from dataclasses import replace
@@ -32,7 +32,11 @@ dark, the light comes from the inner ones.
 """
 
 MIDDLE = 1024
-"""Largest side, in pixels, of the part of a white image that is looked at for that."""
+"""Largest side, in pixels, of the part of a white image that is looked at for that, if it holds
+`WHOLE` micro-images."""
+
+WHOLE = 4
+"""Smallest number of micro-images along a side of that part."""
 
 
 def counted_views(grid: LensletGrid, lit: np.ndarray, even: np.ndarray, step: int) -> np.ndarray:
@@ -84,9 +88,10 @@ def evenly_lit(grid: LensletGrid, white: np.ndarray, views: int, bayer: str | No
     white : ndarray of float32, shape (rows, columns, 1)
         White image less its black level, times `pixel_gain`.
     """
+    side = max(MIDDLE, 2 * math.ceil(WHOLE * max(grid.pitch, grid.row_pitch) / 2))
     # Even corners keep the pattern of the mosaic.
-    top, left = (max(n - MIDDLE, 0) // 4 * 2 for n in white.shape[:2])
-    white = np.ascontiguousarray(white[top : top + MIDDLE, left : left + MIDDLE])
+    top, left = (max(n - side, 0) // 4 * 2 for n in white.shape[:2])
+    white = np.ascontiguousarray(white[top : top + side, left : left + side])
     moved = replace(grid, x0=grid.x0 - left, y0=grid.y0 - top)
     resampling = Resampling(moved, white.shape[:2], views, bayer)
     means, squares = (resampling(one, None, square=False) for one in (white, white**2))
