@@ -105,16 +105,32 @@ def refuse_options(what: str, **options: Any) -> None:
             raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
 
 
-def _refuse_gaps(camera: "PlenopticCamera") -> None:
-    """Refuse a camera whose views are narrower than micro-image / views, as decoded ones are."""
+def _check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
+    """Compare a camera's step between views with micro-image / views, that of decoded ones.
+
+    Raises
+    ------
+    InputError
+        If it is smaller, and the views are decoded from a raw image. For views that are stored it
+        is a note, as those of a simulated raw image have gaps.
+    """
     filling = camera.micro_image_pitch_mm / camera.views
-    if camera.pixel_mm < FILLING * filling:
+    if camera.pixel_mm >= FILLING * filling:
+        return
+    stated = (
+        f"the {camera.views} views of a decoded raw image divide the whole micro-image, so one "
+        f"step between them is {filling:.6g} mm on the sensor, got {camera.pixel_mm:.6g}."
+    )
+    if is_raw:
         raise InputError(
-            f"Leave pixel_pitch_mm out of the camera file: the {camera.views} views of a decoded "
-            f"raw image divide the whole micro-image, so one step between them is {filling:.6g} "
-            f"mm on the sensor, got {camera.pixel_mm:.6g}. (A simulated raw image is read by "
-            f"--views.)"
+            f"Leave pixel_pitch_mm out of the camera file: {stated} (A simulated raw image is read "
+            f"by --views.)"
         )
+    tell(
+        f"If these views were decoded with a white image or --pitch, depths in mm are wrong by "
+        f"about {filling / camera.pixel_mm - 1:.1%}: leave pixel_pitch_mm out of the camera file; "
+        f"{stated}"
+    )
 
 
 @dataclass(frozen=True)
@@ -154,8 +170,8 @@ class Reading:
                 "those of --focused; use a calibration by `lf-flame calibrate`."
             )
 
-        if self.is_raw and isinstance(lens, PlenopticCamera):
-            _refuse_gaps(lens)
+        if isinstance(lens, PlenopticCamera) and (self.is_raw or self.views is None):
+            _check_gaps(lens, self.is_raw)
         stated = self.views is not None or self.mosaic is not None
         if lens is None or stated or is_view_folder(source):
             return self

@@ -183,6 +183,11 @@ def _has_light(views: np.ndarray, noise: float) -> bool:
     return float(views.mean(axis=(0, 1), dtype=np.float64).max()) > BRIGHT * error
 
 
+def _share(adds: float) -> str:
+    """Put into words what a background adds, relative to the rest of the light."""
+    return f"about {abs(adds):.0%} of" if abs(adds) < 1 else "more than the rest of its"
+
+
 def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
     """Warn of light at the edges of the field: a background, or emission that is cut off.
 
@@ -192,18 +197,17 @@ def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
     if edge.is_background and edge.clipped:
         return [
             f"Blacks are cut off at 0: many pixels of the field's edge are exactly 0 and none is "
-            f"below, which leaves a background of {edge.level:.3g} and adds about "
-            f"{edge.adds:.0%} of light. Record with a black level above the noise, and "
-            f"subtract it in numbers that may be negative."
+            f"below, which leaves a background of {edge.level:.3g} and adds {_share(edge.adds)} "
+            f"light. Record with a black level above the noise, and subtract it in numbers that "
+            f"may be negative."
         ]
     if edge.is_background:
         verb = "adds" if edge.level > 0 else "takes away"
-        # If the field is no brighter than its edge, all of its light is background.
-        share = f"about {abs(edge.adds):.0%} of" if np.isfinite(edge.adds) else "all of its"
         return [
-            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} {share} "
-            f"light if nothing glows there: subtract the dark frame, or fit the background "
-            f"(--background fit), or it becomes emission. A flame at the edge is cut there."
+            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} "
+            f"{_share(edge.adds)} light if nothing glows there: subtract the dark frame, or fit "
+            f"the background (--background fit), or it becomes emission. A flame at the edge is "
+            f"cut there."
         ]
     error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
     if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():

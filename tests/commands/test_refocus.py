@@ -587,6 +587,9 @@ def test_a_camera_s_pixels_narrower_than_the_steps_of_decoded_views_are_refused(
     file = written_camera(camera, tmp_path, **facts, pixel_pitch_mm=0.9 * filling)
     with pytest.raises(InputError, match=f"Leave pixel_pitch_mm out .* is {filling:.6g} mm"):
         run(tmp_path / "raw.tif", *words, "--camera", file, "--out", tmp_path / "out")
+    np.save(tmp_path / "views.npy", rng.uniform(size=(9, 9, 14, 14)).astype(np.float32))
+    said = run(tmp_path / "views.npy", *words[-2:], "--camera", file, "--out", tmp_path / "stored")
+    assert "wrong by about 11.1%: leave pixel_pitch_mm out" in said.output
     file = written_camera(camera, tmp_path, **facts, pixel_pitch_mm=0.995 * filling)
     run(tmp_path / "raw.tif", *words, "--camera", file, "--out", tmp_path / "out")
 

@@ -22,36 +22,64 @@ LANES = 256
 """Number of columns that one thread filters at a time."""
 
 
-def _filter_rows(queue, image, black, first, step, filtered, out):
-    """Read the pixels of a lattice less their black level, and perhaps filter them along rows.
+def _read_row(image, black, y, first, step, line):
+    """Read the pixels of a row of a lattice less their black level, and repeat those at its ends.
+
+    y: row of the image. first, step: column of the lattice's first pixel, and distance to the next.
+    """
+    width = line.size - 2 * MARGIN
+    for x in range(width):
+        at = first + step * x
+        line[MARGIN + x] = image[y, at]
+        if black is not None:
+            line[MARGIN + x] = image[y, at] - black[y, at]
+    line[:MARGIN] = line[MARGIN]
+    line[MARGIN + width :] = line[MARGIN + width - 1]
+
+
+def _filter_four(p, q, r, s):
+    """Filter four rows; the processor waits for one's sums while it makes those of the others.
 
     Two passes, forward and backward, invert the spline's values at the pixels (Unser 1999).
+    """
+    # Before the first pixel a row is constant, so that the filter's state is known.
+    a, b = GAIN * p[0] / (1 - POLE), GAIN * q[0] / (1 - POLE)
+    c, d = GAIN * r[0] / (1 - POLE), GAIN * s[0] / (1 - POLE)
+    last = p.size - 1
+    ends = p[last], q[last], r[last], s[last]
+    for x in range(p.size):
+        p[x] = a = GAIN * p[x] + POLE * a
+        q[x] = b = GAIN * q[x] + POLE * b
+        r[x] = c = GAIN * r[x] + POLE * c
+        s[x] = d = GAIN * s[x] + POLE * d
+    a, b, c, d = ends
+    for x in range(last, -1, -1):
+        p[x] = a = POLE * (a - p[x])
+        q[x] = b = POLE * (b - q[x])
+        r[x] = c = POLE * (c - r[x])
+        s[x] = d = POLE * (d - s[x])
+
+
+def _filter_rows(queue, image, black, first, step, filtered, out):
+    """Read the pixels of a lattice less their black level, and perhaps filter them along rows.
 
     image: shape (rows, columns). black: the same, or None. first, step: row and column of the
     lattice's first pixel, and distances to the next.
     """
-    height, width = out.shape[0] - 2 * MARGIN, out.shape[1] - 2 * MARGIN
-    for k in pieces(queue, out.shape[0]):
-        y = first[0] + step[0] * min(max(k - MARGIN, 0), height - 1)
-        line = out[k]
-        for x in range(width):
-            at = first[1] + step[1] * x
-            line[MARGIN + x] = image[y, at]
-            if black is not None:
-                line[MARGIN + x] = image[y, at] - black[y, at]
-        line[:MARGIN] = line[MARGIN]
-        line[MARGIN + width :] = last = line[MARGIN + width - 1]
-        if not filtered:
-            continue
-        # Before the first pixel the line is constant, so that the filter's state is known.
-        state = GAIN * line[0] / (1 - POLE)
-        for x in range(line.size):
-            state = GAIN * line[x] + POLE * state
-            line[x] = state
-        state = last
-        for x in range(line.size - 1, -1, -1):
-            state = POLE * (state - line[x])
-            line[x] = state
+    rows, columns = out.shape
+    spare = np.zeros(columns, np.float32)  # in place of rows beyond the last
+    for k in pieces(queue, (rows + 3) // 4):
+        begin = 4 * k
+        for row in range(begin, min(begin + 4, rows)):
+            y = first[0] + step[0] * min(max(row - MARGIN, 0), rows - 2 * MARGIN - 1)
+            read_row(image, black, y, first[1], step[1], out[row])
+        if filtered:
+            filter_four(
+                out[begin],
+                out[begin + 1] if begin + 1 < rows else spare,
+                out[begin + 2] if begin + 2 < rows else spare,
+                out[begin + 3] if begin + 3 < rows else spare,
+            )
 
 
 def _filter_columns(queue, out):
@@ -200,6 +228,9 @@ find_weights = njit(_find_weights)
 along_rows = njit(_along_rows)
 down_columns = njit(_down_columns)
 write_row = njit(_write_row)
+
+read_row = njit(_read_row)
+filter_four = njit(_filter_four)
 
 filter_rows = shared(_filter_rows)
 filter_columns = shared(_filter_columns)
