@@ -209,6 +209,8 @@ def verify_outputs(folder: Path, record: str) -> int:
         except OSError as error:  # first check whether another file is damaged
             unreadable = error
             continue
+        if not sound and is_plain(name) and not path.exists():
+            raise InputError(f"{path} is missing; {record} was written with it.")
         if not sound:
             raise InputError(f"{path} is not the file that {record} was written for.")
     if unreadable:
