@@ -56,6 +56,7 @@ def check_data(
     stated: bool,
     *,
     residual: np.ndarray | None = None,
+    correlation: float = 1.0,
 ) -> tuple[str, ...]:
     """Compare residuals and edges with the noise.
 
@@ -71,6 +72,8 @@ def check_data(
         Whether the user gave the noise.
     residual : ndarray, shape of `views`, optional
         Part that the emission does not explain. Default: unknown, and not checked.
+    correlation : float, optional
+        Factor by which correlation raises the noise of sums of pixels (`correlation_factor`).
 
     Returns
     -------
@@ -96,7 +99,7 @@ def check_data(
             f"what no emission at these depths explains: depths, alignment, gains or a background "
             f"may be wrong."
         )
-    found += explain_misfit(views, chi_squared, noise, residual)
+    found += explain_misfit(views, chi_squared, noise, residual, correlation)
     found += _check_edges(views, noise, len(chi_squared))
     peak = views.max()
     ceiling = int(np.count_nonzero(views == peak))

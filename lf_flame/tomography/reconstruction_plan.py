@@ -347,6 +347,7 @@ def _disagreements(result: Reconstruction, fitted: _Fitted, stated: bool) -> tup
             found.measured,
             stated,
             residual=fitted.residual,
+            correlation=found.shared,
         ),
         *check_spacing(result.grid),
         *(check_overlap(result.grid, result.emission) if len(result.draws) else ()),

@@ -218,7 +218,10 @@ def explain_views(
     misfit = check_misfit(grid, residual, float(views.max()))
     # What the misfit already says is not said again.
     checked = None if misfit else residual
-    said = check_data(views, chi_squared, fit.noise, fit.measured, stated, residual=checked)
+    said = check_data(
+        views, chi_squared, fit.noise, fit.measured, stated, residual=checked,
+        correlation=fit.correlation,
+    )  # fmt: skip
     return AxisymmetricFlame(
         grid=grid,
         emission=values_at_nodes(section.cells[0]).astype(np.float32),

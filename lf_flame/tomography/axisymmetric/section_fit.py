@@ -58,6 +58,8 @@ class SectionFit:
         Standard deviation of a pixel's noise: as used, and as measured.
     pixel_noise : ndarray, shape of `views`
         Standard deviation of each pixel's noise.
+    correlation : float
+        Factor by which correlation raises the noise of sums of pixels.
     """
 
     def __init__(
@@ -82,7 +84,9 @@ class SectionFit:
         def residuals() -> tuple[np.ndarray, None]:
             return grid.place(views - self._project(plain)), None
 
-        self._shared = correlation_factor(grid.place(views), counted, self.measured**2, residuals)
+        self.correlation = correlation_factor(
+            grid.place(views), counted, self.measured**2, residuals
+        )
         self.pixel_noise = self.noise * np.sqrt(uneven)
         # With photon noise, bright nodes see more noise than the mean pixel.
         seen = self._backproject(np.broadcast_to(uneven, views.shape))
@@ -92,7 +96,7 @@ class SectionFit:
         """Find the half section, with the stated strength or that of least expected error."""
         by_node = self._noise_by_node
         limited = max(self.noise, MODEL_ERROR * float(self.views.max()))
-        variance = noise_variance(self._shared * limited) * float(by_node.mean())
+        variance = noise_variance(self.correlation * limited) * float(by_node.mean())
         share = by_node / by_node.sum()
         search = StrengthSearch(
             self._problem, variance, share, ROUGHNESS_ORDER, True, ITERATIONS // 4
@@ -128,10 +132,10 @@ class SectionFit:
         # The prior's scale is the noise inside the flame, for which the strength was chosen.
         light = max(float(np.sum(section.cells)), 1e-300)
         lit = float(np.sum(self._noise_by_node * section.cells[0])) / light
-        prior_noise = self._shared * self.noise * np.sqrt(lit)
+        prior_noise = self.correlation * self.noise * np.sqrt(lit)
         draws = []
         for _ in range(count):
-            noise = self._shared * self.pixel_noise * rng.standard_normal(self.views.shape)
+            noise = self.correlation * self.pixel_noise * rng.standard_normal(self.views.shape)
             back = self._backproject(noise)
             of_prior = rng if prior_rng is None else prior_rng
             draws.append(self._problem.draw(back, prior_noise, options, section.cells, of_prior))
@@ -140,7 +144,7 @@ class SectionFit:
     def depth_ratio(self, section: Section) -> DepthRatio:
         """Extent in depth relative to that across, from what no section explains."""
         rest = self.views - self._project(self._problem.unpenalised())
-        noise = self._shared * self.pixel_noise
+        noise = self.correlation * self.pixel_noise
         return DepthRatio(self._operator, self._problem, section.cells[0], rest, noise)
 
     def _project(self, cells: np.ndarray) -> np.ndarray:
