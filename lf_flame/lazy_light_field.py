@@ -56,7 +56,7 @@ class LazyLightField:
         Meaning of its axes, one letter each: v and u, row and column of the view, or n, its running
         number; t and s, row and column of the pixel; c, the channel. Default: ``vuts``, ``vutsc``.
     numbers : array_like of int, shape (v, u), optional
-        Stored number of each view, counted row by row. Default: as stored.
+        Place of view v, u among the stored views. Default: row by row.
     weights : array_like, shape (v, u), optional
         Weight of each view, as in `LightField`.
     source : str, optional
@@ -226,7 +226,7 @@ class LazyLightField:
 
     @property
     def brightest_rows(self) -> LightField:
-        """The row of pixels that holds the brightest, of all views."""
+        """Light field of one row of pixels, that with the brightest pixel."""
         return self.rows(self._brightest_row, self._brightest_row + 1)
 
     @cached_property

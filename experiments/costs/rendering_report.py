@@ -12,7 +12,7 @@ from experiments.costs.integration_methods import METHODS
 from experiments.costs.rendering import TOLERANCE
 from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
-from lf_flame.simulation.planning.decisions import LEFT_OUT_SHARE
+from lf_flame.simulation.planning.plan import LEFT_OUT_SHARE
 
 LEVELS = (0.1, 0.01, 0.001)
 """Errors for which the table gives the seconds."""

@@ -37,7 +37,17 @@ def read_law(path: str | Path) -> CameraLaw:
 
 
 def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
-    """Read what a file says of a camera: its table ``[law]``, or else its table ``[camera]``.
+    """Read a camera from a file: its table ``[law]``, or else its table ``[camera]``.
+
+    Parameters
+    ----------
+    path : str or Path
+        Calibration, camera or scene file (.toml), or the ``simulation.json`` of a simulation.
+
+    Returns
+    -------
+    CameraLaw or PlenopticCamera
+        The law of a calibration, else the thin-lens camera.
 
     Raises
     ------

@@ -96,7 +96,8 @@ APPEARANCE = cloup.option_group(
         type=click.Choice(["auto", "space", "fourier", "slice"]),
         default="auto",
         show_default=True,
-        help="How to compute; the picture is the same. auto is the fastest.",
+        help="How to compute; the picture is the same. auto is the fastest for some pictures; "
+        "slice, with sinc, for a hundred.",
     ),
     cloup.option(
         "--aperture", type=float, help="Width of a round aperture; 1 is that of all views."

@@ -67,13 +67,13 @@ class FlameShape:
     area : float
         Area inside the contour, holes included.
     brightness : float
-        Mean of the flame's pixels.
+        Mean of the flame's pixels, in the image's unit.
     contour : ndarray of float64, shape (points, 2)
         Rows and columns along the outer contour, in pixels of the image; the last point equals the
         first.
     warnings : tuple of str
-        Sentences, without numbers, on what makes the measurements doubtful: `DARK`, `SPECK`,
-        `CUT`, `CEILING`, `APART` or `SPARK`.
+        Sentences, without numbers, on what makes the measurements doubtful: too dark, a speck, cut
+        by the edge, saturated, in parts, or with sparks.
     """
 
     height: float

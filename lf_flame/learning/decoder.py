@@ -3,9 +3,9 @@
 The input is [n, h, w, channels], the output [n, planes, h, w, 1], both float32 in [0, 1]; `planes`
 is the number of refocused images.
 
-Other modules find layers by name: "backbone" and "decoder" of
-the whole model; "neck", "basis" and "planes" of the decoder, which the closed form
-(`lf_flame.learning.warm_start`) and the fast training (`array_training`, `fast_decoder`) use.
+Other modules find layers by name: "backbone" and "decoder" of the whole model; "neck", "basis" and
+"planes" of the decoder, which the closed form (`lf_flame.learning.warm_start`) uses, and "basis"
+the fast training (`lf_flame.learning.fast_decoder`) too.
 """
 
 from pathlib import Path

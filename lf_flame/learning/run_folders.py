@@ -225,6 +225,15 @@ def is_whole(model: Path, sha256: str | None) -> bool:
 def open_run(folder: str | Path) -> TrainedRun:
     """Read a finished run of the paper's network.
 
+    Parameters
+    ----------
+    folder : str or Path
+        Run folder, as `train` fills it.
+
+    Returns
+    -------
+    TrainedRun
+
     Raises
     ------
     InputError

@@ -109,11 +109,11 @@ def train(
     Parameters
     ----------
     config : TrainingConfig
-        Configuration.
+        Configuration, from `read_training_config`.
     preset : str
         Name of the preset in the configuration.
     data : str or Path
-        Data set made by `lf_flame.datasets.making.make_dataset`.
+        Data set made by `lf_flame.datasets.make_dataset`.
     out : str or Path
         Run folder.
     show : bool, optional

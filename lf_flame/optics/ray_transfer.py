@@ -71,9 +71,10 @@ def chain(*elements: np.ndarray) -> np.ndarray:
 
 
 def inverse(system: np.ndarray) -> np.ndarray:
-    """Matrix of the reversed light path, ``[[D, -B], [-C, A]]``, of ``[[A, B], [C, D]]``.
+    """Inverse ``[[D, -B], [-C, A]]`` of ``[[A, B], [C, D]]``: from the ray behind to that before.
 
-    It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
+    It is not the matrix of the system turned round, ``[[D, B], [C, A]]``, where angles change their
+    sign. It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
     (C = 0) and telecentric (A or D = 0) systems.
 
     Returns

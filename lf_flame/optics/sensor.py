@@ -93,7 +93,8 @@ def expose(
         Finite radiance values. Negative values get no shot noise.
     sensor : Sensor
     kept : set of str
-        The `STAGES` to apply. Without "saturation" the converter has no highest number.
+        Those of "shot_noise", "read_noise", "saturation" and "quantisation" to apply. Without
+        "saturation" the converter has no highest number.
     rng : numpy.random.Generator
         Source of all random numbers. Each kind of noise draws from its own child generator, pixel
         after pixel in C order: the shot noise does not depend on the other stages.

@@ -198,8 +198,8 @@ def fourier_slice(
     through the angular frequencies ``slope * (k_t, k_s)``. There the spectrum, sampled twice per
     view, is interpolated from `width` x `width` samples with a Kaiser-Bessel window, whose roll-off
     is divided out beforehand (J. Jackson et al., IEEE Trans. Med. Imag. 10, 1991). The error from
-    this resampling, for views of noise between 0 and 1, is at most 3e-1, 1e-3, 2e-5 and 1e-6 for a
-    width of 2, 4, 6 and 8.
+    this resampling, for random views with values from 0 to 1, is at most 3e-1, 1e-3, 2e-5 and 1e-6
+    for a width of 2, 4, 6 and 8.
 
     Parameters
     ----------

@@ -35,11 +35,10 @@ def refocus(
     interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
         Interpolation between lenslets. "sinc" shifts band-limited views exactly.
     method : {"auto", "space", "fourier", "slice"}, optional
-        `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or the fastest.
-        "auto" is "fourier" for "sinc", and "space" otherwise. Measured with 15 x 15 views, an
-        image takes less time with `shift_and_sum` than with phases, and less with phases than with
-        a slice, for any number of images: a slice is read from all over a spectrum far larger than
-        the cache.
+        `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or chosen.
+        "auto" is "fourier" for "sinc", and "space" otherwise, the fastest for some images. A slice
+        is read from all over a spectrum far larger than the cache, and takes less time than phases
+        for many tens of images only.
     weights : array_like, shape (v, u), optional
         Weight of each view, 0 or above; divided by their sum. The light field's own weights
         multiply them. Default: all equal.

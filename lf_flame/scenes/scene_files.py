@@ -126,6 +126,11 @@ class SceneFile:
 def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool]]:
     """Read a scene, its camera and its effects from a TOML file.
 
+    Parameters
+    ----------
+    path : str or Path
+        File with a table ``[camera]`` and tables ``[[layers]]``.
+
     Returns
     -------
     Scene

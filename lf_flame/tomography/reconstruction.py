@@ -41,7 +41,7 @@ def reconstruct(
     grid : FrustumGrid
         Depth planes and cells.
     noise : float, optional
-        Standard deviation of a pixel's noise, after averaging over blocks, in the unit of the
+        Standard deviation of a pixel's noise, averaged over the grid's blocks, in the unit of the
         light field. Default: measured from the part that no emission on the grid explains.
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.

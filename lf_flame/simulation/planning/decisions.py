@@ -18,12 +18,9 @@ from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.assumptions import is_stated, typical_bounds
 from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS, Estimate
 from lf_flame.simulation.planning.part_counts import count_colours, count_slabs
-from lf_flame.simulation.planning.plan import EffectPlan, PlannedEffect
+from lf_flame.simulation.planning.plan import LEFT_OUT_SHARE, EffectPlan, PlannedEffect
 from lf_flame.simulation.planning.scene_bounds import SceneBounds, bound_scene
 from lf_flame.simulation.planning.time_estimates import compare_integrators, estimate_seconds
-
-LEFT_OUT_SHARE = 0.25
-"""Fraction of the tolerance that all effects that are left out may use together."""
 
 
 def plan_effects(

@@ -12,6 +12,9 @@ from tabulate import tabulate
 from lf_flame.simulation.planning.assumptions import CAUSES
 from lf_flame.simulation.planning.effects import MATTER, NOT_SEPARABLE, RAYS
 
+LEFT_OUT_SHARE = 0.25
+"""Fraction of the tolerance that all effects that are left out may use together."""
+
 
 @dataclass(frozen=True)
 class PlannedEffect:
@@ -164,8 +167,9 @@ class EffectPlan:
         columns = ["effect", "bound", *measured, "decision", "criterion", "adds (s)"]
         table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
-            f"tolerance {self.tolerance:g} of the brightest pixel; the stated effects that are "
-            f"left out change the image by at most {self.left_out_bound:.2g}",
+            f"tolerance {self.tolerance:g} of the brightest pixel, {LEFT_OUT_SHARE:.0%} of it for "
+            f"effects that are left out, smallest first; those that are stated change the image by "
+            f"at most {self.left_out_bound:.2g}",
             *self._not_stated(),
             f"integrator: {self.integrator}; on one core it takes about "
             f"{self.seconds[self.integrator]:.2g} s",

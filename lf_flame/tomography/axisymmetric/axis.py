@@ -43,7 +43,7 @@ class FlameAxis:
     across_mm : float
         Distance from the optical axis, in mm at the axis' depth.
     depth_mm : float
-        Depth in mm, from the zero of the camera.
+        Depth in mm from the focal plane, or from the zero of a `CameraLaw`.
     radius_mm : float
         Radius that contains all light, with a margin.
     lean_deg : float
@@ -51,7 +51,7 @@ class FlameAxis:
         with height.
     lopsided : float
         Root-mean-square difference of the left and right halves of the image focused on the axis,
-        relative to that light, column by column: 0 for an axisymmetric flame.
+        column by column, relative to the light of that image: 0 for an axisymmetric flame.
     across_error_mm, depth_error_mm : float
         Standard errors due to noise; infinite for the depth with fewer than 3 view columns.
     wander_mm, wander_error_mm : float
@@ -87,9 +87,13 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     ----------
     light_field : LightField
         Grey light field of `camera`, with black at 0.
-    camera : Lens
+    camera : PlenopticCamera or CameraLaw
     depth_mm : float, optional
         Depth of the axis, for a light field of fewer than 3 view columns, which cannot show it.
+
+    Returns
+    -------
+    FlameAxis
 
     Raises
     ------

@@ -96,7 +96,7 @@ def reconstruct_axisymmetric(
     grid : AxisymmetricGrid
         Grid with the axis, as `lf_flame.tomography.find_axis` finds it or as it is known.
     noise : float, optional
-        Standard deviation of a pixel's noise, after averaging over blocks. Default: measured from
+        Standard deviation of a pixel's noise, averaged over the grid's blocks. Default: measured from
         the part that no axisymmetric flame on the grid explains.
     strength : float, optional
         Strength of the regularisation, a penalty on third differences. Default: the strength with
