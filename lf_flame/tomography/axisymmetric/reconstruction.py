@@ -96,8 +96,8 @@ def reconstruct_axisymmetric(
     grid : AxisymmetricGrid
         Grid with the axis, as `lf_flame.tomography.find_axis` finds it or as it is known.
     noise : float, optional
-        Standard deviation of a pixel's noise, averaged over the grid's blocks. Default: measured from
-        the part that no axisymmetric flame on the grid explains.
+        Standard deviation of a pixel's noise, averaged over the grid's blocks. Default: measured
+        from the part that no axisymmetric flame on the grid explains.
     strength : float, optional
         Strength of the regularisation, a penalty on third differences. Default: the strength with
         the least expected error of the light field, see `StrengthSearch.find_by_risk`.
