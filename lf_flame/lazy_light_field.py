@@ -5,6 +5,8 @@ the result depends on the rows within the largest shift of a view. A band with s
 both sides therefore gives the same as the whole light field.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
@@ -128,7 +130,7 @@ class LazyLightField:
 
     def rearranged(
         self, numbers: ArrayLike | None = None, *, weights: ArrayLike | None = None
-    ) -> "LazyLightField":
+    ) -> LazyLightField:
         """Give the same light field with other weights, and its views in another order.
 
         Parameters

@@ -5,6 +5,8 @@ spatial row and column (lenslet); an optional fifth axis holds colour channels. 
 lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor order, not flipped.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -191,7 +193,7 @@ class LightField:
         weights: np.ndarray | None = None,
         valid: np.ndarray | None = None,
         positions: np.ndarray | None = None,
-    ) -> "LightField":
+    ) -> LightField:
         """Wrap contiguous float32 views that are known to be finite, without checking them."""
         light_field = object.__new__(cls)
         given = {"views": views, "plan": plan, "weights": weights, "valid": valid}
@@ -200,7 +202,7 @@ class LightField:
         return light_field
 
     @classmethod
-    def from_raw(cls, raw: ArrayLike, *, views: int) -> "LightField":
+    def from_raw(cls, raw: ArrayLike, *, views: int) -> LightField:
         """Cut a raw lenslet image into its views.
 
         Parameters
@@ -255,7 +257,7 @@ class LightField:
         """Number of colour channels; 1 for grey light fields."""
         return self.views.shape[4] if self.views.ndim == 5 else 1
 
-    def grey(self) -> "LightField":
+    def grey(self) -> LightField:
         """Average over the channels; gives the light field itself if it is grey.
 
         Examples

@@ -1,5 +1,7 @@
 """HTML for notebooks: pictures, tables and drawings, without scripts."""
 
+from __future__ import annotations
+
 import base64
 import html
 import io

@@ -11,6 +11,8 @@ Any lens whose views meet in its entrance pupil has this form too, with c = e th
 pupil; a lens whose two centres differ keeps both.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -216,7 +218,7 @@ class CameraLaw(Lens):
         """Distance in mm between neighbouring views where they meet, seen from the focal plane."""
         return abs(self.slope_at_infinity) * self.lenslet_in_focus_mm
 
-    def with_views(self, count: int) -> "CameraLaw":
+    def with_views(self, count: int) -> CameraLaw:
         """Law of the inner `count` views along each axis, of the same steps."""
         out = (self.views - count) // 2
         inner = slice(out, out + count)

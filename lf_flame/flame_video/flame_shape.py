@@ -8,6 +8,8 @@ Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the 
 the lower edge of an image of n rows is at n - 1/2.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

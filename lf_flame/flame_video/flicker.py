@@ -9,6 +9,8 @@ probability. Each sine found joins the drift, the noise is fitted again, and the
 neither a slow swing nor a strong line hides another one.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

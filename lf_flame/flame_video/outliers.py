@@ -1,5 +1,7 @@
 """Outliers: frames with a height far from that of their neighbours."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

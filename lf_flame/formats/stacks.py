@@ -1,5 +1,7 @@
 """Multi-page TIFF files: views of a light field, and refocused images with their slopes."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 

@@ -8,6 +8,8 @@ micro-images alike, is turned by 180 degrees. Rows therefore run down and column
 scene and in the image; the sign of the slope does not change.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
@@ -255,7 +257,7 @@ class PlenopticCamera(Lens):
         """Size in mm of a lenslet's image in the focal plane."""
         return self.lenslet_pitch_mm * self.focus_distance_mm / self.image_distance_mm
 
-    def with_views(self, count: int) -> "PlenopticCamera":
+    def with_views(self, count: int) -> PlenopticCamera:
         """Camera whose views are the inner `count` along each axis, of the same pixels."""
         return replace(self, views=count, pixel_pitch_mm=self.pixel_mm)
 

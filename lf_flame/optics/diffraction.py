@@ -7,6 +7,8 @@ summed over another, that is, over a triangle (hat) two samples wide. Such weigh
 negative and, untruncated, sum to 1 for any spread, however small compared with a sample.
 """
 
+from __future__ import annotations
+
 import math
 from itertools import pairwise
 

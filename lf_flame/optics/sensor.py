@@ -7,6 +7,8 @@ nothing. Converters add a black level, so that negative read noise is recorded; 
 here, and values may be negative.
 """
 
+from __future__ import annotations
+
 from collections.abc import Set
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """A scene in front of a camera, prepared for refocused images and views without a light field."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

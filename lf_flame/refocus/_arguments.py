@@ -1,5 +1,7 @@
 """Checks of arguments that all refocusing methods share."""
 
+from __future__ import annotations
+
 import operator
 import reprlib
 from collections.abc import Iterable, Sequence

@@ -1,5 +1,7 @@
 """Aligning selected views on a slope without averaging them, as input of refocusing networks."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Refocusing of light fields larger than memory, one band of rows after the other."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar, cast

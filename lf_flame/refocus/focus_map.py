@@ -16,6 +16,8 @@ median, with exact shifts by less than 0.01. Neither a low-pass nor the modified
 variance over the views removes this error.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import product
 

@@ -1,5 +1,7 @@
 """Refocusing in the Fourier domain: exact phases for each view, and Ng's slice."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from functools import partial
 

@@ -1,5 +1,7 @@
 """Refocusing by the fastest method for an interpolation."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

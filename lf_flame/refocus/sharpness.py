@@ -4,6 +4,8 @@ Sharpness is gradient energy without the changes that focus does not cause
 (`lf_flame.refocus.semblance`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise, product

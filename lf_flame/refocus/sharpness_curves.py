@@ -1,5 +1,7 @@
 """Sharpness of regions of a light field as curves over the slope, and the peaks of these."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -136,7 +138,7 @@ class Curves:
         own = float((self.semblance[:, parts].max(axis=0) * energy).sum())
         return 1 - float((self.semblance[at, parts] * energy).sum()) / own if own > 0 else 0.0
 
-    def amid(self, outer: "Curves") -> "Curves":
+    def amid(self, outer: Curves) -> Curves:
         """Join these curves with those at slopes on both sides."""
         middle = len(outer.slopes) // 2
         joined = {

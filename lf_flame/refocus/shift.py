@@ -1,5 +1,7 @@
 """Shift-and-sum refocusing in space: a plan of the shifts, then one compiled pass."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np

@@ -6,6 +6,8 @@ a tilted (Scheimpflug) lens has in focus. Regions of interest can each have thei
 whole scene gives an image with everything in focus (`lf_flame.refocus.focus_map`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Refocusing of light fields with unknown pixels: the mean over the views that are known."""
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Callable
 from functools import partial, wraps

@@ -4,6 +4,8 @@ Layer coordinates are those of the upright image: y runs down with the texture's
 right with its columns, both in mm from the optical axis.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -264,7 +266,7 @@ class Scene:
         """Depths of the layers in mm, each once, farthest first."""
         return tuple(sorted({layer.depth_mm for layer in self.layers}, reverse=True))
 
-    def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> "Scene":
+    def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> Scene:
         """Scene with each layer moved to another depth and scaled to look the same in the middle.
 
         The central view stays the same, so that the scenes differ only in parallax and defocus.

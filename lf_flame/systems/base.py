@@ -4,6 +4,8 @@ A system states which views it uses, which slopes it accepts and how large an im
 refuses other input in one sentence. It may be a network or a formula.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 

@@ -8,6 +8,8 @@ the equation of transfer; for thin planes this is ``exp(-tau / 2)``, half the th
 nearer to the camera, at a smaller depth, transmits ``exp(-tau)`` of the rest.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 

@@ -5,6 +5,8 @@ source's radiance. One gain per colour is fitted in the logarithm, to pictures a
 temperatures; ratios of gains serve the temperature of soot, gains themselves its absorption.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -93,7 +95,7 @@ class ColourCalibration:
                 f"temperature_range_K must be two increasing temperatures, got {low:g}, {high:g}."
             )
 
-    def exposed(self, exposure: float) -> "ColourCalibration":
+    def exposed(self, exposure: float) -> ColourCalibration:
         """Gains for another exposure; these apply to any exposure if theirs is not known."""
         if self.exposure is None:
             return self

@@ -1,5 +1,7 @@
 """Grid of cells for the emission: depth planes with cells that grow with their distance."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -126,7 +128,7 @@ class FrustumGrid:
         views[self.counted] = picked[:, 0]
         return views
 
-    def matches(self, other: "FrustumGrid") -> bool:
+    def matches(self, other: FrustumGrid) -> bool:
         """Whether another grid has the same cells, and fits the same views."""
         every = np.ones((self.camera.views,) * 2, bool)
         mine, theirs = (every if one.counted is None else one.counted for one in (self, other))

@@ -5,6 +5,8 @@ does not include all of the uncertainty in depth: for a flame that is thick in d
 narrow.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -16,6 +16,8 @@ colour. Never show a temperature without the error of its emission. Emissions mu
 light.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -158,7 +160,7 @@ def _scatter(
     light: np.ndarray,
     kelvin: np.ndarray,
     sigma: np.ndarray,
-    curves: "LogCurves",
+    curves: LogCurves,
     gain: np.ndarray,
     weights: np.ndarray,
 ) -> np.ndarray:

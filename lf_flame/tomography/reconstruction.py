@@ -1,5 +1,7 @@
 """Emission by depth from one light field, with error bars and warnings."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

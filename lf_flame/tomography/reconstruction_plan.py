@@ -1,5 +1,7 @@
 """Plan of a reconstruction: what does not depend on the light field is made once."""
 
+from __future__ import annotations
+
 import copy
 from collections.abc import Iterator
 from dataclasses import replace
@@ -119,7 +121,7 @@ class ReconstructionPlan:
 
     def absorbing(
         self, optical_thickness: ArrayLike | None, *, strength: float | None = None
-    ) -> "ReconstructionPlan":
+    ) -> ReconstructionPlan:
         """Plan with the same operators and options, and another optical thickness.
 
         Parameters
@@ -225,7 +227,7 @@ class ReconstructionPlan:
         return grid, views, valid, (*left_out, *check_unknown(valid))
 
     def _iterated(
-        self, result: Reconstruction, fitted: "_Fitted", explain: Explainer
+        self, result: Reconstruction, fitted: _Fitted, explain: Explainer
     ) -> Reconstruction:
         """Find the emission by another method, with what a fit tells of noise and background."""
         done = iterate(

@@ -6,6 +6,8 @@ each unit of its optical thickness at 600 nm (Modest, Radiative Heat Transfer, c
 equation of transfer and on particulate media).
 """
 
+from __future__ import annotations
+
 import csv
 import re
 from collections.abc import Sequence
@@ -119,7 +121,7 @@ class SpectralResponses:
     @classmethod
     def single(
         cls, wavelengths_nm: Sequence[float], names: Sequence[str] | None = None
-    ) -> "SpectralResponses":
+    ) -> SpectralResponses:
         """Responses to single wavelengths, as of narrow filters.
 
         Parameters

@@ -3,6 +3,8 @@
 `lf_flame.tomography.pyrometry` has the formula, and the fit for the broad colours of a camera.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -207,7 +207,7 @@ def test_a_file_that_changed_is_named(tmp_path):
     with pytest.raises(InputError, match="b.txt is not the file"):
         verify_outputs(tmp_path, RECORD)
     (tmp_path / "b.txt").unlink()
-    with pytest.raises(InputError, match="b.txt is not the file"):
+    with pytest.raises(InputError, match="b.txt is missing"):
         verify_outputs(tmp_path, RECORD)
 
 

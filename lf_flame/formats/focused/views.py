@@ -1,5 +1,7 @@
 """Views of a focused plenoptic camera, put together from patches of its micro-images."""
 
+from __future__ import annotations
+
 import logging
 import math
 

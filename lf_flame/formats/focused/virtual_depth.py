@@ -1,5 +1,7 @@
 """Virtual depth of each lenslet of a focused plenoptic camera, by matching of micro-images."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,6 +3,8 @@
 It is made once for a grid, a white and a dark image, and then decodes any number of frames.
 """
 
+from __future__ import annotations
+
 import logging
 
 import numpy as np

@@ -4,6 +4,8 @@ Micro-image pixels stay in sensor order, not flipped (`lf_flame.lightfield`). Th
 of views follow the array, so that a rotation of the array against the sensor is removed.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

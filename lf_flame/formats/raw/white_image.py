@@ -1,5 +1,7 @@
 """Estimation of the micro-image positions from a white image (flat field)."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

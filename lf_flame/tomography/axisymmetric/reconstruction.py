@@ -5,6 +5,8 @@ For one view with parallel rays this is Abel's integral equation (Hansen and Law
 the fit is regularised and without negative light.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import NamedTuple
 
