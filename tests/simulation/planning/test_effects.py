@@ -151,6 +151,7 @@ def cameras():
     return st.builds(
         lambda views, focal, aperture, rim, angle, pitch, colour, nm, corrected, sensor: small(
             views,
+            lenslets=(6, 7),
             main_lens_focal_mm=focal,
             aperture_diameter_mm=aperture,
             rim_diameter_mm=rim,
@@ -162,7 +163,7 @@ def cameras():
             falloff_corrected=corrected,
             sensor=sensor,
         ),
-        st.integers(1, 4),
+        st.integers(1, 3),
         st.floats(120, 180),
         st.sampled_from([None, 70.0, 78.0, 90.0]),
         st.sampled_from([None, 60.0, 140.0]),
@@ -280,7 +281,7 @@ def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
     camera=cameras(),
     tolerances=st.tuples(st.floats(1e-2, 0.5), st.floats(1e-2, 0.5)),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_tighter_tolerance_never_drops_an_effect(drawn, camera, tolerances):
     tight, loose = sorted(tolerances)
     try:
