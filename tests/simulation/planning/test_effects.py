@@ -151,7 +151,6 @@ def cameras():
     return st.builds(
         lambda views, focal, aperture, rim, angle, pitch, colour, nm, corrected, sensor: small(
             views,
-            lenslets=(6, 7),
             main_lens_focal_mm=focal,
             aperture_diameter_mm=aperture,
             rim_diameter_mm=rim,
@@ -163,7 +162,7 @@ def cameras():
             falloff_corrected=corrected,
             sensor=sensor,
         ),
-        st.integers(1, 3),
+        st.integers(1, 4),
         st.floats(120, 180),
         st.sampled_from([None, 70.0, 78.0, 90.0]),
         st.sampled_from([None, 60.0, 140.0]),
