@@ -16,7 +16,7 @@ PACKAGE = ROOT / "lf_flame"
 
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("[a-z]*/__init__.pyi"))
 
-SCENE = scene_toml(9, (60, 90), depth_mm=10.0, side_mm=3.0)
+SCENE = scene_toml(9, (20, 30), depth_mm=10.0, side_mm=1.0)
 
 WITHOUT_EXAMPLE = {
     "export_network", "load_network", "load_system", "open_run", "predict", "read_card",

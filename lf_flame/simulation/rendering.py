@@ -100,7 +100,7 @@ def render(
     >>> scene, camera, effects = read_scene("scene.toml")
     >>> light_field = render(scene, camera, effects=effects)
     >>> light_field
-    LightField(9 x 9 views of 60 x 90 pixels, grey)
+    LightField(9 x 9 views of 20 x 30 pixels, grey)
     """
     _check_options(integrator, rays, layout)
     with progress.stage("Looking which effects the scene calls for"):

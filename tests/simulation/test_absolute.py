@@ -8,18 +8,18 @@ import pytest
 from experiments.effects.ray_tracer import draw_pixels, trace_pixels
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, Sensor, render
 
-BASE = replace(PAPER_CAMERA, views=5, lenslets=(24, 30))
+BASE = replace(PAPER_CAMERA, views=5, lenslets=(12, 15))
 MATCHED = BASE.image_distance_mm * 0.112 / 0.4
-SHORT = replace(BASE, main_lens_focal_mm=20.0, focus_distance_mm=200.0, lenslets=(12, 100))
+SHORT = replace(BASE, main_lens_focal_mm=20.0, focus_distance_mm=200.0, lenslets=(4, 100))
 """A lens so short that the ends of its array are seen at 15 degrees."""
 
-TINY = replace(BASE, views=3, lenslets=(12, 14))
+TINY = replace(BASE, views=3, lenslets=(8, 10))
 """For scenes of many slabs or colours."""
 
 SHORT_MATCHED = 20 * 200 / 180 * 0.112 / 0.4
 
 
-def glow(depth=12.0, size=(2.6, 3.2), centre=(0.1, -0.1), cells=(8, 9), seed=5, **matter):
+def glow(depth=6.0, size=(1.4, 1.7), centre=(0.05, -0.05), cells=(5, 6), seed=5, **matter):
     """A coarse texture, whose cells and edges every effect moves."""
     rng = np.random.default_rng(seed)
     if matter.pop("sooty", False):
@@ -27,10 +27,10 @@ def glow(depth=12.0, size=(2.6, 3.2), centre=(0.1, -0.1), cells=(8, 9), seed=5, 
     return Layer(rng.uniform(0.2, 1.0, cells), depth, size, centre, **matter)
 
 
-def net(depth, size=(1.4, 1.7)):
+def net(depth, size=(0.8, 1.0)):
     """An opaque layer with a hole, a veiled cell, and some light of its own."""
     return Layer(
-        [[0.3, 0.0, 0.1], [0.0, 0.05, 0.2]], depth, size, (-0.1, 0.15), opaque=True,
+        [[0.3, 0.0, 0.1], [0.0, 0.05, 0.2]], depth, size, (-0.05, 0.08), opaque=True,
         coverage=[[1.0, 0.0, 1.0], [1.0, 0.5, 1.0]],
     )  # fmt: skip
 
@@ -39,17 +39,17 @@ WHITE = Layer([[1.0]], 0.0, (400.0, 400.0))
 BROAD = glow(15.0, (9.0, 100.0), cells=(9, 60))
 """As broad as the field of the short lens."""
 
-SHARP = glow(0.0, cells=(20, 25))
+SHARP = glow(0.0, cells=(11, 13))
 """Cells about as large as what a lenslet sees of the focal plane."""
 
 ROUND = {"aperture_diameter_mm": MATCHED}
 WIDE = {"aperture_diameter_mm": 1.3 * MATCHED}
 NARROW = {"aperture_diameter_mm": 0.7 * MATCHED}
 RIM = {"rim_diameter_mm": 62.0, "rim_distance_mm": 80.0}
-TURNED = {"lenslet_rotation_rad": 0.012}
-STRETCHED = {"lenslet_pitch_error": 0.01}
+TURNED = {"lenslet_rotation_rad": 0.024}
+STRETCHED = {"lenslet_pitch_error": 0.02}
 FALLOFF = {"falloff_corrected": False}
-COLOUR = {"chromatic_shift": 0.03}
+COLOUR = {"chromatic_shift": 0.02}
 
 
 @dataclass(frozen=True)
@@ -66,15 +66,15 @@ class Case:
 
 # Pairs whose two effects come together in a case of three are left out.
 CASES = {
-    "defocus": Case([glow(20.0)], rays=None, allowed=1e-5),
+    "defocus": Case([glow(10.0)], rays=None, allowed=1e-5),
     "in focus": Case([SHARP], rays=None, allowed=1e-5),
-    "occlusion": Case([glow(20.0), net(-10.0)], rays=None, allowed=1e-5),
-    "occlusion by rays": Case([glow(20.0), net(-10.0)], rays=150, allowed=1e-3),
-    "absorption": Case([glow(20.0), glow(4.0, seed=6, sooty=True)], rays=None, allowed=1e-5),
-    "absorption by rays": Case([glow(20.0), glow(4.0, seed=6, sooty=True)], rays=150, allowed=1e-3),
-    "thickness": Case([glow(2.0, thickness_mm=9.0)], tolerance=4e-3, rays=None),
+    "occlusion": Case([glow(10.0), net(-5.0)], rays=None, allowed=1e-5),
+    "occlusion by rays": Case([glow(10.0), net(-5.0)], rays=80, allowed=1e-3),
+    "absorption": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=None, allowed=1e-5),
+    "absorption by rays": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=80, allowed=1e-3),
+    "thickness": Case([glow(1.0, thickness_mm=4.5)], tolerance=4e-3, rays=None),
     "thick absorption": Case(
-        [glow(2.0, sooty=True, thickness_mm=1.5)], {}, TINY, 0.01, 100, allowed=2e-3
+        [glow(2.0, sooty=True, thickness_mm=1.5)], {}, TINY, 0.01, 70, allowed=3e-3
     ),
     "falloff": Case([BROAD], FALLOFF, SHORT),
     "round": Case([glow()], ROUND),
@@ -83,24 +83,24 @@ CASES = {
     "rim": Case([glow()], RIM),
     "turned": Case([glow()], TURNED),
     "stretched": Case([glow()], STRETCHED),
-    "shrunk": Case([glow()], {"lenslet_pitch_error": -0.01}),
+    "shrunk": Case([glow()], {"lenslet_pitch_error": -0.02}),
     "colour": Case([glow()], COLOUR, tolerance=4e-3, rays=None),
-    "occlusion, round, rim": Case([glow(20.0), net(-10.0)], ROUND | RIM, rays=100),
-    "occlusion, turned": Case([glow(20.0), net(-10.0)], TURNED, rays=200, allowed=1e-3),
+    "occlusion, round, rim": Case([glow(10.0), net(-5.0)], ROUND | RIM, rays=80),
+    "occlusion, turned": Case([glow(10.0), net(-5.0)], TURNED, rays=120, allowed=1e-3),
     # Without rays cos^4 is that of the whole pixel, whatever part of it sees the light.
-    "occlusion, falloff": Case([glow(20.0), net(-10.0)], FALLOFF, rays=None, allowed=3e-3),
-    "occlusion, falloff by rays": Case([glow(20.0), net(-10.0)], FALLOFF, rays=150, allowed=1e-3),
+    "occlusion, falloff": Case([glow(10.0), net(-5.0)], FALLOFF, rays=None, allowed=3e-3),
+    "occlusion, falloff by rays": Case([glow(10.0), net(-5.0)], FALLOFF, rays=80, allowed=1e-3),
     "occlusion, three surfaces": Case(
-        [glow(20.0), net(-10.0), net(8.0, (1.0, 1.1))], rays=200, allowed=1e-3
+        [glow(10.0), net(-5.0), net(4.0, (0.6, 0.7))], rays=80, allowed=1e-3
     ),
     "absorption, wide": Case(
-        [glow(20.0), glow(4.0, seed=6, sooty=True)], WIDE, rays=150, allowed=1e-3
+        [glow(10.0), glow(2.0, seed=6, sooty=True)], WIDE, rays=80, allowed=1e-3
     ),
     "absorption, stretched": Case(
-        [glow(20.0), glow(4.0, seed=6, sooty=True)], STRETCHED, rays=None, allowed=1e-5
+        [glow(10.0), glow(2.0, seed=6, sooty=True)], STRETCHED, rays=None, allowed=1e-5
     ),
     "occlusion, shrunk": Case(
-        [glow(20.0), net(-10.0)], {"lenslet_pitch_error": -0.02}, rays=None, allowed=1e-5
+        [glow(10.0), net(-5.0)], {"lenslet_pitch_error": -0.04}, rays=None, allowed=1e-5
     ),
     "thickness, rim": Case([glow(2.0, thickness_mm=4.0)], RIM, TINY, 0.01, 40),
     "thickness, stretched": Case([glow(2.0, thickness_mm=4.0)], STRETCHED, TINY, 0.01, 40),
@@ -108,25 +108,27 @@ CASES = {
         [glow(2.0, thickness_mm=3.0), net(2.5)], {}, TINY, 0.03, 60, allowed=8e-3
     ),
     "falloff, wide": Case(
-        [BROAD], FALLOFF | {"aperture_diameter_mm": 1.3 * SHORT_MATCHED}, SHORT, rays=150
+        [BROAD], FALLOFF | {"aperture_diameter_mm": 1.3 * SHORT_MATCHED}, SHORT, rays=80
     ),
     "falloff, stretched": Case([BROAD], FALLOFF | STRETCHED, SHORT),
-    "falloff, turned": Case([BROAD], FALLOFF | TURNED, SHORT),
+    "falloff, turned": Case([BROAD], FALLOFF | {"lenslet_rotation_rad": 0.01}, SHORT),
     "round, rim": Case([glow()], ROUND | RIM),
     "turned, round": Case([glow()], TURNED | ROUND),
     "turned, rim": Case([glow()], TURNED | RIM),
     "stretched, round": Case([glow()], STRETCHED | ROUND),
-    "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.05} | WIDE),
+    "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.1} | WIDE),
     "stretched, narrow": Case([glow()], STRETCHED | NARROW),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
-    "colour, rim": Case([glow()], COLOUR | RIM, TINY, 0.01, 40),
-    "colour, turned": Case([glow()], COLOUR | TURNED, TINY, 0.01, 40),
-    "one view": Case([glow(6.0)], ROUND, replace(BASE, views=1), rays=200, allowed=1e-3),
-    "21 views": Case([glow(20.0)], TURNED | WIDE, replace(BASE, views=21, lenslets=(14, 16))),
-    "long, stretched": Case([BROAD], STRETCHED, replace(BASE, lenslets=(8, 200))),
-    "long, turned": Case([BROAD], TURNED, replace(BASE, lenslets=(8, 200))),
-    "long, white, stretched": Case([WHITE], STRETCHED | ROUND, replace(BASE, lenslets=(8, 200))),
-    "long, white, turned": Case([WHITE], TURNED | ROUND, replace(BASE, lenslets=(8, 200))),
+    "colour, rim": Case([glow(cells=(2, 3))], COLOUR | RIM, TINY, 0.05, 40),
+    "colour, turned": Case([glow(cells=(2, 3))], COLOUR | TURNED, TINY, 0.05, 40),
+    "one view": Case(
+        [glow(3.0, cells=(2, 3))], ROUND, replace(BASE, views=1), rays=80, allowed=1e-3
+    ),
+    "21 views": Case([glow(2.0)], TURNED | WIDE, replace(BASE, views=21, lenslets=(5, 6))),
+    "long, stretched": Case([BROAD], STRETCHED, replace(BASE, lenslets=(3, 200))),
+    "long, turned": Case([BROAD], TURNED, replace(BASE, lenslets=(3, 200))),
+    "long, white, stretched": Case([WHITE], STRETCHED | ROUND, replace(BASE, lenslets=(3, 200))),
+    "long, white, turned": Case([WHITE], TURNED | ROUND, replace(BASE, lenslets=(3, 200))),
     "small pixels, turned": Case([glow()], TURNED, replace(BASE, pixel_pitch_mm=0.016)),
     "diffraction": Case([glow()], {"wavelength_nm": 550.0}, rays=None, allowed=1e-3),
     "diffraction, small pixels": Case(
@@ -152,7 +154,7 @@ def rendered(scene, camera, case):
     return render(scene, camera, case.tolerance, **options).views.astype(float)
 
 
-def compared(case, count=30, rays=2**13):
+def compared(case, count=30, rays=2**12):
     """Difference from the tracer in some pixels, its standard error, and the brightest pixel."""
     scene, camera = Scene(case.layers), replace(case.camera, **case.changes)
     pixels = draw_pixels(camera, count, seed=len(case.layers) + camera.views)
@@ -170,31 +172,20 @@ def test_an_effect_is_right(name):
     assert np.all(np.abs(difference) <= 5 * error + case.allowed * peak)
 
 
-def rms_error(scene, camera, tolerance, count=80):
-    """Root-mean-square difference from the tracer by automatic rays, and the brightest pixel."""
-    pixels = np.random.default_rng(8).integers(
-        0, (camera.views, camera.views, *camera.lenslets), (count, 4)
-    )
-    traced = trace_pixels(scene, camera, pixels, rays=2**12)
-    image = render(scene, camera, tolerance).views.astype(float)
-    difference = image[tuple(pixels.T)] - traced.mean
-    return np.sqrt(np.mean(difference**2)), np.sqrt(np.mean(traced.error**2)), image.max()
-
-
 @pytest.mark.slow
 def test_the_tolerance_is_met_in_a_thick_absorber():
     rng = np.random.default_rng(2)
-    cells = (5, 6)
+    cells = (3, 4)
     body = Layer(
-        rng.uniform(0.2, 1, cells), 4.0, (1.2, 1.4),
+        rng.uniform(0.2, 1, cells), 4.0, (1.0, 1.1),
         optical_thickness=rng.uniform(0, 6, cells), thickness_mm=1.0,
     )  # fmt: skip
-    scene = Scene([body, glow(25.0, (2.0, 2.2))])
-    tolerance = 4e-3
-    camera = replace(TINY, lenslets=(8, 10))
+    scene = Scene([body, glow(25.0)])
+    tolerance = 0.01
+    camera = replace(TINY, lenslets=(4, 5))
     exact = render(scene, camera, tolerance, "exact")
     pixels = draw_pixels(camera, 30, seed=8)
-    traced = trace_pixels(scene, camera, pixels, rays=2**12)
+    traced = trace_pixels(scene, camera, pixels, rays=2**11)
     difference, peak = exact.views[tuple(pixels.T)] - traced.mean, exact.views.max()
     assert np.all(np.abs(difference) <= 5 * traced.error + 0.2 * tolerance * peak)
     image = render(scene, camera, tolerance, "rays").views
@@ -202,14 +193,17 @@ def test_the_tolerance_is_met_in_a_thick_absorber():
 
 
 @pytest.mark.slow
-def test_all_effects_at_once_meet_the_tolerance():
-    everything = WIDE | RIM | TURNED | STRETCHED | FALLOFF | {"chromatic_shift": 3e-4}
-    camera = replace(TINY, lenslets=(6, 7), **everything)
-    layers = [glow(25.0), glow(4.0, seed=6, sooty=True, thickness_mm=0.2), net(-12.0)]
-    tolerance = 0.05
-    found, error, peak = rms_error(Scene(layers), camera, tolerance)
-    assert error < 0.1 * tolerance * peak
-    assert found <= 0.2 * tolerance * peak
+def test_all_effects_at_once_are_right():
+    everything = WIDE | RIM | TURNED | STRETCHED | FALLOFF | {"chromatic_shift": 1e-3}
+    camera = replace(TINY, views=2, lenslets=(3, 4), **everything)
+    layers = [glow(25.0), glow(4.0, seed=6, sooty=True, thickness_mm=0.1), net(-12.0)]
+    pixels = np.argwhere(np.ones((2, 2, 3, 4)))
+    traced = trace_pixels(Scene(layers), camera, pixels, rays=2**10)
+    found = render(Scene(layers), camera, 0.8, "rays", 20)
+    assert len(found.plan.kept) == 11
+    image = found.views.ravel()
+    assert np.sqrt(np.mean(traced.error**2)) < 3e-3 * image.max()
+    assert np.sqrt(np.mean((image - traced.mean) ** 2)) <= 0.01 * image.max()
 
 
 @pytest.mark.slow
@@ -218,7 +212,7 @@ def test_what_exceeds_the_full_well_is_cut_off_pixel_by_pixel():
     camera = replace(BASE, **WIDE)
     scene = Scene([glow()])
     pixels = draw_pixels(camera, 30, seed=3)
-    traced = trace_pixels(scene, camera, pixels, rays=2**13)
+    traced = trace_pixels(scene, camera, pixels, rays=2**12)
     well = float(np.quantile(traced.mean, 0.8))
     sensor = Sensor(1000.0, full_well_e=1000.0 * well)
     only = {"shot_noise": False, "read_noise": False, "quantisation": False, "saturation": True}

@@ -71,23 +71,19 @@ def test_each_pixel_counts_as_many_rays_as_the_closed_form_says(small_camera, rn
 
 @pytest.mark.slow
 @pytest.mark.jit
-@pytest.mark.parametrize(
-    "mistake",
-    [
-        lambda layer, camera: (replace(layer, centre_mm=(0.305, -0.2)), camera),
-        lambda layer, camera: (replace(layer, depth_mm=20.2), camera),
-        lambda layer, camera: (replace(layer, texture=layer.texture * 1.003), camera),
-        lambda layer, camera: (layer, replace(camera, lenslet_focal_mm=0.403)),
-    ],
-    ids=["25th of a lenslet aside", "slope 1 % off", "0.3 % too bright", "bundles 1 % too narrow"],
-)
-def test_the_count_would_notice_small_mistakes(small_camera, rng, mistake):
+def test_the_count_would_notice_small_mistakes(small_camera, rng):
+    """A 25th of a lenslet aside; slope 1 % off; 0.3 % too bright; bundles 1 % too narrow."""
     layer, rays = two_tone(rng, 20.0), 30_000_000
     counts, weight = count_rays(Scene([layer]), layer, small_camera, rays)
     assert misfit(counts, backward(Scene([layer]), small_camera) / weight, rays) < 4
-    wrong_layer, wrong_camera = mistake(layer, small_camera)
-    expected = backward(Scene([wrong_layer]), wrong_camera) / weight
-    assert misfit(counts, expected, rays) > 5
+    for wrong_layer, wrong_camera in (
+        (replace(layer, centre_mm=(0.305, -0.2)), small_camera),
+        (replace(layer, depth_mm=20.2), small_camera),
+        (replace(layer, texture=layer.texture * 1.003), small_camera),
+        (layer, replace(small_camera, lenslet_focal_mm=0.403)),
+    ):
+        expected = backward(Scene([wrong_layer]), wrong_camera) / weight
+        assert misfit(counts, expected, rays) > 5
 
 
 @pytest.mark.jit
@@ -140,7 +136,7 @@ def test_the_error_falls_as_the_theory_says(small_camera, rng):
     errors = {
         sequence: [
             np.sqrt(np.mean((trace_forward(scene, small_camera, n, sequence) - exact) ** 2))
-            for n in (2**18, 2**20, 2**22, 2**24)
+            for n in (2**16, 2**18, 2**20, 2**22)
         ]
         for sequence in ("random", "quasi")
     }

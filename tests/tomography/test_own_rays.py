@@ -145,7 +145,7 @@ def test_error_bars_hold_the_truth(record_noise):
     level = 0.02 if record_noise is gaussian else 100
     lit = 0.1 * TRUTH.max(axis=(1, 2), keepdims=True) < TRUTH
     held, found, errors = [], [], []
-    for seed in range(4):
+    for seed in range(2):
         noisy = record_noise(CLEAN, level, seed)
         found.append(reconstruct(noisy, GRID, bootstrap=20, rng=np.random.default_rng(seed)))
         off = np.abs(found[-1].emission - TRUTH)

@@ -202,12 +202,12 @@ def test_a_strongly_absorbing_layer_is_planned(name, tolerance):
 @pytest.mark.slow
 def test_a_strongly_absorbing_flame_is_rendered():
     """Before a picture, against rays by the lenses' equations through both."""
-    camera = replace(PAPER_CAMERA, views=3, lenslets=(10, 10))
-    flame = thick(FLAME[::2, ::2], 50 * FLAME[::2, ::2], size=0.7)
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(5, 5))
+    flame = thick(FLAME[::4, ::4], 50 * FLAME[::4, ::4], size=0.5, thickness=1.5)
     scene, tolerance = Scene([flame, Layer([[0.03]], 25.0, (9.0, 9.0))]), 0.05
     plan = plan_effects(scene, camera, tolerance)
     found = render(scene, camera, tolerance).views
-    pixels = [(0, 0, 3, 4), (2, 0, 5, 6), (1, 1, 4, 5), (0, 2, 7, 3), (2, 2, 6, 2)]
+    pixels = [(0, 0, 1, 2), (2, 0, 3, 4), (1, 1, 2, 2), (0, 2, 4, 0), (2, 2, 3, 0)]
     truth = np.array([integrated(flame, camera, pixel, 0.03) for pixel in pixels])
     assert plan.slabs[0] < 200
     assert np.ptp(truth) > 0.1 * truth.max()

@@ -280,7 +280,7 @@ def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
     camera=cameras(),
     tolerances=st.tuples(st.floats(1e-2, 0.5), st.floats(1e-2, 0.5)),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_tighter_tolerance_never_drops_an_effect(drawn, camera, tolerances):
     tight, loose = sorted(tolerances)
     try:
