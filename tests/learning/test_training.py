@@ -12,6 +12,7 @@ from builders import shapes
 
 from lf_flame import InputError
 from lf_flame._common.config import build
+from lf_flame.datasets import fresh_scenes
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.fresh_scenes import fresh_samples
 from lf_flame.datasets.making import make_dataset
@@ -193,6 +194,7 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
 
     monkeypatch.setattr(training, "make_trainer", remember)
     monkeypatch.setattr(feature_stream, "REMEMBERED", 2)  # epochs need them all
+    monkeypatch.setattr(fresh_scenes, "cpu_count", lambda: 1)  # processes take seconds to start
     train(change_recipe(config, epochs=1, fresh_scenes=3), "smoke", data, tmp_path, show=False)
     record, before = (json.loads((run / "run.json").read_text()) for run in (tmp_path, finished))
     assert record["parts"] == before["parts"] | {"train": before["parts"]["train"] + 3}
