@@ -74,11 +74,13 @@ def chunk_bytes(folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["shapes", "flames"])
 def test_slopes_found_are_the_geometrys(name):
+    """As through the paper's camera, with fewer views: pixels as large, and the same aperture."""
     config = read_config(DATA_GEN / f"{name}.toml")
+    config = replace(config, camera=replace(config.camera, views=9))
     found = [search.slope for search in search_slopes(config, whole_range=True)]
-    np.testing.assert_allclose(found, config.camera.depth_to_slope(config.depths_mm), atol=0.01)
+    np.testing.assert_allclose(found, config.camera.depth_to_slope(config.depths_mm), atol=0.003)
     near = [search.slope for search in search_slopes(config)]
-    np.testing.assert_allclose(near, found, atol=1e-5)
+    np.testing.assert_allclose(near, found, atol=5e-5)
 
 
 def test_each_object_is_searched_where_it_stands(tiny):

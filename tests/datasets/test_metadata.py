@@ -117,7 +117,7 @@ def read_all(path):
 
 @pytest.mark.slow
 def test_no_value_in_the_metadata_makes_a_traceback(path, rng):
-    for _ in range(400):
+    for _ in range(100):
         file = path / rng.choice(["", *ARRAYS]) / "zarr.json"
         before = file.read_text()
         found = inner = json.loads(before)
@@ -137,7 +137,7 @@ def test_no_value_in_the_metadata_makes_a_traceback(path, rng):
 def test_no_damage_makes_a_traceback(path, rng):
     files = sorted(file for file in path.rglob("*") if file.is_file())
     refused = 0
-    for trial in range(300):
+    for trial in range(90):
         file = files[rng.integers(len(files))]
         before = file.read_bytes()
         content = bytearray(before)
@@ -150,7 +150,7 @@ def test_no_damage_makes_a_traceback(path, rng):
         refused += bool(told)
         assert "\n" not in told
         file.write_bytes(before)
-    assert refused > 100
+    assert refused > 30
 
 
 def test_a_part_that_is_damaged_is_named(path, whole, tmp_path):

@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::FutureWarning"),
 ]
 
-SAMPLES = 40
+SAMPLES = 20
 
 
 @pytest.fixture(scope="module")

@@ -296,7 +296,7 @@ def test_from_data_set_to_table(tmp_path):
     assert_one_sentence(run_here(*data, cwd=tmp_path), "another configuration or size")
     training = [
         "train", "experiments/flames.toml", "--preset", "smoke", "--data", "flames.zarr",
-        "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv4", "--seed", "2",
+        "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv3", "--seed", "2",
     ]  # fmt: skip
     result = run_here(*training, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
@@ -322,7 +322,7 @@ def test_from_data_set_to_table(tmp_path):
     assert (table.psnr_foreground_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
     shown = experiment("tables", "results", cwd=tmp_path).stdout
-    assert "random (seed 2), conv4" in shown
+    assert "random (seed 2), conv3" in shown
     assert shown.count("missing") == 8  # Table I was not run
     assert "mean of the training images" in shown
     solved = ROOT / "experiments" / "results" / "closed-form"

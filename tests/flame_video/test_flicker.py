@@ -121,9 +121,9 @@ def red_noise(rng, count, kept):
 @pytest.mark.slow
 @pytest.mark.parametrize("kept", [0.0, 0.4, 0.9])
 def test_noise_that_wanders_is_no_flicker_and_hides_none(kept):
-    """100 draws each; at 12 Hz the sine's amplitude is the noise's standard deviation."""
+    """40 draws each; at 12 Hz the sine's amplitude is the noise's standard deviation."""
     rng, times = np.random.default_rng(21), np.arange(100) / 100
-    noise = [red_noise(rng, 100, kept) for _ in range(100)]
+    noise = [red_noise(rng, 100, kept) for _ in range(40)]
     claimed = [bool(find_flicker(times, 30 + one).lines) for one in noise]
     assert np.mean(claimed) <= 0.05
     found = [find_flicker(times, one + sine(times, 12.0, amplitude=1.0)) for one in noise]

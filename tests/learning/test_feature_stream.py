@@ -30,6 +30,7 @@ def stream(whole, monkeypatch):
     """Without a backbone, which cannot see so small an image, the features are the picture."""
     monkeypatch.setattr(feature_stream, "TOGETHER", 2)
     monkeypatch.setattr(fresh_scenes, "TOGETHER", 2)
+    monkeypatch.setattr(fresh_scenes, "cpu_count", lambda: 1)  # processes take seconds to start
     monkeypatch.setattr(feature_stream, "REMEMBERED", 4)
     model = build_refocus_resnet50((10, 16), 1, backbone_depth="none")
     dataset = Dataset(whole / "4.zarr")
@@ -42,7 +43,6 @@ def expected(whole):
     return found.inputs[order], found.targets[order][..., None]
 
 
-@pytest.mark.slow
 def test_it_gives_the_stored_samples_and_then_the_fresh_ones(stream, expected):
     some = stream(False)
     blocks = list(some)
@@ -52,7 +52,6 @@ def test_it_gives_the_stored_samples_and_then_the_fresh_ones(stream, expected):
         np.testing.assert_array_equal(np.concatenate(found), wanted)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("keep_all", "count"), [(False, 4), (True, 8)])
 @pytest.mark.parametrize("iterated", [False, True])
 def test_only_the_first_ones_stay_unless_all_are_asked_for(
@@ -72,7 +71,6 @@ def test_features_of_many_samples_are_those_of_each(rng):
     np.testing.assert_array_equal(compute_features(model, inputs), inputs)
 
 
-@pytest.mark.slow
 def test_nothing_is_computed_twice(stream, monkeypatch):
     some, calls = stream(True), []
     list(some)

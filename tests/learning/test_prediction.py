@@ -38,7 +38,7 @@ TRAINING = {
     "title": "Test images",
     "seed": 1,
     "split": [0.5, 0.25, 0.25],
-    "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+    "model": {"backbone_weights": "random", "backbone_depth": "conv3"},
     "presets": {"smoke": {"epochs": 1}},
 }
 
@@ -109,7 +109,7 @@ def test_the_card_tells_a_stranger_what_the_network_is(run_folder, exported):
     assert card["objects"] == ["square", "circle"]
     assert card["slopes"][0] > 0 > card["slopes"][1]
     assert card["camera"]["lenslet_pitch_mm"] == 0.672
-    assert card["backbone_weights"] == "random (seed 1), conv4"
+    assert card["backbone_weights"] == "random (seed 1), conv3"
     assert (card["title"], card["preset"], card["training"]["epochs"]) == (
         "Test images",
         "smoke",

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.bounds import report
+from experiments.bounds import random_scenes, report
 from experiments.bounds.random_scenes import draw_scene, measure_scene
 from experiments.bounds.report import tabulate
 from lf_flame import InputError
@@ -19,6 +19,7 @@ from lf_flame import InputError
 def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     here = nullcontext(SimpleNamespace(map=map))  # instead of processes, which take seconds each
     monkeypatch.setattr(report, "worker_pool", lambda *_: here)
+    monkeypatch.setattr(random_scenes, "RAY_COUNTS", (3, 6))
 
     def run(scenes):
         arguments = ["bounds", "--out", str(tmp_path), "--scenes", str(scenes), "--seed", "3"]

@@ -42,7 +42,7 @@ TRAINING = {
     "title": "Test images",
     "seed": 1,
     "split": [0.6, 0.2, 0.2],
-    "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+    "model": {"backbone_weights": "random", "backbone_depth": "conv3"},
     "presets": {"smoke": {"epochs": 1}},
 }
 
@@ -139,7 +139,7 @@ def test_every_layer_computes_in_the_precision_that_is_said(subject, precision):
         for weight in layer.weights:
             assert weight.dtype == kept, weight.path
             halves += weight.dtype == precision
-    assert halves > 80  # kernels and biases
+    assert halves > 50  # kernels and biases
     assert parts_of(subject.network)[5].compute_dtype == "float32"  # the reference stays as it is
     ratio = weight_bytes(network) / weight_bytes(subject.network)
     assert 0.5 < ratio < 0.51

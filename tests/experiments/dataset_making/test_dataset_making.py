@@ -22,7 +22,7 @@ def test_rates_are_measured_and_written(tmp_path):
     def silent(steps, _done, _total):
         return steps
 
-    path = run_dataset_making(128, 2, 1, tmp_path, silent, [config])
+    path = run_dataset_making(96, 2, 1, tmp_path, silent, [config])
     record = json.loads((tmp_path / "dataset_making.json").read_text())
     assert [rate["way"] for rate in record["rates"]] == [
         "one process", "process pool", "Dask cluster",
