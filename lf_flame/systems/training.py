@@ -10,7 +10,6 @@ from pathlib import Path
 
 import keras
 import numpy as np
-from tqdm import tqdm
 
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import config_to_json
@@ -30,9 +29,7 @@ FIRST_HELD_OUT = 1_000_000
 EVALUATION_BATCH = 16
 
 
-def train_system(
-    config: SystemsConfig, name: str, preset: str, out: str | Path, show: bool = True
-) -> Path:
+def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path) -> Path:
     """Train a system, or continue a run that was interrupted.
 
     Parameters
@@ -45,8 +42,6 @@ def train_system(
         Key of its `presets`.
     out : str or Path
         Run folder.
-    show : bool, optional
-        Whether to show progress.
 
     Returns
     -------
@@ -79,7 +74,7 @@ def train_system(
 
     def start(new: bool) -> PatchTrainer:
         return PatchTrainer(
-            system, network.loss, recipe, _draw_arrays(config, name, preset, system, show)
+            system, network.loss, recipe, _draw_arrays(config, name, preset, system)
         )
 
     def finish(best: list[np.ndarray]) -> keras.Model:
@@ -89,10 +84,10 @@ def train_system(
 
     metadata = {"title": system.name, "parameters": system.parameters}
     job = Job(request, recipe.epochs, config.seed, config.checkpoint_s, start, finish, metadata)
-    return carry_out(job, Path(out), started, show)
+    return carry_out(job, Path(out), started)
 
 
-def _draw_arrays(config: SystemsConfig, name: str, preset: str, system, show: bool) -> dict:
+def _draw_arrays(config: SystemsConfig, name: str, preset: str, system) -> dict:
     counts, recipe = config.presets[preset], config.recipe(name, preset)
     indices = {
         "train": range(counts.training_samples),
@@ -100,9 +95,14 @@ def _draw_arrays(config: SystemsConfig, name: str, preset: str, system, show: bo
     }
     truth, arrays = NETWORKS[name].truth, {}
     for part, some in indices.items():
-        shown = tqdm(some, f"training samples, {part}", unit="light field", disable=not show)
         arrays[part] = draw_arrays(
-            config.training_samples, system, config.seed, shown, truth, recipe.low_light
+            config.training_samples,
+            system,
+            config.seed,
+            some,
+            truth,
+            recipe.low_light,
+            f"training samples, {part}",
         )
     return arrays
 

@@ -50,7 +50,7 @@ def config():
 def whole(config, data, tmp_path_factory):
     """A run that nothing cut."""
     folder = tmp_path_factory.mktemp("whole")
-    train(config, "smoke", data, folder, show=False)
+    train(config, "smoke", data, folder)
     return folder
 
 
@@ -94,11 +94,11 @@ def test_interrupted_training_goes_on_to_the_same_result(
 
     monkeypatch.setattr(training_run, "_run_epoch", cut_in_epoch_3)
     with pytest.raises(KeyboardInterrupt):
-        train(config, "smoke", data, tmp_path / "cut", show=False)
+        train(config, "smoke", data, tmp_path / "cut")
     assert not (tmp_path / "cut" / "model.keras").exists()
     assert list(pd.read_csv(tmp_path / "cut" / "history.csv").epoch) == [0, 1, 2]
     monkeypatch.undo()
-    train(config, "smoke", data, tmp_path / "cut", show=False)
+    train(config, "smoke", data, tmp_path / "cut")
     curves = [
         pd.read_csv(run / "history.csv")[["loss", "val_loss"]] for run in (whole, tmp_path / "cut")
     ]
@@ -111,7 +111,7 @@ def test_interrupted_training_goes_on_to_the_same_result(
 def test_a_run_in_pieces_by_the_minute_is_the_whole_run(config, data, whole, tmp_path):
     """Each call ends with a network, and the record says how far it is."""
     for done in (1, 2, 3):
-        train(config, "smoke", data, tmp_path / "pieces", show=False, minutes=1e-9)
+        train(config, "smoke", data, tmp_path / "pieces", minutes=1e-9)
         record = json.loads((tmp_path / "pieces" / "run.json").read_text())
         assert (record["epochs"], record["finished"]) == (done, done == 3)
         assert record["best_epoch"] <= done
@@ -124,7 +124,7 @@ def test_a_run_in_pieces_by_the_minute_is_the_whole_run(config, data, whole, tmp
 @pytest.mark.slow
 def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_path):
     config = change_recipe(config, epochs=4, learning_rate=3e-2)  # too large: it gets worse again
-    train(config, "smoke", data, tmp_path, show=False)
+    train(config, "smoke", data, tmp_path)
     history = pd.read_csv(tmp_path / "history.csv")
     record = json.loads((tmp_path / "run.json").read_text())
     assert record["best_epoch"] == history.val_loss.idxmin()
@@ -159,7 +159,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
     ],
 )
 def test_one_epoch_on_every_presets_code_path(config, data, tmp_path, changes):
-    train(change_recipe(config, epochs=1, **changes), "smoke", data, tmp_path, show=False)
+    train(change_recipe(config, epochs=1, **changes), "smoke", data, tmp_path)
     assert (tmp_path / "model.keras").exists()
 
 
@@ -169,7 +169,7 @@ def test_without_epochs_the_start_is_the_network(config, data, tmp_path):
     start = {"warm_start": True, "neck": "positions", "refinements": 1, "learning_rate": 1e-7}
     for epochs in (0, 1):
         asked = change_recipe(config, epochs=epochs, dropout_place="none", **start)
-        train(asked, "smoke", data, tmp_path, show=False)
+        train(asked, "smoke", data, tmp_path)
         history = pd.read_csv(tmp_path / "history.csv")
         assert list(history.epoch) == list(range(epochs + 1))
     record = json.loads((tmp_path / "run.json").read_text())
@@ -194,7 +194,7 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
     monkeypatch.setattr(feature_stream, "REMEMBERED", 2)  # epochs need them all
     for name, fresh in (("stored", 0), ("more", 3)):
         asked = change_recipe(config, epochs=1, fresh_scenes=fresh)
-        train(asked, "smoke", data, tmp_path / name, show=False)
+        train(asked, "smoke", data, tmp_path / name)
         found = {part: [x.copy() for x in pair] for part, pair in learnt["arrays"].items()}
         record = json.loads((tmp_path / name / "run.json").read_text())
         if name == "stored":
@@ -210,13 +210,13 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
 
 @pytest.mark.slow
 def test_a_changed_configuration_is_refused(config, data, tmp_path):
-    train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    train(change_recipe(config, epochs=1), "smoke", data, tmp_path)
     before = (tmp_path / "model.keras").read_bytes()
     with pytest.raises(InputError, match="holds a run with another recipe"):
-        train(change_recipe(config, batch_size=3), "smoke", data, tmp_path, show=False)
+        train(change_recipe(config, batch_size=3), "smoke", data, tmp_path)
     changed = change_recipe(config, epochs=2, schedule="cosine")
     with pytest.raises(InputError, match="holds a run with another recipe"):
-        train(changed, "smoke", data, tmp_path, show=False)
+        train(changed, "smoke", data, tmp_path)
     assert (tmp_path / "model.keras").read_bytes() == before
 
 
@@ -225,7 +225,7 @@ def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, whole, 
     seconds = []
     for epochs in (1, 3, 3):
         asked = config.with_epochs("smoke", epochs)
-        train(asked, "smoke", data, tmp_path / "longer", show=False)
+        train(asked, "smoke", data, tmp_path / "longer")
         seconds.append(list(pd.read_csv(tmp_path / "longer" / "history.csv").seconds))
     assert seconds[1][:2] == seconds[0]  # it went on, and did not begin again
     assert seconds[2] == seconds[1]  # what is finished stays
@@ -236,19 +236,19 @@ def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, whole, 
     assert records[1]["recipe"] == records[0]["recipe"]
     assert records[1]["epochs"] == 3
     with pytest.raises(InputError, match="holds a run with another recipe"):  # not for fewer
-        train(config.with_epochs("smoke", 2), "smoke", data, tmp_path / "longer", show=False)
+        train(config.with_epochs("smoke", 2), "smoke", data, tmp_path / "longer")
 
 
 def again(config, data, out):
     """Go on with a run whose network is gone, so that its checkpoint is read."""
     (out / "model.keras").unlink(missing_ok=True)
-    return train(change_recipe(config, epochs=1), "smoke", data, out, show=False)
+    return train(change_recipe(config, epochs=1), "smoke", data, out)
 
 
 @pytest.fixture(scope="module")
 def finished(config, data, tmp_path_factory):
     out = tmp_path_factory.mktemp("finished")
-    train(change_recipe(config, epochs=1), "smoke", data, out, show=False)
+    train(change_recipe(config, epochs=1), "smoke", data, out)
     return out
 
 
@@ -299,10 +299,10 @@ def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, kn
         del record["model_sha256"], record["record_sha256"]
         (run / "run.json").write_text(json.dumps(record))
         before = (run / "model.keras").stat().st_ino
-        train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
+        train(change_recipe(config, epochs=1), "smoke", data, run)
         assert (run / "model.keras").stat().st_ino == before  # whole as it is
     (run / "model.keras").write_bytes((run / "model.keras").read_bytes()[:keep])
-    model = train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
+    model = train(change_recipe(config, epochs=1), "smoke", data, run)
     networks = [
         keras.saving.load_model(path, compile=False) for path in (model, run.parent / "whole.keras")
     ]
@@ -316,11 +316,11 @@ def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, kn
 def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path):
     config = change_recipe(config, learning_rate=1e38)
     with pytest.raises(InputError, match="no longer a number in epoch 1"):
-        train(config, "smoke", data, tmp_path, show=False)
+        train(config, "smoke", data, tmp_path)
 
 
 @pytest.mark.slow
-def test_without_imagenet_a_preset_goes_on_or_stops(config, tmp_path, monkeypatch, capsys):
+def test_without_imagenet_a_preset_goes_on_or_stops(config, tmp_path, monkeypatch, caplog):
     def offline():
         raise ImagenetUnavailable("no network.")
 
@@ -329,10 +329,10 @@ def test_without_imagenet_a_preset_goes_on_or_stops(config, tmp_path, monkeypatc
     config, data = replace(config, model=model), tmp_path / "shapes.zarr"
     make_dataset(config_from_json(shapes(4, (32, 40)), "here"), 4, data)
     with pytest.raises(InputError, match="weights FILE .*weights random .*BACKBONE_WEIGHTS"):
-        train(change_recipe(config, epochs=1), "smoke", data, tmp_path / "run", show=False)
+        train(change_recipe(config, epochs=1), "smoke", data, tmp_path / "run")
     asked = change_recipe(config, epochs=1, without_imagenet="random")
-    train(asked, "smoke", data, tmp_path / "run", show=False)
-    assert "RANDOM backbone weights" in capsys.readouterr().out
+    train(asked, "smoke", data, tmp_path / "run")
+    assert "RANDOM backbone weights" in caplog.text
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["backbone_weights"].startswith("random")
 

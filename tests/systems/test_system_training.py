@@ -159,7 +159,7 @@ def test_refnet_learns_its_own_slopes(config):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [x for x in NETWORKS if x != "refnet-fourier"])
 def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
-    path = train_system(config, name, "smoke", tmp_path / name, show=False)
+    path = train_system(config, name, "smoke", tmp_path / name)
     record = json.loads((path.parent / "run.json").read_text())
     history = pd.read_csv(path.parent / "history.csv")
     assert list(history.epoch) == [0, 1, 2]
@@ -179,7 +179,7 @@ def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
 
 @pytest.mark.slow
 def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monkeypatch):
-    train_system(config, "volumetric", "smoke", tmp_path / "whole", show=False)
+    train_system(config, "volumetric", "smoke", tmp_path / "whole")
     run_epoch = training_run._run_epoch
 
     def cut_in_epoch_2(trainer, seed, epoch):
@@ -189,9 +189,9 @@ def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monke
 
     monkeypatch.setattr(training_run, "_run_epoch", cut_in_epoch_2)
     with pytest.raises(KeyboardInterrupt):
-        train_system(config, "volumetric", "smoke", tmp_path / "cut", show=False)
+        train_system(config, "volumetric", "smoke", tmp_path / "cut")
     monkeypatch.undo()
-    train_system(config, "volumetric", "smoke", tmp_path / "cut", show=False)
+    train_system(config, "volumetric", "smoke", tmp_path / "cut")
     losses = [pd.read_csv(tmp_path / x / "history.csv").loss for x in ("whole", "cut")]
     np.testing.assert_allclose(losses[0], losses[1], rtol=1e-4)
 
@@ -243,9 +243,9 @@ def test_weights_come_from_the_seed(config):
 
 @pytest.mark.slow
 def test_another_run_in_the_folder_is_refused(config, tmp_path):
-    train_system(config, "volumetric", "smoke", tmp_path, show=False)
+    train_system(config, "volumetric", "smoke", tmp_path)
     with pytest.raises(InputError, match="holds a run with another system"):
-        train_system(config, "refnet", "smoke", tmp_path, show=False)
+        train_system(config, "refnet", "smoke", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ def test_training_into_a_damaged_run_is_one_sentence(config, system_runs, tmp_pa
     shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
     (tmp_path / "run" / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"run\.json is not a JSON file"):
-        train_system(config, "refocusnet", "smoke", tmp_path / "run", show=False)
+        train_system(config, "refocusnet", "smoke", tmp_path / "run")
 
 
 def test_a_folder_without_a_system_is_refused(tmp_path):
