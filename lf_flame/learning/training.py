@@ -22,7 +22,7 @@ from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.feature_stream import FeatureStream, compute_features
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 from lf_flame.learning.run_folders import describe_dataset
-from lf_flame.learning.trainers import decoder_variables, make_trainer
+from lf_flame.learning.trainers import all_variables, make_trainer
 from lf_flame.learning.training_config import ModelConfig, Recipe, TrainingConfig
 from lf_flame.learning.training_run import Job, assign, carry_out
 from lf_flame.learning.warm_start import Blocks, freeze_normalisations, solve_decoder
@@ -227,7 +227,7 @@ class _Training:
 
     def finish(self, best: list[np.ndarray]) -> keras.Model:
         """Give the network with the best weights."""
-        assign(decoder_variables(self._decoder), best)
+        assign(all_variables(self._decoder), best)
         return self._model
 
 

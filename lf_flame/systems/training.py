@@ -16,6 +16,7 @@ from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
+from lf_flame.learning.trainers import all_variables
 from lf_flame.learning.training_run import Job, assign, carry_out
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refocusnet import RefocusNet
@@ -79,7 +80,7 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
 
     def finish(best: list[np.ndarray]) -> keras.Model:
         model = network.model(config.seed)  # a new one, without the optimiser
-        assign(_variables(model), best)
+        assign(all_variables(model), best)
         return model
 
     metadata = {"title": system.name, "parameters": system.parameters}
@@ -105,10 +106,6 @@ def _draw_arrays(config: SystemsConfig, name: str, preset: str, system) -> dict:
             f"training samples, {part}",
         )
     return arrays
-
-
-def _variables(model: keras.Model) -> list[keras.Variable]:
-    return [*model.trainable_variables, *model.non_trainable_variables]
 
 
 def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
@@ -184,16 +181,16 @@ class PatchTrainer:
     @property
     def weights(self) -> list[np.ndarray]:
         """Copies of all values of the network."""
-        return _values(_variables(self.model))
+        return _values(all_variables(self.model))
 
     @property
     def state(self) -> list[np.ndarray]:
         """Everything that the next epoch depends on; set it to continue from there."""
-        return _values([*_variables(self.model), *self.optimizer.variables])
+        return _values([*all_variables(self.model), *self.optimizer.variables])
 
     @state.setter
     def state(self, values) -> None:
-        assign([*_variables(self.model), *self.optimizer.variables], values)
+        assign([*all_variables(self.model), *self.optimizer.variables], values)
 
 
 def load_system(path: str | Path) -> NetworkSystem:

@@ -9,7 +9,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.learning.decoder import build_decoder
-from lf_flame.learning.trainers import decoder_variables, make_trainer
+from lf_flame.learning.trainers import all_variables, make_trainer
 
 FEATURES, IMAGE = (3, 6, 32), (9, 18)
 
@@ -58,7 +58,7 @@ def test_training_is_that_of_keras(samples, batch_size, options):
     assert trainer.evaluate("train") == pytest.approx(
         plain.evaluate(*samples["train"], verbose=0), rel=1e-4
     )
-    for variable, value in zip(decoder_variables(trained), trainer.weights, strict=True):
+    for variable, value in zip(all_variables(trained), trainer.weights, strict=True):
         variable.assign(value)
     stacks = (np.array(x(samples["train"][0])) for x in (plain, trained))
     np.testing.assert_allclose(*stacks, atol=1e-4)
@@ -98,7 +98,7 @@ def test_frozen_normalisations_stay(samples):
     norms = [layer.get_weights() for layer in frozen.layers if not layer.trainable]
     trainer = make_trainer(frozen, 1e-2, 2, samples)
     trainer.train_in_order(np.arange(9))
-    for variable, value in zip(decoder_variables(frozen), trainer.weights, strict=True):
+    for variable, value in zip(all_variables(frozen), trainer.weights, strict=True):
         variable.assign(value)
     kept = [layer.get_weights() for layer in frozen.layers if not layer.trainable]
     assert norms

@@ -350,14 +350,15 @@ def test_figure_of_a_search_marks_its_peak(rng):
 
     views = side_by_side(rng)
     searches = find_sharpest_slopes(views, regions=[(0, 40, 0, 40), (60, 80, 60, 80)])
-    figure = search_figure(searches, ["bright", "dark"])
+    figure = search_figure(searches)
     curve, mark, *_ = figure.axes[0].lines
     assert curve.get_ydata().max() == 1
     assert mark.get_xdata() == [searches[0].slope]
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     bright = searches[0]
-    assert texts[0] == f"bright: {bright.slope:.3f}, confidence {bright.confidence:.2f}"
-    assert texts[1] == "dark: nan, confidence 0.00"
+    found = f"{bright.slope:.3f}, confidence {bright.confidence:.2f}"
+    assert texts[0] == f"rows 0-40, columns 0-40: {found}"
+    assert texts[1] == "rows 60-80, columns 60-80: nan, confidence 0.00"
 
 
 def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
