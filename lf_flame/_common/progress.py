@@ -89,11 +89,6 @@ def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
     return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
 
 
-def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
-    """Progress bar over the steps of a study."""
-    return tqdm(finished, "measuring", total, initial=done, unit="step")
-
-
 def frame_bar(frames: Iterable[T], total: int, done: int = 0) -> Iterable[T]:
     """Progress bar over the frames of a video; `done` of them are measured already."""
     return tqdm(frames, "measuring", total, initial=done, unit="frame", smoothing=0.1)
