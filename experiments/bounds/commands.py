@@ -23,7 +23,7 @@ def bounds(out: Path, scenes: int, seed: int, workers: int | None) -> None:
     on from it.
     """
     from experiments.bounds.report import run_bounds
-    from lf_flame._common.progress import step_bar
+    from experiments.command_parts import step_bar
     from lf_flame._common.provenance import cpu_count
 
     path = run_bounds(scenes, seed, out, step_bar, workers or cpu_count())

@@ -29,7 +29,7 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
     out : Path
         Gets ``bounds.json``, the record, ``bounds.csv`` and ``bounds.md``.
     progress : callable
-        As `lf_flame._common.progress.step_bar`.
+        As `experiments.command_parts.step_bar`.
     workers : int, optional
         Processes; they change the time alone.
 

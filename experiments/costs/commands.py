@@ -6,7 +6,8 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
-from lf_flame.commands.options import FOLDER, PATH, quiet_tensorflow
+from experiments.command_parts import quiet_tensorflow
+from lf_flame.commands.options import FOLDER, PATH
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
@@ -43,9 +44,9 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     for fewer views, for light fields stored in fewer bits, in the Fourier domain, and for the
     trained networks. On all cores, in two or three minutes.
     """
+    from experiments.command_parts import step_bar
     from experiments.costs import rendering_report
     from experiments.costs.rendering import measure_costs
-    from lf_flame._common.progress import step_bar
 
     if not budget_s > 0:
         raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
@@ -96,9 +97,9 @@ def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> N
     """  # noqa: D301 - click reads the backspace
     load_keras()
     quiet_tensorflow()
+    from experiments.command_parts import step_bar
     from experiments.costs import latency_report
     from experiments.costs.latency import measure_latency
-    from lf_flame._common.progress import step_bar
 
     path = latency_report.write(out, measure_latency(networks, repeats, seed, step_bar))
     click.echo(set_beside(path, f"costs/{path.name}"))

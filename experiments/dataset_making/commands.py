@@ -22,8 +22,8 @@ def dataset_making(out: Path, samples: int, processes: int | None, rounds: int) 
     form and by traced rays, with how far apart the images are. Run it on a machine that does
     nothing else; it takes some minutes. OUT gets dataset_making.md and .json, the record.
     """
+    from experiments.command_parts import step_bar
     from experiments.dataset_making.report import run_dataset_making
-    from lf_flame._common.progress import step_bar
     from lf_flame._common.provenance import cpu_count
 
     processes = processes or cpu_count()

@@ -60,7 +60,7 @@ def run_dataset_making(
     out : Path
         Gets ``dataset_making.json``, the record, and ``dataset_making.md``.
     progress : callable
-        As `lf_flame._common.progress.step_bar`.
+        As `experiments.command_parts.step_bar`.
     configs : sequence of DatasetConfig, optional
         Default: those of the paper's data sets.
 

@@ -6,7 +6,8 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
-from lf_flame.commands.options import FOLDER, quiet_tensorflow
+from experiments.command_parts import quiet_tensorflow
+from lf_flame.commands.options import FOLDER
 from lf_flame.learning.keras_loading import load_keras
 
 
@@ -29,8 +30,8 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     """  # noqa: D301 - click reads the backspace
     load_keras()
     quiet_tensorflow()
+    from experiments.command_parts import step_bar
     from experiments.depth_test.permutation import run_depth_test
-    from lf_flame._common.progress import step_bar
 
     path = run_depth_test(runs, out, samples, step_bar)
     click.echo(set_beside(path, "depth_test/depth_test.md"))

@@ -24,9 +24,9 @@ def effects(out: Path) -> None:
     \b
       python -m experiments effects --out results/effects
     """  # noqa: D301 - click reads the backspace
+    from experiments.command_parts import step_bar
     from experiments.effects.absolute import measure_effects
     from experiments.effects.report import write
-    from lf_flame._common.progress import step_bar
 
     path = write(out, measure_effects(step_bar))
     click.echo(set_beside(path, f"effects/{path.name}"))

@@ -18,8 +18,8 @@ def hard_cases(out: Path) -> None:
     OUT gets hard_cases.csv, .md, .png and .json, the record.
     """
     load_keras()
+    from experiments.command_parts import step_bar
     from experiments.hard_cases.report import run_hard_cases
-    from lf_flame._common.progress import step_bar
 
     path = run_hard_cases(out, step_bar)
     click.echo(set_beside(path, f"hard_cases/{path.name}"))

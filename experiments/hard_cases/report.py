@@ -37,7 +37,7 @@ def run_hard_cases(out: Path, progress) -> Path:
     out : Path
         Gets ``hard_cases.csv``, ``.md``, ``.png`` and ``.json``, the record.
     progress : callable
-        As `lf_flame._common.progress.step_bar`.
+        As `experiments.command_parts.step_bar`.
 
     Returns
     -------

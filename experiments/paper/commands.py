@@ -6,8 +6,9 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
+from experiments.command_parts import PlainName
 from experiments.paths import PAPER_VALUES
-from lf_flame.commands.options import FILE, FOLDER, PlainName, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, UsablePath
 from lf_flame.learning.keras_loading import load_keras
 
 

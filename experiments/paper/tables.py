@@ -1,5 +1,7 @@
 """SSIM and PSNR of a trained model on its test split, and the tables made of them."""
 
+import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.checksums import SEAL
 from lf_flame._common.input_files import read_text
+from lf_flame.datasets.config import config_to_json
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
@@ -216,13 +219,19 @@ def read_tables(out: Path, paper_values: Path) -> str:
     return "\n".join(texts)
 
 
+def scenes_sha256(dataset: Dataset) -> str:
+    """Hash of the configuration: the same on all machines, whose rounding may differ."""
+    asked = {**config_to_json(dataset.config), "samples": len(dataset)}
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+
 def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Path) -> None:
     """Score a run's test split; write its table and the figure of its first test sample."""
     record = dict(open_run(run).record)
     paper = read_paper_values(paper_values, table)
     tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
     dataset, indices, predictions = predict_test_split(run)
-    record["scenes_sha256"] = dataset.scenes_sha256
+    record["scenes_sha256"] = scenes_sha256(dataset)
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)
     light_field, _ = render_sample(dataset.config, int(indices[0]), dataset.attrs.get("rays"))

@@ -22,9 +22,9 @@ def slope_maps(out: Path) -> None:
     \b
       python -m experiments slope-maps --out results/slope_maps
     """  # noqa: D301 - click reads the backspace
+    from experiments.command_parts import step_bar
     from experiments.slope_maps.measuring import measure
     from experiments.slope_maps.report import write
-    from lf_flame._common.progress import step_bar
 
     path = write(out, *measure(step_bar))
     click.echo(set_beside(path, f"slope_maps/{path.name}"))

@@ -9,8 +9,9 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
+from experiments.command_parts import quiet_tensorflow
 from experiments.paths import PAPER_VALUES
-from lf_flame.commands.options import FILE, FOLDER, quiet_tensorflow
+from lf_flame.commands.options import FILE, FOLDER
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 

@@ -6,8 +6,9 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
+from experiments.command_parts import quiet_tensorflow
 from experiments.paths import DATA_SETS, EXPERIMENTS
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange, quiet_tensorflow
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
@@ -71,10 +72,10 @@ def compare(
         raise InputError(f"light-fields must be 1 or more, got {light_fields}.")
     load_keras()
     quiet_tensorflow()
+    from experiments.command_parts import step_bar
     from experiments.systems import benchmark
     from experiments.systems import entries as systems
     from experiments.systems.compared_sets import paper_sets, photograph_sets
-    from lf_flame._common.progress import step_bar
     from lf_flame.datasets.config import read_config
     from lf_flame.formats import read_light_field
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.command_parts import step_bar
 from experiments.report import write_report
 from experiments.systems import scene_counts_report as report
 from lf_flame._common.config import to_json
-from lf_flame._common.progress import step_bar
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.scores import psnr, ssim

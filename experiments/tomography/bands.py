@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from experiments.tomography.colours import WAVELENGTHS_NM, emission_ratio
 from experiments.tomography.phantoms import (
     EXACT,
     overlapping_flames,
@@ -25,7 +26,6 @@ from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
 from lf_flame.tomography.error_bars import bar_times
 from lf_flame.tomography.frustum_grid import planes_between
 from lf_flame.tomography.profiles import axial, radial
-from lf_flame.tomography.two_colours import emission_ratio
 
 BOOTSTRAP = 20
 """Of each reconstruction, as many as `lf-flame reconstruct` makes."""
@@ -39,7 +39,7 @@ STRIP_MM = 0.3
 BRIGHT = 0.05
 """Share of a plane's peak from which a place counts."""
 
-KELVIN, WAVELENGTHS_NM = 1800.0, (550.0, 650.0)
+KELVIN = 1800.0
 """Even temperature of the flames, seen in two colours."""
 
 PROFILES = {"axial": axial, "radial": radial}
@@ -154,7 +154,7 @@ def _bright(truth: np.ndarray) -> np.ndarray:
 
 def _temperatures(first: Held, second: Held, bright: np.ndarray) -> float:
     """Share of temperatures held, two draws of one light being the two colours."""
-    ratio = float(emission_ratio(KELVIN, WAVELENGTHS_NM))
+    ratio = float(emission_ratio(KELVIN))
     soot = two_colour_temperature(
         ratio * first.emission,
         second.emission,

@@ -11,7 +11,7 @@ from experiments.tomography.tasks import DEPTHS_MM, NOISE, OURS, Row, relative_e
 from lf_flame import Scene
 from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
-from lf_flame.tomography.two_colours import emission_ratio
+from lf_flame.tomography.two_colours import two_wavelengths
 
 WAVELENGTHS_NM = (550.0, 650.0)
 
@@ -26,13 +26,19 @@ BRIGHT = 0.2
 TASK = "soot in two colours"
 
 
+def emission_ratio(kelvin: np.ndarray | float) -> np.ndarray:
+    """Ratio of soot's emission at the first wavelength to that at the second."""
+    first, second = two_wavelengths(WAVELENGTHS_NM).soot(kelvin, 1.0)
+    return first / second
+
+
 def in_green(scene: Scene) -> Scene:
     """Let each layer glow at the first wavelength as soot does whose red glow it is."""
     layers = []
     for layer in scene.layers:
         rows = layer.texture.shape[0]
         kelvin = MIDDLE_K + SWING_K * np.linspace(1, -1, rows)[:, None]
-        glow = layer.texture * emission_ratio(kelvin, WAVELENGTHS_NM)
+        glow = layer.texture * emission_ratio(kelvin)
         layers.append(replace(layer, texture=glow))
     return Scene(layers)
 

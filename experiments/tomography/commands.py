@@ -46,6 +46,7 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
 
     import numpy as np
 
+    from experiments.command_parts import step_bar
     from experiments.tomography.bands import count_held
     from experiments.tomography.colours import two_colours
     from experiments.tomography.networks import networks_as_sections
@@ -53,7 +54,6 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     from experiments.tomography.round_flames import round_flame
     from experiments.tomography.tasks import TASKS
     from experiments.tomography.video import video
-    from lf_flame._common.progress import step_bar
 
     begin, rows = time.perf_counter(), []
     rng = np.random.default_rng(seed)

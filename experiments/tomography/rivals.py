@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.command_parts import step_bar
 from experiments.report import markdown, write_report
 from experiments.tomography import flame_rays as rays
 from lf_flame import LightField, PlenopticCamera
 from lf_flame._common.figures import subplots
-from lf_flame._common.progress import step_bar
 from lf_flame.tomography import (
     AxisymmetricGrid,
     FrustumGrid,

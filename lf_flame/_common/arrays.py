@@ -1,6 +1,6 @@
 """Small operations on arrays that several parts of the package share."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -11,6 +11,11 @@ Number = TypeVar("Number", float, np.ndarray)
 def centred(n: int) -> np.ndarray:
     """Positions of n points relative to their centre: k - (n - 1) / 2, float64."""
     return np.arange(n) - (n - 1) / 2
+
+
+def number_or_array(array: np.ndarray) -> Any:
+    """Make a plain number of an array without axes; others stay as they are."""
+    return array.item() if np.ndim(array) == 0 else array
 
 
 def spread(count: int, chosen: int) -> list[int]:

@@ -1,14 +1,14 @@
 """Progress bars for long work, and a line of text for work without steps.
 
-The library shows nothing unless a program calls `show`, and then only for work that takes longer
-than `PATIENCE`: bars of quick work would hide what matters.
+The library shows nothing unless a program calls `show`. Most bars then appear only for work that
+takes longer than `PATIENCE`, and go when it ends: bars of quick work would hide what matters.
 """
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from tqdm import tqdm
 
@@ -28,27 +28,42 @@ def show(shows: bool = True) -> None:
 
 
 @contextmanager
-def bar(what: str, total: int | None = None, unit: str = "step") -> Iterator[tqdm]:
-    """Progress bar to be updated by the caller; it appears if the work exceeds `PATIENCE`."""
+def bar(
+    what: str, total: int | None = None, unit: str = "step", *, stays: bool = False, **options: Any
+) -> Iterator[tqdm]:
+    """Progress bar to be updated by the caller, with further options of `tqdm`.
+
+    It appears if the work exceeds `PATIENCE`, and goes at the end; or it `stays`, from the start.
+    Of work without a step there is none.
+    """
     shown = tqdm(
         desc=what,
         total=total,
         unit=unit,
-        delay=PATIENCE,
-        leave=False,
-        disable=not _program["shows"],
+        delay=0 if stays else PATIENCE,
+        leave=stays,
+        disable=total == 0 or not _program["shows"],
+        **options,
     )
     # tqdm looks at the clock only at the end of a step, and the first may take minutes.
     with shown, _after(shown.refresh):
         yield shown
 
 
-def steps(work: Iterable[T], what: str, total: int, unit: str = "step") -> Iterator[T]:
+def steps(
+    work: Iterable[T], what: str, total: int, unit: str = "step", *, stays: bool = False
+) -> Iterator[T]:
     """Iterate over some work with a `bar`."""
-    with bar(what, total, unit) as shown:
+    with bar(what, total, unit, stays=stays) as shown:
         for step in work:
             yield step
             shown.update()
+
+
+def tell(line: str) -> None:
+    """Print a line above the bars, if progress is shown."""
+    if _program["shows"]:
+        tqdm.write(line)
 
 
 @contextmanager
@@ -72,11 +87,6 @@ def _after(act) -> Iterator[None]:
 def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
     """Progress bar over samples, with the time that remains; `done` of them already exist."""
     return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
-
-
-def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
-    """Progress bar over the steps of a study."""
-    return tqdm(finished, "measuring", total, initial=done, unit="step")
 
 
 def frame_bar(frames: Iterable[T], total: int, done: int = 0) -> Iterable[T]:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.arrays import Number
+from lf_flame._common.arrays import Number, number_or_array
 from lf_flame._common.config import strict
 from lf_flame.calibration.brightness import even_out
 from lf_flame.calibration.distortion import undistort
@@ -158,7 +158,9 @@ class CameraLaw(Lens):
         """
         self.check_depths(depth_mm)
         depth = np.asarray(depth_mm, float)
-        return _scalar(self.slope_at_infinity + self.slope_mm / (depth - self.slope_centre_mm))
+        return number_or_array(
+            self.slope_at_infinity + self.slope_mm / (depth - self.slope_centre_mm)
+        )
 
     def slope_to_depth(self, slope: Number) -> Number:
         """Depth in mm of the layer in focus at a slope.
@@ -170,12 +172,12 @@ class CameraLaw(Lens):
         """
         depth = self._depth(slope)
         self.check_depths(depth)
-        return _scalar(depth)
+        return number_or_array(depth)
 
     def slope_to_real_depth(self, slope: Number) -> Number:
         """Depth in mm as `slope_to_depth`; NaN outside `depth_range_mm`."""
         depth, (low, high) = self._depth(slope), self.depth_range_mm
-        return _scalar(np.where((depth >= low) & (depth <= high), depth, np.nan))
+        return number_or_array(np.where((depth >= low) & (depth <= high), depth, np.nan))
 
     def _depth(self, slope: Number) -> np.ndarray:
         with np.errstate(divide="ignore"):
@@ -191,7 +193,7 @@ class CameraLaw(Lens):
             If a depth is outside `depth_range_mm`.
         """
         self.check_depths(depth_mm)
-        return _scalar(self.scale * (np.asarray(depth_mm, float) - self.scale_centre_mm))
+        return number_or_array(self.scale * (np.asarray(depth_mm, float) - self.scale_centre_mm))
 
     def field_mm(self, depth_mm: float) -> tuple[float, float]:
         """Height and width, in mm, of the field of the central view at a depth."""
@@ -287,7 +289,3 @@ def _toml(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_toml, value))}]"
     return str(value) if isinstance(value, int) else repr(float(value))
-
-
-def _scalar(array: np.ndarray) -> Any:
-    return array.item() if np.ndim(array) == 0 else array

@@ -213,23 +213,23 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     with picture_folder(_folder_for(source, out, "-regions"), source) as folder:
         unet = open_network(network)
         _refuse_other_network(network, unet)
-        dense = not (cross or unet)
+        cross = cross or unet is not None
         folder.facts |= {
             "slopes_searched": slopes,
             "background": slopes[0] if background is None else background,
-            "views_used": "all" if dense else "a cross of 17",
+            "views_used": "a cross of 17" if cross else "all",
             "network": unet.name if unet else None,
         }
         job = RefocusJob(Reading(**options).read(source))
         check_job(job, [*slopes, *([] if background is None else [background])])
         describe_job(job, folder)
         image, surface, found = refocus_regions(
-            job.views_to_white, regions, slopes, background=background, dense=dense, unet=unet
+            job.views_to_white, regions, slopes, background=background, cross=cross, unet=unet
         )
         for region, (slope, trust) in zip(regions, found, strict=True):
-            sure = f"{trust:.0%} of its pixels are certain" if dense else f"MS-SSIM {trust:.3f}"
+            sure = f"MS-SSIM {trust:.3f}" if cross else f"{trust:.0%} of its pixels are certain"
             click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
-        measure = "certain" if dense else "ms_ssim"
+        measure = "ms_ssim" if cross else "certain"
         facts = [{"slope": slope, measure: trust} for slope, trust in found]
         write_regions(job, image, surface, regions, facts, folder)
     _tell_files(folder)

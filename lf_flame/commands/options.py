@@ -34,18 +34,6 @@ class UsablePath(click.Path):
         return super().convert(value, param, ctx)
 
 
-class PlainName(click.ParamType):
-    """The name of a file, not a path, in a folder that another option names."""
-
-    name = "name"
-
-    def convert(self, value, param, ctx):
-        """Refuse an empty name, or a path."""
-        if value != Path(value).name or not value.strip(" .") or "\0" in value:
-            self.fail(f"{value!r} is no plain name of a file.", param, ctx)
-        return value
-
-
 class FiniteRange(click.FloatRange):
     """A range of finite numbers; click lets NaN and infinity pass."""
 
@@ -124,10 +112,3 @@ def _is_importing() -> bool:
 
 HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 """Settings of the outermost group of a program."""
-
-
-def quiet_tensorflow() -> None:
-    """Suppress TensorFlow's messages that each network is compiled."""
-    import logging
-
-    logging.getLogger("tensorflow").setLevel(logging.ERROR)

@@ -266,8 +266,6 @@ class Reading:
 
     def _open(self, source: Path, over: InputError) -> "LazyLightField":
         """Open a light field that exceeds the memory limit, as an error says."""
-        from tqdm import tqdm
-
         from lf_flame import formats
         from lf_flame.formats.view_files.sources import is_view_folder
 
@@ -275,7 +273,7 @@ class Reading:
         if is_view_folder(source):
             tell(f"{reason}: bands of rows are read from a temporary copy")
             folder = self.scan(source, larger=True)
-            return folder.unpack(lambda files: tqdm(files, "unpacking", unit="view", leave=None))
+            return folder.unpack()
         try:
             opened = formats.open_light_field(
                 source, order=self.order, grid=self.grid, axes=self.axes, array=self.array
@@ -287,8 +285,6 @@ class Reading:
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found."""
-        from tqdm import tqdm
-
         from lf_flame.formats.coding import notes_on_values
         from lf_flame.formats.reading import note_on_order, subtract_dark
         from lf_flame.formats.view_files.sources import is_view_folder
@@ -298,7 +294,7 @@ class Reading:
             light_field = plan.decode(image)
         elif is_view_folder(source):
             folder = self.scan(source)
-            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view", leave=None))
+            light_field = folder.read()
             light_field = subtract_dark(
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )

@@ -5,22 +5,23 @@ from matplotlib.figure import Figure
 
 from lf_flame._common.figures import subplots
 
+PER_SIDE = 5
+"""Largest number of views along each axis of a sheet."""
 
-def view_sheet(views: np.ndarray, per_side: int = 5) -> Figure:
+
+def view_sheet(views: np.ndarray) -> Figure:
     """Draw a sheet of sub-aperture views, spread evenly over the aperture.
 
     Parameters
     ----------
     views : ndarray, shape (v, u, t, s), values from 0
-    per_side : int
-        Largest number of views along each axis.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
     rows, columns = (
-        np.unique(np.linspace(0, n - 1, min(n, per_side)).round().astype(int))
+        np.unique(np.linspace(0, n - 1, min(n, PER_SIDE)).round().astype(int))
         for n in views.shape[:2]
     )
     height, width = views.shape[2:]

@@ -10,8 +10,6 @@ as many samples. Attributes include the hashes of images, parameters and attribu
 `lf_flame.datasets.making` makes such groups.
 """
 
-import hashlib
-import json
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,7 +20,7 @@ import zarr
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
 from lf_flame._common.zarr_files import ZARR_ERRORS
-from lf_flame.datasets.config import config_from_json, config_to_json
+from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.hashes import (
     ATTRIBUTES_SHA256,
     check_attributes,
@@ -106,12 +104,6 @@ class Dataset:
 
     def __len__(self) -> int:
         return open_array(self._group, "complete").shape[0]
-
-    @property
-    def scenes_sha256(self) -> str:
-        """Hash of the configuration: the same on all machines, whose rounding may differ."""
-        asked = {**config_to_json(self.config), "samples": len(self)}
-        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     @cached_property
     def inputs(self) -> np.ndarray:

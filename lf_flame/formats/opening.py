@@ -35,7 +35,6 @@ def open_light_field(
     path: str | Path,
     *,
     order: str | None = None,
-    progress: Callable = iter,
     grid: Grid | str | None = None,
     axes: str | None = None,
     array: str | None = None,
@@ -49,7 +48,7 @@ def open_light_field(
     Parameters
     ----------
     path : str or Path
-    order, progress, grid, axes, array : optional
+    order, grid, axes, array : optional
         As in `read_light_field`.
 
     Returns
@@ -73,7 +72,7 @@ def open_light_field(
     """
     path = Path(path)
     if is_view_folder(path):
-        return scan_view_folder(path, order, grid=grid, larger=True).unpack(progress)
+        return scan_view_folder(path, order, grid=grid, larger=True).unpack()
     if path.suffix.lower() not in ARRAY_SUFFIXES:
         raise InputError(
             f"Parts of {path} cannot be read: a light field larger than memory must be a folder of "

@@ -1,6 +1,5 @@
 """One function for reading all kinds of light-field files."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -28,7 +27,6 @@ def read_light_field(
     path: str | Path,
     views: int | None = None,
     order: str | None = None,
-    progress: Callable = iter,
     *,
     grid: Grid | str | None = None,
     axes: str | None = None,
@@ -57,8 +55,6 @@ def read_light_field(
         Meaning of the numbers of views, such as ``row,-col``; see `scan_view_folder`. Default: for
         folders, pages, mosaics and HCI's HDF5 files, the order that the parallax shows; otherwise
         the stored order.
-    progress : callable, optional
-        Function that wraps the list of a folder's files, as ``tqdm`` does.
     grid : (int, int) or str, optional
         Number of rows and columns of views for a running number, such as (1, 9) or ``1x9``: of a
         folder, of pages, of an array with an axis n. Default: a square, if the parallax shows one.
@@ -94,7 +90,7 @@ def read_light_field(
     path = Path(path)
     if path.exists() and not is_lytro(path) and is_view_folder(path):
         stated = _Stated(views, order, grid, axes, mosaic, array)
-        return _read_folder(path, dark, stated, progress)
+        return _read_folder(path, dark, stated)
     return read_ordered(
         path, views, order, grid=grid, axes=axes, dark=dark, mosaic=mosaic, array=array
     )[0]
@@ -178,12 +174,10 @@ def _read_lytro(path: Path, dark: str | Path | None, stated: _Stated) -> LightFi
     return plan.decode(image)
 
 
-def _read_folder(
-    path: Path, dark: str | Path | None, stated: _Stated, progress: Callable
-) -> LightField:
+def _read_folder(path: Path, dark: str | Path | None, stated: _Stated) -> LightField:
     stated.refuse(path, "axes", "array", "mosaic")
     folder = scan_view_folder(path, stated.order, grid=stated.grid)
-    light_field = folder.read(progress)
+    light_field = folder.read()
     # A dark image has no parallax from which its order could be found.
     return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
 

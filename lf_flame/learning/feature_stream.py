@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 
 import keras
 import numpy as np
-from tqdm import tqdm
 
+from lf_flame._common import progress
 from lf_flame._common.memory import check_memory
 from lf_flame.datasets.fresh_scenes import TOGETHER, fresh_samples
 from lf_flame.datasets.store import Dataset
@@ -84,7 +84,7 @@ class FeatureStream:
 
     def __iter__(self) -> Iterator[Pair]:
         self._filled = 0
-        with tqdm(total=len(self), desc="training samples", unit="sample") as bar:
+        with progress.bar("training samples", len(self), "sample", stays=True) as bar:
             for inputs, targets in self._images():
                 pair = compute_features(self._model, inputs), targets[..., None]
                 self._keep(pair)

@@ -10,8 +10,7 @@ from http.client import HTTPException
 from pathlib import Path
 from urllib.request import urlopen
 
-from tqdm import tqdm
-
+from lf_flame._common import progress
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 
@@ -72,7 +71,7 @@ def _reason(error: Exception) -> str:
 def _download(url: str, path: Path) -> None:
     with urlopen(url, timeout=TIMEOUT_S) as response, path.open("wb") as file:
         size = int(response.headers.get("Content-Length") or 0) or None
-        with tqdm(total=size, desc="ImageNet weights", unit="B", unit_scale=True) as bar:
+        with progress.bar("ImageNet weights", size, "B", stays=True, unit_scale=True) as bar:
             while part := response.read(PART):
                 file.write(part)
                 bar.update(len(part))

@@ -68,9 +68,9 @@ def make_trainer(
     return kinds[backend](decoder, learning_rate, batch_size, arrays)
 
 
-def decoder_variables(decoder: keras.Model) -> list[keras.Variable]:
-    """Variables of a decoder, in the order of the trainers' `weights`."""
-    return [*decoder.trainable_variables, *decoder.non_trainable_variables]
+def all_variables(model: keras.Model) -> list[keras.Variable]:
+    """Variables of a model, in the order of the trainers' `weights`."""
+    return [*model.trainable_variables, *model.non_trainable_variables]
 
 
 class _Trainer(ABC):
@@ -130,7 +130,7 @@ class ArrayTrainer(_Trainer):
 
     @property
     def weights(self) -> list[np.ndarray]:
-        """Copies of all values of the decoder, in the order of `decoder_variables`."""
+        """Copies of all values of the decoder, in the order of `all_variables`."""
         return self.parameters.copies()
 
     @property
@@ -222,7 +222,7 @@ class DeviceTrainer(_Trainer):
 
     @property
     def weights(self) -> list[np.ndarray]:
-        """Copies of all values of the decoder, in the order of `decoder_variables`."""
+        """Copies of all values of the decoder, in the order of `all_variables`."""
         return [np.array(x) for group in self._state[:2] for x in group]
 
     @property
@@ -260,8 +260,8 @@ class KerasTrainer(_Trainer):
 
     @property
     def weights(self) -> list[np.ndarray]:
-        """Copies of all values of the decoder, in the order of `decoder_variables`."""
-        return [_copied(x) for x in decoder_variables(self.model)]
+        """Copies of all values of the decoder, in the order of `all_variables`."""
+        return [_copied(x) for x in all_variables(self.model)]
 
     @property
     def state(self) -> list[np.ndarray]:
@@ -275,7 +275,7 @@ class KerasTrainer(_Trainer):
 
     @property
     def _variables(self) -> list[keras.Variable]:
-        return [*decoder_variables(self.model), *self.model.optimizer.variables]
+        return [*all_variables(self.model), *self.model.optimizer.variables]
 
 
 def _batches(order: np.ndarray, size: int):

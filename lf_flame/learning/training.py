@@ -4,6 +4,7 @@ The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the histo
 seconds include everything before training: reading, the backbone's features, the warm start.
 """
 
+import logging
 import math
 import time
 from dataclasses import asdict
@@ -11,7 +12,6 @@ from pathlib import Path
 
 import keras
 import numpy as np
-from tqdm import tqdm
 
 from lf_flame._common.recorded_paths import recorded_path
 from lf_flame.datasets.split import split_indices
@@ -22,10 +22,12 @@ from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.feature_stream import FeatureStream, compute_features
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 from lf_flame.learning.run_folders import describe_dataset
-from lf_flame.learning.trainers import decoder_variables, make_trainer
+from lf_flame.learning.trainers import all_variables, make_trainer
 from lf_flame.learning.training_config import ModelConfig, Recipe, TrainingConfig
 from lf_flame.learning.training_run import Job, assign, carry_out
 from lf_flame.learning.warm_start import Blocks, freeze_normalisations, solve_decoder
+
+LOGGER = logging.getLogger(__name__)
 
 
 def build_model(
@@ -70,7 +72,7 @@ def available_weights(model: ModelConfig, recipe: Recipe) -> str:
         )
         if recipe.without_imagenet == "stop":
             raise ImagenetUnavailable(f"{error} {choice}.") from None
-        tqdm.write(f"NOTE: {error} Going on with RANDOM backbone weights; {choice}.")
+        LOGGER.warning(f"NOTE: {error} Going on with RANDOM backbone weights; {choice}.")
         return "random"
     return "imagenet"
 
@@ -100,7 +102,6 @@ def train(
     preset: str,
     data: str | Path,
     out: str | Path,
-    show: bool = True,
     *,
     minutes: float = 0.0,
 ) -> Path:
@@ -116,8 +117,6 @@ def train(
         Data set made by `lf_flame.datasets.make_dataset`.
     out : str or Path
         Run folder.
-    show : bool, optional
-        Whether to show progress.
     minutes : float, optional
         Time in minutes at which the call ends, at the nearest end of an epoch, with the best
         network so far; the next call continues. 0 trains to the end.
@@ -148,7 +147,7 @@ def train(
         {**training.metadata(), "data": recorded_path(data, out)},
         minutes,
     )
-    return carry_out(job, Path(out), started, show)
+    return carry_out(job, Path(out), started)
 
 
 class _Training:
@@ -228,7 +227,7 @@ class _Training:
 
     def finish(self, best: list[np.ndarray]) -> keras.Model:
         """Give the network with the best weights."""
-        assign(decoder_variables(self._decoder), best)
+        assign(all_variables(self._decoder), best)
         return self._model
 
 

@@ -15,9 +15,8 @@ from typing import Any
 
 import keras
 import numpy as np
-from tqdm import tqdm
 
-from lf_flame._common import provenance
+from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.config import build_record
@@ -92,7 +91,7 @@ class Job:
     minutes: float = 0.0
 
 
-def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
+def carry_out(job: Job, out: Path, started: float) -> Path:
     """Run a training, or continue one that was interrupted.
 
     Parameters
@@ -102,8 +101,6 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
         Run folder.
     started : float
         Start time from `time.perf_counter`; the seconds of epoch 0, the start, count from it.
-    show : bool, optional
-        Whether to show progress.
 
     Returns
     -------
@@ -119,26 +116,26 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
     model = out / "model.keras"
     with exclusive(out):
         if _is_done(out, job):
-            tqdm.write(f"{out} holds this run, finished.")
+            progress.tell(f"{out} holds this run, finished.")
             model.touch()  # make compares it with the configuration file
             return model
         _refuse_other_run(out, job.request)
-        _train(job, model, started, show)
+        _train(job, model, started)
     return model
 
 
-def _train(job: Job, model: Path, started: float, show: bool) -> None:
+def _train(job: Job, model: Path, started: float) -> None:
     """Train from the last checkpoint, and write network and record."""
     out = model.parent
     run = load_checkpoint(out, _decides_epochs(job.request))
     write_json(out / "config.json", job.request)
     if run.history:
-        tqdm.write(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
+        progress.tell(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
     if run.next_epoch <= job.epochs:
         trainer = job.start(not run.history)
         if run.state:
             trainer.state = run.state
-        _fit(run, trainer, job, out, show, started)
+        _fit(run, trainer, job, out, started)
     network = job.finish(run.best)
     record = {
         **job.request,
@@ -207,20 +204,18 @@ def _goes_on(found: dict, request: dict) -> bool:
     return request["schedule"] == "constant" and found["epochs"] < request["epochs"]
 
 
-def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:
+def _fit(run: Checkpoint, trainer, job: Job, out: Path, started: float) -> None:
     """Train to the last epoch, or until Ctrl-C or the time limit ends the call after an epoch."""
     saved_at, first = time.perf_counter(), run.next_epoch
-    quiet = not show or job.epochs == 0  # solved, not trained
-    total, done = job.epochs, run.epochs_done
-    bar = tqdm(total=total, initial=done, desc="training", unit="epoch", disable=quiet)
-    with bar, _interrupt_after_epoch() as interrupted:
+    bar = progress.bar("training", job.epochs, "epoch", stays=True, initial=run.epochs_done)
+    with bar as shown, _interrupt_after_epoch() as interrupted:
         for epoch in range(first, job.epochs + 1):
             begun = time.perf_counter() if epoch else started
             losses = _run_epoch(trainer, job.seed, epoch)
             now = time.perf_counter()
             run.record({"epoch": epoch, **losses, "seconds": round(now - begun, 4)}, trainer)
-            bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
-            bar.update(epoch > 0)
+            shown.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
+            shown.update(epoch > 0)
             if epoch == first + TIMED_EPOCHS:
                 _tell_duration(job, run.history[-1]["seconds"])
             # Whichever end of an epoch is nearest to the time: half of them are early, half late.
@@ -234,7 +229,7 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
             if ends:
                 break
     if run.epochs_done < job.epochs:
-        tqdm.write(
+        progress.tell(
             f"Saved behind epoch {run.epochs_done} of {job.epochs}, the best so far is "
             f"{run.best_row['epoch']}; the same command goes on from there."
         )
@@ -248,7 +243,7 @@ def _tell_duration(job: Job, epoch_s: float) -> None:
     if hours < 1 / 60:
         return
     duration = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} minutes"
-    tqdm.write(f"{job.epochs} epochs: about {duration} on this machine, as busy as it is.")
+    progress.tell(f"{job.epochs} epochs: about {duration} on this machine, as busy as it is.")
 
 
 @contextmanager
@@ -266,7 +261,7 @@ def _interrupt_after_epoch() -> Iterator[list[int]]:
         if interrupted:
             raise KeyboardInterrupt
         interrupted.append(number)
-        tqdm.write("Stopping when this epoch is done and saved; Ctrl-C again stops at once.")
+        progress.tell("Stopping when this epoch is done and saved; Ctrl-C again stops at once.")
 
     try:
         before = signal.signal(signal.SIGINT, note)

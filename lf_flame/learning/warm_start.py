@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import keras
 import numpy as np
-from tqdm import tqdm
 
+from lf_flame._common import progress
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.learning import ridge
@@ -124,7 +124,9 @@ def _regress_by_bands(decoder, training: Blocks, held_out, bands: int, refinemen
     inward = np.zeros((*shape, neck.units), np.float32)
     pictures = np.zeros((neck.units, height, width, planes), np.float32)
     centre, offset = np.zeros(neck.units), np.zeros((height, width, planes))
-    for _ in tqdm(range(bands), "start from the training images", unit="band"):
+    for _ in progress.steps(
+        range(bands), "start from the training images", bands, "band", stays=True
+    ):
         band = gathered.pop()  # and released
         weights, centre[band.units], drawings, dark = _regress_band(band, held_out, refinements)
         inward[:, band.seen, :, band.units] = weights.reshape(

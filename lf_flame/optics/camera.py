@@ -13,12 +13,11 @@ from __future__ import annotations
 import math
 from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.arrays import Number
+from lf_flame._common.arrays import Number, number_or_array
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.optics import ray_transfer
@@ -343,7 +342,7 @@ class PlenopticCamera(Lens):
             raise InputError(f"depth_mm must be above {-a0} (the main lens), got {depth_mm}.")
         with np.errstate(invalid="ignore"):
             vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 + depth) / a0)
-        return _scalar(vergence * self.image_distance_mm / self._alpha_step)
+        return number_or_array(vergence * self.image_distance_mm / self._alpha_step)
 
     def slope_to_depth(self, slope: Number) -> Number:
         """Depth in mm of the layer that is in focus at a slope; the inverse of `depth_to_slope`.
@@ -354,12 +353,12 @@ class PlenopticCamera(Lens):
         a0 = self.focus_distance_mm
         shift = np.asarray(slope, float) * self._alpha_step * a0 / self.image_distance_mm
         with np.errstate(divide="ignore"):
-            return _scalar(a0 * shift / (1 - shift))
+            return number_or_array(a0 * shift / (1 - shift))
 
     def slope_to_real_depth(self, slope: Number) -> Number:
         """Depth in mm as `slope_to_depth`; NaN where no layer in front of the camera has it."""
         depth = np.asarray(self.slope_to_depth(slope), float)
-        return _scalar(np.where(depth > -self.focus_distance_mm, depth, np.nan))
+        return number_or_array(np.where(depth > -self.focus_distance_mm, depth, np.nan))
 
     def slope_to_alpha(self, slope: Number) -> Number:
         """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.
@@ -367,21 +366,17 @@ class PlenopticCamera(Lens):
         It is infinite at ``slope = -view_step / pitch``: the refocused image is at infinity.
         """
         with np.errstate(divide="ignore"):
-            return _scalar(1 / (1 + np.asarray(slope, float) * self._alpha_step))
+            return number_or_array(1 / (1 + np.asarray(slope, float) * self._alpha_step))
 
     def alpha_to_slope(self, alpha: Number) -> Number:
         """Slope for Ng's alpha; the inverse of `slope_to_alpha`. Alpha may be infinite."""
         with np.errstate(divide="ignore"):
-            return _scalar((1 / np.asarray(alpha, float) - 1) / self._alpha_step)
+            return number_or_array((1 / np.asarray(alpha, float) - 1) / self._alpha_step)
 
     @cached_property
     def _alpha_step(self) -> float:
         """Change of 1/alpha per unit of slope."""
         return self.lenslet_pitch_mm / self.view_step_mm
-
-
-def _scalar(array: np.ndarray) -> Any:
-    return array.item() if np.ndim(array) == 0 else array
 
 
 PAPER_CAMERA = PlenopticCamera(

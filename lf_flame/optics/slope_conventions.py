@@ -12,11 +12,10 @@ with them the views, by 180 degrees changes the sign of every number here.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from lf_flame._common.arrays import Number
+from lf_flame._common.arrays import Number, number_or_array
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
@@ -44,11 +43,11 @@ class Convention:
 
     def to_slope(self, number: Number, views: int | None = None) -> Number:
         """Slope in lenslets per view step for the program's number; scalar or array."""
-        return _scalar(np.asarray(number, float) * self._factor(views))
+        return number_or_array(np.asarray(number, float) * self._factor(views))
 
     def from_slope(self, slope: Number, views: int | None = None) -> Number:
         """Program's number for a slope in lenslets per view step; scalar or array."""
-        return _scalar(np.asarray(slope, float) / self._factor(views))
+        return number_or_array(np.asarray(slope, float) / self._factor(views))
 
     def _factor(self, views: int | None) -> float:
         if self.stretch is None:
@@ -85,12 +84,12 @@ class AlphaConvention:
     def to_slope(self, number: Number, views: int | None = None) -> Number:
         """Slope for a distance, which may be infinite; the number of views does not matter."""
         with np.errstate(divide="ignore"):
-            return _scalar(self.scale * (1 - self.z0 / np.asarray(number, float)))
+            return number_or_array(self.scale * (1 - self.z0 / np.asarray(number, float)))
 
     def from_slope(self, slope: Number, views: int | None = None) -> Number:
         """Distance for a slope, infinite at ``slope = scale``."""
         with np.errstate(divide="ignore"):
-            return _scalar(self.z0 / (1 - np.asarray(slope, float) / self.scale))
+            return number_or_array(self.z0 / (1 - np.asarray(slope, float) / self.scale))
 
 
 def ng_alpha(camera: PlenopticCamera) -> AlphaConvention:
@@ -238,7 +237,3 @@ def _named(convention: str | Convention | AlphaConvention) -> Convention | Alpha
     if convention not in CONVENTIONS:
         raise InputError(f"convention must be one of {', '.join(CONVENTIONS)}, got {convention!r}.")
     return CONVENTIONS[convention]
-
-
-def _scalar(array: np.ndarray) -> Any:
-    return array.item() if np.ndim(array) == 0 else array

@@ -27,15 +27,13 @@ def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
     return "slope, lenslets per view step (depth from the focal plane)"
 
 
-def search_figure(searches, labels=None, camera=None):
+def search_figure(searches, camera=None):
     """Sharpness against slope: one curve per search, with its peak marked.
 
     Parameters
     ----------
     searches : list of SlopeSearch
         Searches; those without a peak are drawn without a mark.
-    labels : list of str, optional
-        Name of each search. Default: its region.
     camera : PlenopticCamera, optional
         Camera for depths in mm beside the slopes.
 
@@ -43,12 +41,11 @@ def search_figure(searches, labels=None, camera=None):
     -------
     matplotlib.figure.Figure
     """
-    if labels is None:
-        labels = ["rows {}-{}, columns {}-{}".format(*search.region) for search in searches]
     shown = partial(_shown_slope, camera=camera)
     labels = [
-        f"{label}: {shown(search.slope)}, confidence {search.confidence:.2f}"
-        for search, label in zip(searches, labels, strict=True)
+        "rows {}-{}, columns {}-{}".format(*search.region)
+        + f": {shown(search.slope)}, confidence {search.confidence:.2f}"
+        for search in searches
     ]
     figure, axis = subplots(figsize=(7, 3.6 + 0.25 * len(labels)), layout="constrained")
     draw_searches(axis, searches, labels)

@@ -13,8 +13,9 @@ the image; numerator and denominator share this.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy import fft
@@ -43,7 +44,6 @@ def region_semblance(
     slopes: np.ndarray,
     regions: list,
     counts: np.ndarray,
-    progress: Callable[[Iterable, int, int], Iterable] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Measure the semblance of each region at each slope.
 
@@ -57,8 +57,6 @@ def region_semblance(
         Regions in lenslets, inside the image. They cost least if many share rows or columns.
     counts : ndarray of float64, shape (v, u)
         Weight of each view, 1 in the mean. Views of weight 0 are not transformed.
-    progress : callable, optional
-        Function ``progress(finished, done, total)`` that wraps the iterable of rows of views.
 
     Returns
     -------
@@ -89,10 +87,7 @@ def region_semblance(
         SemblanceSums(slopes[k : k + some], axes[0], axes[1], counts)
         for k in range(0, len(slopes), some)
     ]
-    rows: Iterable = ((sums, v) for sums in passes for v in range(len(views)))
-    if progress is not None:
-        rows = progress(rows, 0, len(passes) * len(views))
-    for sums, v in rows:
+    for sums, v in product(passes, range(len(views))):
         used = zip(counts[v], enumerate(patch.row(v)), strict=True)
         sums.add(v, ((u, gradient_of(view)) for count, (u, view) in used if count))
     refocused, alike, seen = (

@@ -6,7 +6,7 @@ Sharpness is gradient energy without the changes that focus does not cause
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise, product
 
@@ -106,7 +106,6 @@ def find_sharpest_slopes(
     *,
     tiles: tuple[int, int] | None = None,
     regions: Iterable[Region] | None = None,
-    progress: Callable[[Iterable, int, int], Iterable] | None = None,
     weights: ArrayLike | None = None,
 ) -> list[SlopeSearch]:
     """Find the slope of sharpest focus of each of many regions, in one pass over the views.
@@ -120,9 +119,6 @@ def find_sharpest_slopes(
         Number of rows and columns of tiles into which the image is cut.
     regions : sequence of (int, int, int, int), optional
         Regions ``(t_start, t_stop, s_start, s_stop)`` in lenslets, instead of tiles.
-    progress : callable, optional
-        Function ``progress(finished, done, total)`` that wraps the iterable of finished rows of
-        views; it is called again if the range widens.
     weights : array_like, shape (v, u), optional
         As for `find_sharpest_slope`.
 
@@ -157,7 +153,7 @@ def find_sharpest_slopes(
         raise InputError("Give tiles or regions, and not both.")
     if not chosen:
         raise InputError("regions must hold at least one region, got none.")
-    curves = measure_curves(light_field, slopes, chosen, weights, progress)
+    curves = measure_curves(light_field, slopes, chosen, weights)
     return [curves.search(k) for k in range(len(chosen))]
 
 

@@ -159,7 +159,7 @@ class Curves:
 
 def measure_curves(
     light_field: Views, slopes: ArrayLike | None, regions: list[Region], weights: np.ndarray,
-    progress=None, asked: int | None = None,
+    asked: int | None = None,
 ) -> Curves:  # fmt: skip
     """Measure the regions at the slopes, and between them if the number of views requires it."""
     views, places = as_views(light_field, placed=True), view_places(light_field)
@@ -175,7 +175,7 @@ def measure_curves(
         if placed:
             measured = placed_semblance(views, places, slopes, regions, counts)
         else:
-            measured = region_semblance(views, slopes, regions, counts, progress)
+            measured = region_semblance(views, slopes, regions, counts)
         return Curves(regions, effective, slopes, *measured, asked or len(regions), stride)
 
     if slopes is not None:

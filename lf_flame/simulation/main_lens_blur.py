@@ -75,9 +75,9 @@ def _is_round(camera: PlenopticCamera) -> bool:
     return camera.aperture_diameter_mm is not None
 
 
-def gain_on_layer(camera: PlenopticCamera, depth_mm: float, focal_mm: float | None = None) -> float:
+def gain_on_layer(camera: PlenopticCamera, depth_mm: float) -> float:
     """Displacement on a layer per mm on the array, of a ray that keeps its direction there."""
-    footprint = trace_footprint(camera, depth_mm, 0, focal_mm)
+    footprint = trace_footprint(camera, depth_mm, 0)
     return abs(footprint.lenslet_width_mm) / camera.lenslet_pitch_mm
 
 

@@ -26,7 +26,6 @@ def measure_changes(
     camera: PlenopticCamera,
     plan: EffectPlan,
     *,
-    seed: int = 0,
     progress: Callable[[Iterable], Iterable] = iter,
 ) -> dict[str, float]:
     """Measure the change of the image by each effect of a plan, by rendering with and without it.
@@ -41,8 +40,6 @@ def measure_changes(
     camera : PlenopticCamera
     plan : EffectPlan
         Plan of this scene and camera.
-    seed : int, optional
-        Seed of the sensor's noise.
     progress : callable, optional
         Function that wraps the list of effects, as ``tqdm`` does.
 
@@ -62,7 +59,7 @@ def measure_changes(
     True
     """
     asked = [effect for effect in plan.effects if _can_be_measured(effect)]
-    return {effect.name: _change(scene, camera, plan, effect, seed) for effect in progress(asked)}
+    return {effect.name: _change(scene, camera, plan, effect) for effect in progress(asked)}
 
 
 def _can_be_measured(effect: PlannedEffect) -> bool:
@@ -72,7 +69,7 @@ def _can_be_measured(effect: PlannedEffect) -> bool:
 
 
 def _change(
-    scene: Scene, camera: PlenopticCamera, plan: EffectPlan, effect: PlannedEffect, seed: int
+    scene: Scene, camera: PlenopticCamera, plan: EffectPlan, effect: PlannedEffect
 ) -> float:
     cause = CAUSES.get(effect.name)
     if not effect.stated and cause is not None and cause.typical is not None:
@@ -80,14 +77,13 @@ def _change(
     forced = {name: name in OF_THE_SCENE and plan[name].kept for name in EFFECTS}
     forced["round_aperture"] = effect.name == "f_number_mismatch"  # both are one stop
     without, with_it = (
-        _render(scene, camera, plan.tolerance, forced | {effect.name: on}, seed)
-        for on in (False, True)
+        _render(scene, camera, plan.tolerance, forced | {effect.name: on}) for on in (False, True)
     )
     change = np.sqrt(np.square(with_it - without, dtype=np.float64).mean())
     return float(change / max(float(without.max()), np.finfo(np.float32).tiny))
 
 
-def _render(scene, camera, tolerance: float, forced: dict[str, bool], seed: int) -> np.ndarray:
+def _render(scene, camera, tolerance: float, forced: dict[str, bool]) -> np.ndarray:
     plan = plan_effects(scene, camera, tolerance, forced)
     rays = RAYS if plan.integrator == "rays" else None
-    return render_plan(scene, camera, plan, plan.integrator, rays, seed).views
+    return render_plan(scene, camera, plan, plan.integrator, rays, seed=0).views

@@ -137,7 +137,7 @@ def refocus_regions(
     slopes: tuple[float, float],
     *,
     background: float | None = None,
-    dense: bool = False,
+    cross: bool = False,
     unet: "SparseUNet | None" = None,
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
     """Bring several regions into focus at once, at any depths; the rest is blurred.
@@ -153,12 +153,12 @@ def refocus_regions(
     background : float, optional
         Slope outside the regions. Default: the lowest, because Samarakoon et al. choose a smaller
         one.
-    dense : bool, optional
-        Whether all views are used: a region's slope is then that of most of its pixels in a slope
-        map (`lf_flame.refocus.all_in_focus`; the authors use another map). Otherwise only the
-        cross of 17 views is used, with `search_region_slope`.
+    cross : bool, optional
+        Whether only a cross of 17 views is used, with `search_region_slope`; this is less exact.
+        Otherwise a region's slope is that of most of its pixels in a slope map of all views
+        (`lf_flame.refocus.all_in_focus`; the authors use another map).
     unet : SparseUNet, optional
-        Trained network that removes the ghosts of the cross.
+        Trained network that removes the ghosts of the cross, which it implies.
 
     Returns
     -------
@@ -173,36 +173,37 @@ def refocus_regions(
     Raises
     ------
     InputError
-        If a region is not inside the image, or is too small, the range is empty, or views are
-        missing; with a network also if the image is too small for it.
+        If a region is not inside the image, the range is empty, or views are missing; with the
+        cross also if a region is too small, with a network if the image is.
 
     Examples
     --------
     >>> import numpy as np
     >>> from lf_flame.systems import refocus_regions
     >>> views = np.random.default_rng(1).uniform(size=(9, 9, 48, 64))
-    >>> image, slopes, found = refocus_regions(views, [(4, 24, 4, 30)], (-1.0, 1.0), dense=True)
+    >>> image, slopes, found = refocus_regions(views, [(4, 24, 4, 30)], (-1.0, 1.0))
     >>> image.shape, slopes.shape, len(found)
     ((48, 64), (48, 64), 1)
     """
     views, regions = as_views(light_field), list(regions)
+    cross = cross or unet is not None
     if unet is not None:
         unet.check(views)
     for region in regions:
         _check(views, region, slopes)
-    found = _region_slopes(light_field, regions, slopes, dense)
+    found = _region_slopes(light_field, regions, slopes, cross)
     rest = slopes[0] if background is None else background
     in_focus = [(region, slope) for region, (slope, _) in zip(regions, found, strict=True)]
     surface = region_slopes(views.shape[2:4], in_focus, background=rest, soften=SOFTEN)
     shape = views.shape[:2]
-    weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
+    weights = sparse_aperture(shape, cross_of_views(*shape)) if cross else None
     image = refocus_surface(light_field, surface, weights=weights)
     return image if unet is None else _without_ghosts(image, unet), surface, found
 
 
-def _region_slopes(views: Views, regions: list, slopes: tuple[float, float], dense: bool):
+def _region_slopes(views: Views, regions: list, slopes: tuple[float, float], cross: bool):
     """Find the slope of every region, and its confidence."""
-    if not dense:
+    if cross:
         return [search_region_slope(views, region, slopes) for region in regions]
     steps = np.linspace(*slopes, max(round((slopes[1] - slopes[0]) / STEP), 2) + 1)
     focus_map = all_in_focus(views, steps)

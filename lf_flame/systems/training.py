@@ -10,13 +10,13 @@ from pathlib import Path
 
 import keras
 import numpy as np
-from tqdm import tqdm
 
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
+from lf_flame.learning.trainers import all_variables
 from lf_flame.learning.training_run import Job, assign, carry_out
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refocusnet import RefocusNet
@@ -30,9 +30,7 @@ FIRST_HELD_OUT = 1_000_000
 EVALUATION_BATCH = 16
 
 
-def train_system(
-    config: SystemsConfig, name: str, preset: str, out: str | Path, show: bool = True
-) -> Path:
+def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path) -> Path:
     """Train a system, or continue a run that was interrupted.
 
     Parameters
@@ -45,8 +43,6 @@ def train_system(
         Key of its `presets`.
     out : str or Path
         Run folder.
-    show : bool, optional
-        Whether to show progress.
 
     Returns
     -------
@@ -79,20 +75,20 @@ def train_system(
 
     def start(new: bool) -> PatchTrainer:
         return PatchTrainer(
-            system, network.loss, recipe, _draw_arrays(config, name, preset, system, show)
+            system, network.loss, recipe, _draw_arrays(config, name, preset, system)
         )
 
     def finish(best: list[np.ndarray]) -> keras.Model:
         model = network.model(config.seed)  # a new one, without the optimiser
-        assign(_variables(model), best)
+        assign(all_variables(model), best)
         return model
 
     metadata = {"title": system.name, "parameters": system.parameters}
     job = Job(request, recipe.epochs, config.seed, config.checkpoint_s, start, finish, metadata)
-    return carry_out(job, Path(out), started, show)
+    return carry_out(job, Path(out), started)
 
 
-def _draw_arrays(config: SystemsConfig, name: str, preset: str, system, show: bool) -> dict:
+def _draw_arrays(config: SystemsConfig, name: str, preset: str, system) -> dict:
     counts, recipe = config.presets[preset], config.recipe(name, preset)
     indices = {
         "train": range(counts.training_samples),
@@ -100,15 +96,16 @@ def _draw_arrays(config: SystemsConfig, name: str, preset: str, system, show: bo
     }
     truth, arrays = NETWORKS[name].truth, {}
     for part, some in indices.items():
-        shown = tqdm(some, f"training samples, {part}", unit="light field", disable=not show)
         arrays[part] = draw_arrays(
-            config.training_samples, system, config.seed, shown, truth, recipe.low_light
+            config.training_samples,
+            system,
+            config.seed,
+            some,
+            truth,
+            recipe.low_light,
+            f"training samples, {part}",
         )
     return arrays
-
-
-def _variables(model: keras.Model) -> list[keras.Variable]:
-    return [*model.trainable_variables, *model.non_trainable_variables]
 
 
 def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
@@ -184,16 +181,16 @@ class PatchTrainer:
     @property
     def weights(self) -> list[np.ndarray]:
         """Copies of all values of the network."""
-        return _values(_variables(self.model))
+        return _values(all_variables(self.model))
 
     @property
     def state(self) -> list[np.ndarray]:
         """Everything that the next epoch depends on; set it to continue from there."""
-        return _values([*_variables(self.model), *self.optimizer.variables])
+        return _values([*all_variables(self.model), *self.optimizer.variables])
 
     @state.setter
     def state(self, values) -> None:
-        assign([*_variables(self.model), *self.optimizer.variables], values)
+        assign([*all_variables(self.model), *self.optimizer.variables], values)
 
 
 def load_system(path: str | Path) -> NetworkSystem:

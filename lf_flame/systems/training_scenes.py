@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common import progress
 from lf_flame._common.config import strict
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
@@ -205,6 +206,7 @@ def draw_arrays(
     indices: Collection[int],
     reference: str = "shift-and-sum",
     low_light: float = 0.0,
+    what: str = "training samples",
 ) -> tuple[np.ndarray, np.ndarray]:
     """Make the inputs of a network, and its true outputs.
 
@@ -222,6 +224,8 @@ def draw_arrays(
         Reference of the truth: a key of `lf_flame.systems.formulas.REFERENCES`.
     low_light : float, optional
         Fraction of the light fields in low light, with shot noise.
+    what : str, optional
+        Name of the work, for the progress bar.
 
     Returns
     -------
@@ -232,7 +236,8 @@ def draw_arrays(
     """
     arrays: list[np.ndarray] = []
     looks = system.view_indices if reference == PROJECTED else None
-    for k, index in enumerate(indices):
+    shown = progress.steps(indices, what, len(indices), "light field", stays=True)
+    for k, index in enumerate(shown):
         sample = training_samples.draw(seed, index, low_light, looks)
         slopes = system.slopes_to_learn(sample.slopes, sample.block)
         images = (
@@ -243,5 +248,5 @@ def draw_arrays(
             arrays = [np.empty((len(indices), *x.shape), np.float32) for x in images]
         for array, some in zip(arrays, images, strict=True):
             array[k] = some
-    shown, truth = (array.reshape(-1, *array.shape[2:]) for array in arrays)
-    return shown, truth
+    seen, truth = (array.reshape(-1, *array.shape[2:]) for array in arrays)
+    return seen, truth

@@ -28,14 +28,11 @@ class Prior(NamedTuple):
     ----------
     strength : float
         Strength of the penalty.
-    order : int
-        Order of the differences.
     noise : float
         Standard deviation of the noise inside the flame, in whose units the penalty is.
     """
 
     strength: float
-    order: int
     noise: float
 
 
@@ -129,9 +126,7 @@ def redraw(
             off = np.float32(expected.level_error * rng.standard_normal())
             drawn = drawn + off * operator.rmatvec(even).reshape(operator.dims)
         if prior is not None and prior.noise:
-            drawn += np.float32(prior.noise) * gram.draw_penalty(
-                prior.strength, prior.order, prior_rng
-            )
+            drawn += np.float32(prior.noise) * gram.draw_penalty(prior.strength, prior_rng)
         yield RangeFit(gram, drawn, 0.0, 0)
 
 
@@ -194,7 +189,7 @@ def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
     return np.maximum(line, np.float32(1e-6 * mean_power))
 
 
-def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:
+def standard_errors(gram: FrequencyGram, noise: float, strength: float) -> np.ndarray:
     """Find the standard deviation of the unconstrained linear fit, one number per depth plane.
 
     With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
@@ -205,7 +200,7 @@ def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: i
     ndarray of float64, shape (planes,)
     """
     values, _ = gram.decomposition
-    shrunk = gram.gains / (values + gram.penalty(strength, order) + RIDGE * gram.scale) ** 2
+    shrunk = gram.gains / (values + gram.penalty(strength) + RIDGE * gram.scale) ** 2
     diagonal = np.diagonal(gram.compose(shrunk), axis1=-2, axis2=-1)
     mean = np.sum(gram.multiplicity[..., None] * diagonal, axis=(0, 1)) / np.prod(gram.size)
     return noise * np.sqrt(np.clip(mean, 0, None))

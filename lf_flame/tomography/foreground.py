@@ -32,8 +32,6 @@ class Fitting:
     ----------
     strength : float
         Strength of the penalty.
-    order : int
-        Order of the differences that are penalised.
     variance : float
         Variance of a pixel's noise, above 0.
     noise_share : ndarray, shape (rows, columns)
@@ -41,7 +39,6 @@ class Fitting:
     """
 
     strength: float
-    order: int
     variance: float
     noise_share: np.ndarray
 
@@ -73,7 +70,7 @@ def find_foreground(
     fit : Fit
         Start of the next fit: the trial that was kept, or the first.
     """
-    options = (fitting.strength, fitting.order, True, TRIAL)
+    options = (fitting.strength, True, TRIAL)
     together = ndimage.uniform_filter(first.cells, NEIGHBOURS.shape)
     before = _risk(problem, first, fitting)
     for factor in FACTORS:
@@ -87,12 +84,12 @@ def find_foreground(
 def brightest_noise(noise_alone: RangeFit, fitting: Fitting) -> float:
     """Largest light, averaged over neighbours, in a fit to a draw of noise without light."""
     # Noise holds no light behind other light, for which the long steps are.
-    cells = noise_alone.solve(fitting.strength, fitting.order, True, TRIAL, long=0.0).cells
+    cells = noise_alone.solve(fitting.strength, True, TRIAL, long=0.0).cells
     return float(ndimage.uniform_filter(cells, NEIGHBOURS.shape).max())
 
 
 def _risk(problem: RangeFit, fit: Fit, fitting: Fitting) -> float:
     """Misfit in units of the noise's variance, plus twice the degrees of freedom used."""
     glowing = float(np.sum((fit.cells > 0).mean(axis=0) * fitting.noise_share))
-    free = glowing * problem.count_modes(fitting.strength, fitting.order)
+    free = glowing * problem.count_modes(fitting.strength)
     return fit.misfit / fitting.variance + 2 * free

@@ -88,7 +88,7 @@ class FrequencyGram:
             fft.next_fast_len(count + 2 * grid.reach, real=True) for count in grid.shape[1:]
         )
         self.size = (rows, columns)
-        self._inverses: dict[tuple[float, float, int], np.ndarray] = {}
+        self._inverses: dict[tuple[float, float], np.ndarray] = {}
         one = rows * (columns // 2 + 1) * grid.shape[0] ** 2 * 8
         check_memory(COPIES * one, f"{grid.shape[0]} planes of {rows} x {columns} cells")
         down, across = _transfer(grid, 0, rows), _transfer(grid, 1, columns)
@@ -178,13 +178,13 @@ class FrequencyGram:
         """Degrees of freedom of a fit without a penalty."""
         return self._count(np.einsum("yxpq,yxqp->yx", self.plain_inverse, self.matrices))
 
-    def count_modes(self, strength: float, order: int) -> float:
+    def count_modes(self, strength: float) -> float:
         """Degrees of freedom of a linear fit: the trace of the map from data to fitted data.
 
         Only the recorded pixels count, a part of the torus.
         """
         values, _ = self.decomposition
-        kept = self.gains / (values + self.penalty(strength, order) + RIDGE * self.scale)
+        kept = self.gains / (values + self.penalty(strength) + RIDGE * self.scale)
         return self._count(kept.sum(axis=-1))
 
     def _count(self, traces: np.ndarray) -> float:
@@ -192,18 +192,18 @@ class FrequencyGram:
         share = np.prod(self.grid.pixels) / np.prod(self.size)
         return float(np.sum(self.multiplicity * traces) * share)
 
-    def inverse(self, step: float, strength: float, order: int) -> np.ndarray:
+    def inverse(self, step: float, strength: float) -> np.ndarray:
         """Inverse of the unit matrix plus a step times the penalised matrices; kept for later.
 
         Returns
         -------
         ndarray of float32, shape (fy, planes, planes, fx)
         """
-        asked = step, strength, order
+        asked = step, strength
         if asked not in self._inverses:
             while len(self._inverses) >= KEPT:
                 self._inverses.pop(next(iter(self._inverses)))
-            penalised = 1 + step * (self.decomposition[0] + self.penalty(strength, order))
+            penalised = 1 + step * (self.decomposition[0] + self.penalty(strength))
             rows = np.arange(self._half)
             # In float64: the matrices alone are singular where depths cannot be distinguished.
             found = _in_threads(lambda some: self._inverted(penalised, some), rows)
@@ -216,23 +216,21 @@ class FrequencyGram:
         inverse = np.matmul(vectors / values[rows][..., None, :], np.swapaxes(vectors, -1, -2))
         return np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
 
-    def penalty(self, strength: float, order: int = ROUGHNESS_ORDER) -> np.ndarray:
+    def penalty(self, strength: float) -> np.ndarray:
         """Value that a penalty on roughness adds to every eigenvalue of a frequency.
 
         Parameters
         ----------
         strength : float
             Strength relative to `scale`, 0 or above.
-        order : int, optional
-            Order of the differences whose squares are penalised.
 
         Returns
         -------
         ndarray of float64, shape (fy, fx, 1)
         """
-        return (strength * self.scale * self.squared_frequency**order)[..., None]
+        return (strength * self.scale * self.squared_frequency**ROUGHNESS_ORDER)[..., None]
 
-    def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
+    def draw_penalty(self, strength: float, rng: np.random.Generator) -> np.ndarray:
         """Draw random cells with the penalty, including that along depth, as covariance.
 
         Returns
@@ -244,7 +242,7 @@ class FrequencyGram:
         across, along = (self.transform(one) for one in white)
         values, vectors = np.linalg.eigh(self.scale * depth_roughness(self.grid))
         root = vectors * np.sqrt(np.clip(values, 0, None))
-        spectrum = np.sqrt(self.penalty(strength, order)) * across + along @ root.T
+        spectrum = np.sqrt(self.penalty(strength)) * across + along @ root.T
         return self.gather(self.inverse_transform(spectrum)).astype(np.float32)
 
     def spread(self, cells: np.ndarray) -> np.ndarray:

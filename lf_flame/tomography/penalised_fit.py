@@ -35,8 +35,6 @@ class FrequencyFit(ProxOperator):
         Linear term b, on the torus.
     strength : float
         Strength of the penalty on roughness.
-    order : int
-        Order of the differences that are penalised.
     step : float, optional
         Step of the proximal operator, in units of 1 / `FrequencyGram.scale`.
 
@@ -53,13 +51,12 @@ class FrequencyFit(ProxOperator):
         gram: FrequencyGram,
         focal_stack: np.ndarray,
         strength: float,
-        order: int,
         step: float = STEPS[-1],
     ):
         super().__init__(None, False)
         self._size = gram.size
         self.step = step / gram.scale
-        self._inverse = gram.inverse(self.step, strength, order)
+        self._inverse = gram.inverse(self.step, strength)
         self.shift = np.float32(self.step) * focal_stack.astype(np.float32, copy=False)
 
     def __call__(self, x: np.ndarray) -> float:
@@ -156,12 +153,12 @@ class RangeFit:
         """Cells of the unpenalised fit, which explain as much light as any, float32."""
         return self.gram.gather(self.gram.inverse_transform(self._fitted)).astype(np.float32)
 
-    def count_modes(self, strength: float, order: int) -> float:
+    def count_modes(self, strength: float) -> float:
         """Degrees of freedom of a linear fit: the trace of the map from data to fitted data.
 
         Only the recorded pixels count, a part of the torus.
         """
-        return self.gram.count_modes(strength, order)
+        return self.gram.count_modes(strength)
 
     def _solve_linear(self, inverse: np.ndarray) -> np.ndarray:
         """Coefficients of the cells, from the eigenvalues of the inverse matrices."""
@@ -170,7 +167,6 @@ class RangeFit:
     def solve(
         self,
         strength: float,
-        order: int,
         nonnegative: bool,
         iterations: int,
         start: np.ndarray | None = None,
@@ -183,8 +179,6 @@ class RangeFit:
         ----------
         strength : float
             Strength, as for `FrequencyGram.penalty`.
-        order : int
-            Order of the differences that are penalised.
         nonnegative : bool
             Whether cells are kept at 0 or above; if not, the fit is linear, and takes one step.
         iterations : int
@@ -203,7 +197,7 @@ class RangeFit:
         if start is None or not nonnegative:
             before = parts[0][0]
             values, _ = gram.decomposition
-            penalised = values + gram.penalty(strength, order) + RIDGE * gram.scale
+            penalised = values + gram.penalty(strength) + RIDGE * gram.scale
             start = gram.inverse_transform(self._solve_linear(1 / penalised)).astype(np.float32)
         if not nonnegative:
             return Fit(gram.gather(start), self.misfit(gram.gather(start)))
@@ -214,7 +208,7 @@ class RangeFit:
         with progress.bar("fitting", iterations) as shown:
             for step, most in parts:
                 state = _scaled(state, roof, step / before)
-                fit, before = FrequencyFit(gram, self.stack, strength, order, step), step
+                fit, before = FrequencyFit(gram, self.stack, strength, step), step
                 _split(fit, roof, state, most, shown)
         cells = gram.gather(np.clip(state, 0, roof))
         return Fit(cells, self.misfit(cells), state)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lf_flame.errors import InputError
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 
 ROUGHNESS, VARIATION = "roughness", "variation"
 PENALTIES = ROUGHNESS, VARIATION
@@ -17,8 +16,6 @@ class Roughness:
 
     Parameters
     ----------
-    order : int, optional
-        Order of the differences that are penalised, 1 to 4.
     nonnegative : bool, optional
         Whether emission is kept at 0 or above; if not, the fit is linear.
     dark_cells : bool, optional
@@ -30,30 +27,20 @@ class Roughness:
     whole_curve : bool, optional
         Whether all strengths are tried, for the L-curve, instead of the few that are needed.
 
-    Raises
-    ------
-    InputError
-        If the order is another one.
-
     Examples
     --------
-    A plain linear fit, penalised by first differences:
+    A plain linear fit:
 
     >>> from lf_flame.tomography import Roughness
-    >>> penalty = Roughness(order=1, nonnegative=False)
+    >>> penalty = Roughness(nonnegative=False)
     >>> penalty.corrects
     False
     """
 
-    order: int = ROUGHNESS_ORDER
     nonnegative: bool = True
     dark_cells: bool = True
     corrected: bool = True
     whole_curve: bool = False
-
-    def __post_init__(self) -> None:
-        if self.order not in (1, 2, 3, 4):
-            raise InputError(f"order must be 1, 2, 3 or 4, got {self.order}.")
 
     @property
     def corrects(self) -> bool:

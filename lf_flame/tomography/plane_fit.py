@@ -16,7 +16,6 @@ from lf_flame.tomography.error_bars import (
 )
 from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.foreground import Fitting, brightest_noise, find_foreground
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.noise_correlation import correlation_factor
 from lf_flame.tomography.operators import Operators
 from lf_flame.tomography.penalised_fit import Fit, RangeFit
@@ -156,21 +155,21 @@ class PlaneFit:
         """Choose the strength, fit, find the dark cells, and fit again."""
         options, share = self.options, self._noise_share(draft)
         few = min(options.iterations, max(40, options.iterations // 2))
-        order, nonnegative = penalty.order, penalty.nonnegative
+        nonnegative = penalty.nonnegative
         variance = noise_variance(draft.summed_noise)
-        search = StrengthSearch(problem, variance, share, order, nonnegative, few)
+        search = StrengthSearch(problem, variance, share, nonnegative, few)
         if penalty.whole_curve:
             search.try_all()
         chosen = search.find() if options.strength is None else float(options.strength)
         tried = tuple(search.tried[key] for key in sorted(search.tried))
         half = options.iterations // 2
         nearest = self.start.state if self.start else search.nearest(chosen)
-        first = problem.solve(chosen, order, nonnegative, half or 1, nearest)
+        first = problem.solve(chosen, nonnegative, half or 1, nearest)
         draft = replace(draft, strength=chosen, tried=tried).with_fit(first)
         if not nonnegative:
             return draft
         if penalty.dark_cells:
-            draft = self._with_foreground(problem, draft, first, order, share)
+            draft = self._with_foreground(problem, draft, first, share)
         rest = options.iterations - half
         return draft.with_fit(self.again(problem, draft, rest)) if half else draft
 
@@ -184,7 +183,6 @@ class PlaneFit:
             return Fit(cells, problem.misfit(cells))
         return problem.solve(
             known.strength,
-            penalty.order,
             penalty.nonnegative,
             iterations,
             known.state,
@@ -221,7 +219,7 @@ class PlaneFit:
         penalty = self.options.penalty
         if isinstance(penalty, TotalVariation):
             return None
-        return Prior(known.strength, penalty.order, known.lit_noise(seen))
+        return Prior(known.strength, known.lit_noise(seen))
 
     def linear_errors(self, known: Explanation) -> np.ndarray:
         """Estimate the errors of the unconstrained linear fit, as `Reconstruction.sigma_linear`.
@@ -230,8 +228,8 @@ class PlaneFit:
         """
         penalty = self.options.penalty
         if isinstance(penalty, TotalVariation):
-            return standard_errors(self.gram, known.summed_noise, 0.0, ROUGHNESS_ORDER)
-        return standard_errors(self.gram, known.summed_noise, known.strength, penalty.order)
+            return standard_errors(self.gram, known.summed_noise, 0.0)
+        return standard_errors(self.gram, known.summed_noise, known.strength)
 
     def _problem(self, views: np.ndarray) -> RangeFit:
         stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
@@ -276,11 +274,10 @@ class PlaneFit:
         problem: RangeFit,
         draft: Explanation,
         first: Fit,
-        order: int,
         share: np.ndarray,
     ) -> Explanation:
         """Find the cells that may emit; the draw of the noise always has the same seed."""
-        fitting = Fitting(draft.strength, order, noise_variance(draft.summed_noise), share)
+        fitting = Fitting(draft.strength, noise_variance(draft.summed_noise), share)
         if self.start is not None and self.start.strength == draft.strength:
             brightest = self.start.brightest
         else:

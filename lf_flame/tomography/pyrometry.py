@@ -48,9 +48,6 @@ class Temperatures:
         Temperatures in K.
     sigma : ndarray of float64, or None
         Standard deviation in K due to the emissions' noise, linearly propagated.
-    relative_error : ndarray of float64, or None
-        Relative standard deviation of the ratio of the emissions, which a temperature hides. For
-        three colours and more: of the two that are farthest apart, if they alone had this `sigma`.
     amount : ndarray of float64, or None
         Emission over that of soot of this temperature with an optical thickness of 1 at 600 nm.
         With absolute gains it is the optical thickness, by mm or by plane as the emission.
@@ -61,7 +58,6 @@ class Temperatures:
 
     kelvin: np.ndarray
     sigma: np.ndarray | None
-    relative_error: np.ndarray | None
     amount: np.ndarray | None = None
     misfit: np.ndarray | None = None
 
@@ -139,17 +135,15 @@ def soot_temperature(
         )
         undetermined = np.where(np.isfinite(kelvin), 0.0, np.nan)
         if errors is None:
-            return Temperatures(kelvin, None, None, amount + undetermined)
+            return Temperatures(kelvin, None, amount + undetermined)
         sigma = kelvin**2 * spread
         if draws is not None:
             drawn = [np.asarray(one, float) for one in draws]
             sigma = _scatter(drawn, light, kelvin, sigma, curves, gain, relative**-2.0)
-            spread = sigma / kelvin**2
         freedom = len(light) - 2
         return Temperatures(
             kelvin,
             sigma,
-            spread * np.abs(curves.lever(inverse)) + undetermined,
             amount + undetermined,
             apart / freedom + undetermined if freedom else None,
         )

@@ -37,11 +37,6 @@ class LogCurves:
                 f"the same light."
             )
 
-    def lever(self, inverse: np.ndarray) -> np.ndarray:
-        """Derive the logarithm of the ratio of the outer colours by 1 / T, in K."""
-        first, second = (self._curves[one](inverse, 1) for one in self._outer)
-        return first - second
-
     def invert(self, wanted: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find 1 / T and its standard deviation, if weights are those of inverse variances."""
         low, high = self.inverse[0], self.inverse[-1]

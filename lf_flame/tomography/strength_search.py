@@ -66,14 +66,13 @@ class Problem(Protocol):
     def solve(
         self,
         strength: float,
-        order: int,
         nonnegative: bool,
         iterations: int,
         start: np.ndarray | None = None,
     ) -> Fit:
         """Fit with one strength of the regularisation."""
 
-    def count_modes(self, strength: float, order: int) -> float:
+    def count_modes(self, strength: float) -> float:
         """Count the degrees of freedom of a linear fit."""
 
 
@@ -87,8 +86,6 @@ class StrengthSearch:
         Variance of a pixel's noise, above 0.
     noise_share : ndarray, shape (rows, columns)
         Fraction of the noise in each cell of a plane; the sum is 1.
-    order : int
-        Order of the differences that are penalised.
     nonnegative : bool
         Whether emission is kept at 0 or above.
     iterations : int
@@ -100,7 +97,6 @@ class StrengthSearch:
         problem: Problem,
         variance: float,
         noise_share: np.ndarray,
-        order: int,
         nonnegative: bool,
         iterations: int,
     ):
@@ -108,7 +104,7 @@ class StrengthSearch:
         self._starts: dict[float, np.ndarray] = {}
         self._problem, self._noise_share = problem, noise_share
         self._variance = variance
-        self._options = (order, nonnegative, iterations)
+        self._options = (nonnegative, iterations)
 
     def find(self) -> float:
         """Find the strongest with a residual within the noise, or else the least excess."""
@@ -154,10 +150,10 @@ class StrengthSearch:
     def attempt(self, strength: float) -> TriedStrength:
         """Fit with a strength, unless this was done before."""
         if strength not in self.tried:
-            order, nonnegative, iterations = self._options
+            nonnegative, iterations = self._options
             start = self.nearest(strength)
-            fit = self._problem.solve(strength, order, nonnegative, iterations, start)
-            free = self._problem.count_modes(strength, order) / self._problem.modes
+            fit = self._problem.solve(strength, nonnegative, iterations, start)
+            free = self._problem.count_modes(strength) / self._problem.modes
             if nonnegative:
                 free *= float(np.sum((fit.cells > 0).mean(axis=0) * self._noise_share))
             self._starts[strength] = fit.cells if fit.state is None else fit.state

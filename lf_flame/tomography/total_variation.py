@@ -7,7 +7,6 @@ from pyproximal import VStack as Proximals
 from pyproximal.optimization.primaldual import PrimalDual
 
 from lf_flame._common import progress
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.penalised_fit import FrequencyFit, RangeFit
 
 LENGTH = 9.0
@@ -54,7 +53,7 @@ def fit_total_variation(
     penalties = Proximals(
         [L21(2, sigma=weight), Box(np.zeros_like(roof), roof)], nn=[2 * count, count]
     )
-    data = FrequencyFit(gram, problem.stack, 0.0, ROUGHNESS_ORDER)
+    data = FrequencyFit(gram, problem.stack, 0.0)
     step, dual = data.step, 0.99 / (LENGTH * data.step)
     with progress.bar("fitting", iterations) as shown:
         cells = PrimalDual(

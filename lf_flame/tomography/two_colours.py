@@ -19,34 +19,6 @@ SINGLE_WAVELENGTHS = (
 )
 
 
-def emission_ratio(
-    kelvin: ArrayLike, wavelengths_nm: tuple[float, float], soot_exponent: float = 1.0
-) -> np.ndarray:
-    """Ratio of soot's emission at the first wavelength to that at the second.
-
-    Parameters
-    ----------
-    kelvin : array_like
-        Temperature of the soot in K, above 0.
-    wavelengths_nm : (float, float)
-        Two different wavelengths in nm, from 100 to 100,000.
-    soot_exponent : float, optional
-        Exponent a in the absorption coefficient's ``wavelength^-a``, from -1 to 5. 1 holds for
-        particles much smaller than the wavelength, with a constant refractive index.
-
-    Returns
-    -------
-    ndarray of float64
-
-    Raises
-    ------
-    InputError
-        If a wavelength or the exponent is out of range.
-    """
-    first, second = two_wavelengths(wavelengths_nm).soot(kelvin, soot_exponent)
-    return first / second
-
-
 def two_colour_temperature(
     first: ArrayLike,
     second: ArrayLike,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
+from lf_flame.optics.camera import PAPER_CAMERA
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
@@ -23,16 +23,11 @@ DEPTHS_MM = (-14.0, 20.0)
 CELL_MM = 0.1
 
 
-def demo_scene(seed: int = 1) -> Scene:
+def demo_scene() -> Scene:
     """Scene of three flames: in the focal plane, behind it and in front of it.
 
     Behind them is a wall at 15 mm; its lower part is dark, where the burner is, nearer, at -10 mm.
     No object occludes another, so that defocus is the only effect.
-
-    Parameters
-    ----------
-    seed : int, optional
-        Seed of the patterns and of the flames' wrinkles.
 
     Examples
     --------
@@ -40,7 +35,7 @@ def demo_scene(seed: int = 1) -> Scene:
     >>> len(demo_scene().layers)
     5
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     wall = _pattern((20.0, 46.0), 0.3, rng)
     burner = _pattern((5.0, 34.0), 0.63, rng)
     return Scene(
@@ -67,13 +62,8 @@ def _flame(height: float, radius: float, depth: float, right: float, rng) -> Lay
     return Layer(0.6 * texture, depth_mm=depth, size_mm=size, centre_mm=(6.8 - height / 2, right))
 
 
-def demo_light_field(camera: PlenopticCamera = DEMO_CAMERA) -> LightField:
-    """Render the demonstration scene.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera, optional
-        Camera in front of the scene.
+def demo_light_field() -> LightField:
+    """Render the demonstration scene, as `DEMO_CAMERA` sees it.
 
     Examples
     --------
@@ -81,4 +71,4 @@ def demo_light_field(camera: PlenopticCamera = DEMO_CAMERA) -> LightField:
     >>> demo_light_field()
     LightField(9 x 9 views of 180 x 270 pixels, grey)
     """
-    return render(demo_scene(), camera)
+    return render(demo_scene(), DEMO_CAMERA)

@@ -222,7 +222,7 @@ class Exhibit:
             "slopes": list(map(float, self.slopes)),
             "slope": float(self.slope),
             "map_steps": MAP_STEPS,
-            "camera": _describe_camera(self.camera, views),
+            "camera": _describe_camera(self.camera),
             "source": self.source,
             "reading": dict(self.reading),
             "making": {name: x for name, x in making.items() if x not in (None, "linear")},
@@ -249,9 +249,7 @@ def choose_slopes(
     return SlopeRange(low, high, slope, found.certain)
 
 
-def _describe_camera(
-    camera: PlenopticCamera | CameraLaw | None, views: tuple
-) -> dict[str, Any] | None:
+def _describe_camera(camera: PlenopticCamera | CameraLaw | None) -> dict[str, Any] | None:
     """Camera's numbers for ``depth = focus_distance shift / (1 - shift)``, and its f-number.
 
     The depth is that of `PlenopticCamera.slope_to_depth`. The f-number is that of a round aperture

@@ -8,9 +8,10 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from experiments.command_parts import PlainName
 from lf_flame._common import progress
 from lf_flame.commands.cli import commands
-from lf_flame.commands.options import FILE, FOLDER, PATH, PlainName, Program
+from lf_flame.commands.options import FILE, FOLDER, PATH, Program
 
 
 @click.command()

@@ -532,20 +532,6 @@ def test_floats_stay_as_they_are(tmp_path, rng):
     np.testing.assert_array_equal(read_view_folder(tmp_path).views, views)
 
 
-def test_progress_sees_every_file(tmp_path, rng):
-    save(tmp_path, [f"{n}.png" for n in range(9)], levels(rng, (3, 3, 2, 2)))
-    seen = []
-
-    def progress(files):
-        assert len(files) == 9
-        for file in files:
-            yield file
-            seen.append(file.name)
-
-    read_view_folder(tmp_path, progress=progress, grid=(3, 3))
-    assert seen == [f"{n}.png" for n in range(9)]
-
-
 SHAPES = st.tuples(*[st.integers(1, 3)] * 2, *[st.integers(1, 8)] * 2, st.sampled_from([0, 1, 3]))
 
 

@@ -9,7 +9,7 @@ import pytest
 from lf_flame import InputError
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.device_training import _product
-from lf_flame.learning.trainers import decoder_variables, make_trainer
+from lf_flame.learning.trainers import all_variables, make_trainer
 
 FEATURES, IMAGE = (3, 6, 32), (9, 18)
 
@@ -38,7 +38,7 @@ def test_training_is_that_of_keras(samples):
         expected.append(float(plain.train_on_batch(*(x[batch] for x in samples["train"]))))
     losses = [trainer.train_in_order(batch) for batch in batches]
     np.testing.assert_allclose(losses, expected, rtol=1e-4)
-    for variable, value in zip(decoder_variables(trained), trainer.weights, strict=True):
+    for variable, value in zip(all_variables(trained), trainer.weights, strict=True):
         variable.assign(value)
     features, targets = samples["train"]
     stacks = [np.array(x(features)) for x in (plain, trained)]
@@ -96,7 +96,7 @@ def test_frozen_normalisations_stay(samples):
     norms = [layer.get_weights() for layer in frozen.layers if not layer.trainable]
     trainer = make_trainer(frozen, 1e-2, 9, samples)
     trainer.train_in_order(np.arange(9))
-    for variable, value in zip(decoder_variables(frozen), trainer.weights, strict=True):
+    for variable, value in zip(all_variables(frozen), trainer.weights, strict=True):
         variable.assign(value)
     kept = [layer.get_weights() for layer in frozen.layers if not layer.trainable]
     assert norms

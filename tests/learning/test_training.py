@@ -51,7 +51,7 @@ def config():
 def whole(config, data, tmp_path_factory):
     """A run that nothing cut."""
     folder = tmp_path_factory.mktemp("whole")
-    train(config, "smoke", data, folder, show=False)
+    train(config, "smoke", data, folder)
     return folder
 
 
@@ -93,7 +93,7 @@ def test_a_run_in_pieces_is_the_whole_run(config, data, whole, tmp_path, monkeyp
         return run_epoch(trainer, seed, epoch)
 
     def go_on(epochs, done, **options):
-        train(config.with_epochs("smoke", epochs), "smoke", data, out, show=False, **options)
+        train(config.with_epochs("smoke", epochs), "smoke", data, out, **options)
         record = json.loads((out / "run.json").read_text())
         assert (record["epochs"], record["finished"]) == (done, done == epochs)
         assert record["best_epoch"] <= done
@@ -127,7 +127,7 @@ def test_a_run_in_pieces_is_the_whole_run(config, data, whole, tmp_path, monkeyp
 @pytest.mark.slow
 def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_path):
     config = change_recipe(config, epochs=4, learning_rate=3e-2)  # too large: it gets worse again
-    train(config, "smoke", data, tmp_path, show=False)
+    train(config, "smoke", data, tmp_path)
     history = pd.read_csv(tmp_path / "history.csv")
     record = json.loads((tmp_path / "run.json").read_text())
     assert record["best_epoch"] == history.val_loss.idxmin()
@@ -160,7 +160,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
     ],
 )
 def test_one_epoch_on_every_presets_code_path(config, data, tmp_path, changes):
-    train(change_recipe(config, epochs=1, **changes), "smoke", data, tmp_path, show=False)
+    train(change_recipe(config, epochs=1, **changes), "smoke", data, tmp_path)
     assert (tmp_path / "model.keras").exists()
 
 
@@ -171,7 +171,7 @@ def test_without_epochs_the_start_is_the_network(config, data, tmp_path):
     rest = {"dropout_place": "none", "learning_rate": 1e-7}
     for epochs in (0, 1):
         asked = change_recipe(config, epochs=epochs, **start, **rest)
-        train(asked, "smoke", data, tmp_path, show=False)
+        train(asked, "smoke", data, tmp_path)
         history = pd.read_csv(tmp_path / "history.csv")
         assert list(history.epoch) == list(range(epochs + 1))
     record = json.loads((tmp_path / "run.json").read_text())
@@ -195,7 +195,7 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
     monkeypatch.setattr(training, "make_trainer", remember)
     monkeypatch.setattr(feature_stream, "REMEMBERED", 2)  # epochs need them all
     monkeypatch.setattr(fresh_scenes, "cpu_count", lambda: 1)  # processes take seconds to start
-    train(change_recipe(config, epochs=1, fresh_scenes=3), "smoke", data, tmp_path, show=False)
+    train(change_recipe(config, epochs=1, fresh_scenes=3), "smoke", data, tmp_path)
     record, before = (json.loads((run / "run.json").read_text()) for run in (tmp_path, finished))
     assert record["parts"] == before["parts"] | {"train": before["parts"]["train"] + 3}
     assert record["test_indices"] == before["test_indices"]
@@ -215,20 +215,20 @@ def test_a_changed_configuration_is_refused(config, data, run):
     before = (run / "model.keras").read_bytes()
     for changes in ({"epochs": 1, "batch_size": 3}, {"epochs": 2, "schedule": "cosine"}):
         with pytest.raises(InputError, match="holds a run with another recipe"):
-            train(change_recipe(config, **changes), "smoke", data, run, show=False)
+            train(change_recipe(config, **changes), "smoke", data, run)
     assert (run / "model.keras").read_bytes() == before
 
 
 def again(config, data, out):
     """Go on with a run whose network is gone, so that its checkpoint is read."""
     (out / "model.keras").unlink(missing_ok=True)
-    return train(change_recipe(config, epochs=1), "smoke", data, out, show=False)
+    return train(change_recipe(config, epochs=1), "smoke", data, out)
 
 
 @pytest.fixture(scope="module")
 def finished(config, data, tmp_path_factory):
     out = tmp_path_factory.mktemp("finished")
-    train(change_recipe(config, epochs=1), "smoke", data, out, show=False)
+    train(change_recipe(config, epochs=1), "smoke", data, out)
     return out
 
 
@@ -279,10 +279,10 @@ def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, kn
         del record["model_sha256"], record["record_sha256"]
         (run / "run.json").write_text(json.dumps(record))
         before = (run / "model.keras").stat().st_ino
-        train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
+        train(change_recipe(config, epochs=1), "smoke", data, run)
         assert (run / "model.keras").stat().st_ino == before  # whole as it is
     (run / "model.keras").write_bytes((run / "model.keras").read_bytes()[:keep])
-    model = train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
+    model = train(change_recipe(config, epochs=1), "smoke", data, run)
     networks = [
         keras.saving.load_model(path, compile=False) for path in (model, run.parent / "whole.keras")
     ]
@@ -296,7 +296,7 @@ def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, kn
 def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path):
     config = change_recipe(config, learning_rate=1e38)
     with pytest.raises(InputError, match="no longer a number in epoch 1"):
-        train(config, "smoke", data, tmp_path, show=False)
+        train(config, "smoke", data, tmp_path)
 
 
 def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, capsys):
@@ -307,7 +307,7 @@ def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monk
     model = replace(config.model, backbone_weights="imagenet", backbone_depth="conv3")
     config = replace(config, model=model)
     with pytest.raises(InputError, match="weights FILE .*weights random .*BACKBONE_WEIGHTS"):
-        train(config, "smoke", data, tmp_path / "run", show=False)
+        train(config, "smoke", data, tmp_path / "run")
     asked = change_recipe(config, without_imagenet="random")
     assert training.find_backbone(asked, "smoke") == "random (seed 1), conv3"
     assert "RANDOM backbone weights" in capsys.readouterr().out

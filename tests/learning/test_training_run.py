@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 
+from lf_flame._common import progress
 from lf_flame.learning.checkpoints import load_checkpoint
 from lf_flame.learning.training_run import Job, _fit
 
@@ -36,30 +37,38 @@ class RandomWalk:
         return self.evaluate("train")
 
 
-def train(out, trainer, minutes=0.0, show=False):
+def train(out, trainer, minutes=0.0):
     run = load_checkpoint(out, {"recipe": {"schedule": "constant"}})
     if run.state:
         trainer.state = run.state
     job = Job(REQUEST, 12, 3, 1e9, None, None, {}, minutes)  # no checkpoint by the clock
-    _fit(run, trainer, job, out, show, 0.0)
+    _fit(run, trainer, job, out, 0.0)
     return [row["val_loss"] for row in run.history]
 
 
-def test_an_interrupted_epoch_is_finished_and_saved(tmp_path, capsys):
+@pytest.fixture
+def shown(capsys):
+    """What is shown to the user of a program."""
+    progress.show()
+    yield capsys
+    progress.show(False)
+
+
+def test_an_interrupted_epoch_is_finished_and_saved(tmp_path, shown):
     whole = train(tmp_path / "whole", RandomWalk())
     before, interrupted = signal.getsignal(signal.SIGINT), RandomWalk([10])
     with pytest.raises(KeyboardInterrupt):
         train(tmp_path / "cut", interrupted)
     assert signal.getsignal(signal.SIGINT) is before
     assert interrupted.epochs == 10
-    said = capsys.readouterr()
+    said = shown.readouterr()
     assert "Saved behind epoch 10 of 12" in said.out + said.err
     rest = RandomWalk()
     assert train(tmp_path / "cut", rest) == whole
     assert rest.epochs == 2
 
 
-def test_the_time_left_is_that_of_epochs_of_this_call(tmp_path, capsys):
+def test_the_time_left_is_that_of_epochs_of_this_call(tmp_path, shown):
     class Slow(RandomWalk):
         def train_epoch(self, rng):
             time.sleep(0.1)
@@ -67,8 +76,8 @@ def test_the_time_left_is_that_of_epochs_of_this_call(tmp_path, capsys):
 
     with pytest.raises(KeyboardInterrupt):
         train(tmp_path, RandomWalk([10]))
-    train(tmp_path, Slow(), show=True)
-    last = capsys.readouterr().err.splitlines()[-1]
+    train(tmp_path, Slow())
+    last = shown.readouterr().err.splitlines()[-1]
     assert "12/12" in last
     assert float(re.search(r"([\d.]+)epoch/s", last)[1]) <= 10
 

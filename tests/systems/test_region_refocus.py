@@ -48,10 +48,10 @@ def test_a_slope_beside_an_end_of_the_range_is_found(two_depths, region, slopes,
     assert likeness > 0.9
 
 
-@pytest.mark.parametrize("dense", [False, True])
-def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, dense):
+@pytest.mark.parametrize("cross", [False, True])
+def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, cross):
     regions = [(16, 44, 10, 50), (16, 44, 70, 110)]
-    image, slopes, found = refocus_regions(two_depths, regions, (-2.0, 2.0), dense=dense)
+    image, slopes, found = refocus_regions(two_depths, regions, (-2.0, 2.0), cross=cross)
     assert [slope for slope, _ in found] == pytest.approx([0.83, -0.61], abs=0.1)
     assert all(0.5 < trust <= 1 for _, trust in found)
     for (t0, t1, s0, s1), (slope, _) in zip(regions, found, strict=True):
@@ -80,11 +80,11 @@ def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
     with pytest.raises(InputError, match=words):
         search_region_slope(two_depths, region, slopes)
     with pytest.raises(InputError, match=words):
-        refocus_regions(two_depths, [region], slopes)
+        refocus_regions(two_depths, [region], slopes, cross=True)
 
 
-@pytest.mark.parametrize("dense", [False, True])
-def test_views_that_do_not_count_change_nothing(two_depths, dense, rng):
+@pytest.mark.parametrize("cross", [False, True])
+def test_views_that_do_not_count_change_nothing(two_depths, cross, rng):
     """Whatever light they hold, of the cross too."""
     weights = np.ones((9, 9))
     weights[[0, 4, 8, 4], [4, 0, 4, 8]] = 0
@@ -92,7 +92,7 @@ def test_views_that_do_not_count_change_nothing(two_depths, dense, rng):
     other[weights == 0] = rng.uniform(size=other[weights == 0].shape)
     (image, _, found), (same, _, same_found) = (
         refocus_regions(
-            LightField(views, weights=weights), [(16, 44, 10, 50)], (-2.0, 2.0), dense=dense
+            LightField(views, weights=weights), [(16, 44, 10, 50)], (-2.0, 2.0), cross=cross
         )
         for views in (two_depths, other)
     )
@@ -117,7 +117,7 @@ def test_a_trained_unet_works_on_the_regions_image(two_depths):
     kernel, bias = system.model.layers[-2].get_weights()
     system.model.layers[-2].set_weights([0 * kernel, bias + 0.1])
     asked = two_depths, [(10, 50, 10, 50)], (-2.0, 2.0)
-    plain, _, _ = refocus_regions(*asked)
+    plain, _, _ = refocus_regions(*asked, cross=True)
     mended, _, _ = refocus_regions(*asked, unet=system)
     np.testing.assert_allclose(mended, np.clip(plain + 0.1, 0, 1), atol=1e-6)
     coloured = np.stack([two_depths] * 3, axis=-1)

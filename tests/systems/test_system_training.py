@@ -165,7 +165,7 @@ def trained(config, tmp_path_factory):
 
     @cache
     def run_of(name):
-        return train_system(config, name, "smoke", folder / name, show=False).parent
+        return train_system(config, name, "smoke", folder / name).parent
 
     return run_of
 
@@ -202,9 +202,9 @@ def test_interrupted_training_goes_on_to_the_same_result(config, trained, tmp_pa
 
     monkeypatch.setattr(training_run, "_run_epoch", cut_in_epoch_2)
     with pytest.raises(KeyboardInterrupt):
-        train_system(config, "volumetric", "smoke", tmp_path, show=False)
+        train_system(config, "volumetric", "smoke", tmp_path)
     monkeypatch.undo()
-    train_system(config, "volumetric", "smoke", tmp_path, show=False)
+    train_system(config, "volumetric", "smoke", tmp_path)
     losses = [pd.read_csv(x / "history.csv").loss for x in (trained("volumetric"), tmp_path)]
     np.testing.assert_allclose(losses[0], losses[1], rtol=1e-4)
 
@@ -256,7 +256,7 @@ def test_weights_come_from_the_seed(config):
 @pytest.mark.slow
 def test_another_run_in_the_folder_is_refused(config, trained):
     with pytest.raises(InputError, match="holds a run with another system"):
-        train_system(config, "refnet", "smoke", trained("volumetric"), show=False)
+        train_system(config, "refnet", "smoke", trained("volumetric"))
 
 
 @pytest.mark.parametrize(
@@ -299,7 +299,7 @@ def test_training_into_a_damaged_run_is_one_sentence(config, system_runs, tmp_pa
     shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
     (tmp_path / "run" / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"run\.json is not a JSON file"):
-        train_system(config, "refocusnet", "smoke", tmp_path / "run", show=False)
+        train_system(config, "refocusnet", "smoke", tmp_path / "run")
 
 
 def test_a_folder_without_a_system_is_refused(tmp_path):

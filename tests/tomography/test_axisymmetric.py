@@ -101,7 +101,7 @@ def test_adjoint_and_gram_are_the_operators(camera, which, block):
 
 def test_penalty_spares_parabolas_that_are_even_about_the_axis():
     heights, radii = 9, 7
-    rough = roughness_matrix((heights, radii), 3)
+    rough = roughness_matrix((heights, radii))
     height, radius = np.arange(heights)[:, None], np.arange(radii)[None, :]
     smooth = (2 + height - 0.3 * height**2 + 0 * radius).astype(float)
     # Only the drop to darkness beyond the last radius costs.

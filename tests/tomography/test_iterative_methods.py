@@ -163,7 +163,7 @@ def test_known_absorption_is_given_back():
         ({"method": "sart", "bootstrap": 20}, "has no error bars"),
         ({"method": "mlem", "strength": 0.1}, "has no penalty and no strength"),
         ({"method": "nnls", "penalty": "variation"}, "has no penalty and no strength"),
-        ({"method": "nnls", "penalty": Roughness(order=1)}, "has no penalty and no strength"),
+        ({"method": "nnls", "penalty": Roughness()}, "has no penalty and no strength"),
         ({"method": "lsqr", "iterations": 0}, "iterations must be 1 or more, got 0"),
     ],
 )

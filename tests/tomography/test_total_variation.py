@@ -11,7 +11,6 @@ from lf_flame.tomography import (
     FrequencyGram,
     FrustumGrid,
     ProjectionOperator,
-    Roughness,
     reconstruct,
 )
 from lf_flame.tomography.penalised_fit import RangeFit
@@ -81,5 +80,3 @@ def test_what_cannot_be_is_refused(camera, clean):
     grid = FrustumGrid(camera, [3.0, 0.0])
     with pytest.raises(InputError, match="penalty must be one of roughness, variation"):
         reconstruct(clean, grid, penalty="edges")
-    with pytest.raises(InputError, match="order must be 1, 2, 3 or 4, got 5"):
-        Roughness(order=5)

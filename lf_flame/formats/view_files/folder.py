@@ -1,7 +1,6 @@
 """One image file for each view of a light field: in a folder, in an archive, or in a list."""
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import prod
@@ -9,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common import progress
 from lf_flame._common.array_files import MappedArray
 from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
@@ -83,13 +83,8 @@ class ViewFolder:
             lines.append(f"other files left out: {self.left_out}")
         return "\n".join(lines)
 
-    def read(self, progress: Callable = iter) -> LightField:
+    def read(self) -> LightField:
         """Read the views.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Function that wraps the list of files, as ``tqdm`` does.
 
         Returns
         -------
@@ -106,14 +101,14 @@ class ViewFolder:
         check_view_memory(paths, self.path, self.files.size)
         shape = read_image(paths[0]).shape
         views = np.zeros((self.files.size, *shape), np.float32)
-        self._fill(views, progress)
+        self._fill(views, "reading")
         views = views.reshape(*self.files.shape, *shape)
         return LightField(views, weights=self._weights, positions=self.positions)
 
-    def unpack(self, progress: Callable = iter) -> LazyLightField:
+    def unpack(self) -> LazyLightField:
         """Decode the views into a temporary file, of which parts are then read.
 
-        Parameters and errors are those of `read`.
+        Errors are those of `read`.
         """
         if self.positions is not None:
             raise InputError(
@@ -123,7 +118,7 @@ class ViewFolder:
         shape = read_image(next(file for file in self.files.flat if file)).shape
         scratch = Scratch(FLOAT * self.files.size * prod(shape))
         views = MappedArray.new(scratch.folder / "views.npy", (self.files.size, *shape), scratch)
-        self._fill(views, progress)
+        self._fill(views, "unpacking")
         return LazyLightField(
             views,
             axes="nts" + "c" * (len(shape) - 2),
@@ -132,7 +127,7 @@ class ViewFolder:
             source=str(self.path),
         )
 
-    def _fill(self, views: np.ndarray | MappedArray, progress: Callable) -> None:
+    def _fill(self, views: np.ndarray | MappedArray, what: str) -> None:
         """Decode the views that there are into an array of zeros, [number, t, s] or with colours.
 
         A missing view is black.
@@ -151,7 +146,7 @@ class ViewFolder:
 
         with ThreadPoolExecutor(_readers(paths)) as pool:  # decoders release the interpreter's lock
             done = pool.map(place, range(len(paths)))
-            for _ in zip(progress(paths), done, strict=True):
+            for _ in progress.steps(done, what, len(paths), "view"):
                 pass
 
     @property

@@ -1,6 +1,5 @@
 """Scan of a folder, an archive or a list for the files that are the views of a light field."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +131,6 @@ def _placed_folder(
 def read_view_folder(
     path: str | Path,
     order: str | None = None,
-    progress: Callable = iter,
     *,
     grid: Grid | str | None = None,
 ) -> LightField:
@@ -149,4 +147,4 @@ def read_view_folder(
     >>> bool(np.abs(read.views - light_field.views).max() < 1e-4)  # 16 bits
     True
     """
-    return scan_view_folder(path, order, grid=grid).read(progress)
+    return scan_view_folder(path, order, grid=grid).read()

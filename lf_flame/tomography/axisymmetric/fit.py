@@ -1,5 +1,6 @@
 """Least-squares fit of a half section, with regularisation (roughness) and no negative light."""
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.linalg.blas import dsbmv
 
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric.operator import gram_bands
-from lf_flame.tomography.frequency_gram import RIDGE
+from lf_flame.tomography.frequency_gram import RIDGE, ROUGHNESS_ORDER
 from lf_flame.tomography.penalised_fit import Fit
 
 STEP = 10.0
@@ -27,8 +28,6 @@ class SolveOptions(NamedTuple):
     ----------
     strength : float
         Strength of the penalty.
-    order : int
-        Order of the differences that are penalised.
     nonnegative : bool
         Whether emission is kept at 0 or above; if not, the fit is linear, and takes one step.
     iterations : int
@@ -36,7 +35,6 @@ class SolveOptions(NamedTuple):
     """
 
     strength: float
-    order: int
     nonnegative: bool
     iterations: int
 
@@ -66,38 +64,32 @@ class BandedGram:
         self.unit = 1 / np.sqrt(diagonal)
         self.typical = float(np.mean(diagonal))
         self.bands = _scale(bands, self.unit)
-        self._penalties: dict[int, np.ndarray] = {}
 
     def multiply(self, scaled: np.ndarray) -> np.ndarray:
         """Multiply by the scaled matrix."""
         return dsbmv(len(self.bands) - 1, 1.0, self.bands, scaled, lower=1)
 
-    def penalty(self, strength: float, order: int) -> np.ndarray:
-        """Lower diagonals of the scaled penalty, shape (band, nodes)."""
-        if order not in self._penalties:
-            self._penalties[order] = self._unit_penalty(order)
-        return strength * self._penalties[order]
-
-    def _unit_penalty(self, order: int) -> np.ndarray:
-        """Penalty of strength 1, which many strengths share."""
-        rough = roughness_matrix(self.grid.shape, order)
+    @cached_property
+    def _unit_penalty(self) -> np.ndarray:
+        """Lower diagonals of the scaled penalty of strength 1, shape (band, nodes)."""
+        rough = roughness_matrix(self.grid.shape)
         lower = sparse.tril(rough).tocoo()
         bands = np.zeros((int((lower.row - lower.col).max()) + 1, rough.shape[0]))
         bands[lower.row - lower.col, lower.col] = lower.data
         return _scale(self.typical * bands, self.unit)
 
-    def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
+    def draw_penalty(self, strength: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a random vector with the scaled penalty as covariance; float64, shape (nodes,)."""
-        differences = roughness_differences(self.grid.shape, order)
+        differences = roughness_differences(self.grid.shape)
         drawn = differences.T @ rng.standard_normal(differences.shape[0])
         return np.sqrt(strength * self.typical) * drawn * self.unit
 
-    def factor(self, add: float, strength: float = 0.0, order: int = 1) -> np.ndarray:
-        """Factor the scaled matrix plus penalty plus `add` times the identity.
+    def factor(self, add: float, strength: float | None = None) -> np.ndarray:
+        """Factor the scaled matrix plus penalty, if any, plus `add` times the identity.
 
         The form is that of `scipy.linalg.cho_solve_banded`; the step of the splitting is 1 / `add`.
         """
-        penalty = self.penalty(strength, order)
+        penalty = self.bands[:0] if strength is None else strength * self._unit_penalty
         total = np.zeros((max(len(self.bands), len(penalty)), self.bands.shape[1]))
         total[: len(self.bands)] += self.bands
         total[: len(penalty)] += penalty
@@ -105,7 +97,7 @@ class BandedGram:
         return linalg.cholesky_banded(total, lower=True, check_finite=False)
 
 
-def roughness_matrix(shape: tuple[int, int], order: int) -> sparse.csr_array:
+def roughness_matrix(shape: tuple[int, int]) -> sparse.csr_array:
     """Matrix of squared differences along height and radius; the section is mirrored at its axis.
 
     Beyond the last radius there is no light.
@@ -114,11 +106,11 @@ def roughness_matrix(shape: tuple[int, int], order: int) -> sparse.csr_array:
     -------
     scipy.sparse.csr_array of float64, shape (nodes, nodes)
     """
-    differences = roughness_differences(shape, order)
+    differences = roughness_differences(shape)
     return (differences.T @ differences).tocsr()
 
 
-def roughness_differences(shape: tuple[int, int], order: int) -> sparse.csr_array:
+def roughness_differences(shape: tuple[int, int]) -> sparse.csr_array:
     """Differences for `roughness_matrix`: along height first, then along radius.
 
     Returns
@@ -126,11 +118,13 @@ def roughness_differences(shape: tuple[int, int], order: int) -> sparse.csr_arra
     scipy.sparse.csr_array of float64, shape (differences, nodes)
     """
     heights, radii = shape
-    along = np.diff(np.eye(heights), order, axis=0)
-    mirrored = np.zeros((2 * radii - 1 + order, radii))
+    along = np.diff(np.eye(heights), ROUGHNESS_ORDER, axis=0)
+    mirrored = np.zeros((2 * radii - 1 + ROUGHNESS_ORDER, radii))
     place = np.arange(2 * radii - 1)
     mirrored[place, np.abs(place - (radii - 1))] = 1
-    across = np.diff(mirrored, order, axis=0) / np.sqrt(2)  # each side of the axis counts half
+    across = np.diff(mirrored, ROUGHNESS_ORDER, axis=0) / np.sqrt(
+        2
+    )  # each side of the axis counts half
     down = sparse.kron(sparse.csr_array(along), sparse.eye_array(radii))
     return sparse.vstack([down, sparse.kron(sparse.eye_array(heights), across)], format="csr")
 
@@ -236,7 +230,7 @@ class AxisymmetricFit:
         ndarray of float64, shape (heights, radii)
         """
         noise = back.ravel() * self.gram.unit
-        noise += sd * self.gram.draw_penalty(options.strength, options.order, rng)
+        noise += sd * self.gram.draw_penalty(options.strength, rng)
         return self._solve(self._linear + noise, options, start)[0]
 
     def solve_for(self, back: np.ndarray, options: SolveOptions, start: np.ndarray) -> np.ndarray:
@@ -248,9 +242,9 @@ class AxisymmetricFit:
         scaled = linalg.cho_solve_banded((self._factor, True), back.ravel() * self.gram.unit)
         return (scaled * self.gram.unit).reshape(self.gram.grid.shape)
 
-    def count_modes(self, strength: float, order: int) -> float:
+    def count_modes(self, strength: float) -> float:
         """Degrees of freedom of a linear fit: the trace of the map from data to fitted data."""
-        return self._trace(self.gram.factor(RIDGE, strength, order))
+        return self._trace(self.gram.factor(RIDGE, strength))
 
     def _trace(self, factor: np.ndarray) -> float:
         solved = linalg.cho_solve_banded((factor, True), self._seen_probes)
@@ -259,7 +253,6 @@ class AxisymmetricFit:
     def solve(
         self,
         strength: float,
-        order: int,
         nonnegative: bool,
         iterations: int,
         start: np.ndarray | None = None,
@@ -268,7 +261,7 @@ class AxisymmetricFit:
 
         Parameters
         ----------
-        strength, order, nonnegative, iterations
+        strength, nonnegative, iterations
             As for `SolveOptions`.
         start : ndarray, shape (1, heights, radii), optional
             Emission from which to start.
@@ -278,7 +271,7 @@ class AxisymmetricFit:
         Fit
             Fit with cells of shape (1, heights, radii).
         """
-        options = SolveOptions(strength, order, nonnegative, iterations)
+        options = SolveOptions(strength, nonnegative, iterations)
         cells = self._solve(self._linear, options, start)
         apart = cells.ravel() / self.gram.unit - self._plain
         misfit = float(apart @ self.gram.multiply(apart))
@@ -287,13 +280,13 @@ class AxisymmetricFit:
     def _solve(
         self, linear: np.ndarray, options: SolveOptions, start: np.ndarray | None
     ) -> np.ndarray:
-        strength, order, nonnegative, iterations = options
+        strength, nonnegative, iterations = options
         gram = self.gram
         if nonnegative:
-            quadratic = _Quadratic(gram.factor(1 / STEP, strength, order), linear)
+            quadratic = _Quadratic(gram.factor(1 / STEP, strength), linear)
             first = np.zeros_like(gram.unit) if start is None else start.ravel() / gram.unit
             box = Box(0.0, np.inf)
             _, scaled = ADMM(quadratic, box, first, STEP, niter=iterations)
         else:
-            scaled = linalg.cho_solve_banded((gram.factor(RIDGE, strength, order), True), linear)
+            scaled = linalg.cho_solve_banded((gram.factor(RIDGE, strength), True), linear)
         return (scaled * gram.unit).reshape(1, *gram.grid.shape)

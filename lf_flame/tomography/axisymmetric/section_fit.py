@@ -9,7 +9,6 @@ from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric.operator import AxisymmetricOperator
 from lf_flame.tomography.axisymmetric.roundness import DepthRatio
 from lf_flame.tomography.error_bars import noise_by_pixel, noise_variance
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.noise_correlation import correlation_factor
 from lf_flame.tomography.strength_search import StrengthSearch
 
@@ -98,11 +97,9 @@ class SectionFit:
         limited = max(self.noise, MODEL_ERROR * float(self.views.max()))
         variance = noise_variance(self.correlation * limited) * float(by_node.mean())
         share = by_node / by_node.sum()
-        search = StrengthSearch(
-            self._problem, variance, share, ROUGHNESS_ORDER, True, ITERATIONS // 4
-        )
+        search = StrengthSearch(self._problem, variance, share, True, ITERATIONS // 4)
         chosen = search.find_by_risk() if strength is None else float(strength)
-        options = SolveOptions(chosen, ROUGHNESS_ORDER, True, ITERATIONS)
+        options = SolveOptions(chosen, True, ITERATIONS)
         cells = self._problem.solve(*options, search.nearest(chosen)).cells
         return Section(cells, options, self.views - self._project(cells))
 

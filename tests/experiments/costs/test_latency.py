@@ -54,7 +54,7 @@ def run_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     make_dataset(config_from_json(DATA, "here"), 10, folder / "shapes.zarr")
     config = build(TrainingConfig, TRAINING, "here")
-    train(config, "smoke", folder / "shapes.zarr", folder / "shapes", show=False)
+    train(config, "smoke", folder / "shapes.zarr", folder / "shapes")
     return folder / "shapes"
 
 

@@ -67,7 +67,7 @@ def run(config, tmp_path_factory):
         "presets": {"smoke": {"epochs": 1, "neck": "positions"}},
     }
     training = build(TrainingConfig, values, "here")
-    train(training, "smoke", folder / "shapes.zarr", folder / "shapes", show=False)
+    train(training, "smoke", folder / "shapes.zarr", folder / "shapes")
     return folder
 
 

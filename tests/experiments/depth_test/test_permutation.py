@@ -77,7 +77,7 @@ def runs(config, tmp_path_factory):
     training = build(TrainingConfig, TRAINING, "here")
     for kind in ("raw", "views"):
         make_dataset(replace(config, input=InputEncoding(kind)), 24, folder / f"{kind}.zarr")
-        train(training, "smoke", folder / f"{kind}.zarr", folder / kind, show=False)
+        train(training, "smoke", folder / f"{kind}.zarr", folder / kind)
     return [folder / "raw", folder / "views"]
 
 
@@ -180,7 +180,7 @@ def test_networks_of_other_scenes_are_not_compared(config, runs, tmp_path):
     other = replace(config, camera=replace(config.camera, views=3))
     make_dataset(other, 24, tmp_path / "other.zarr")
     training = build(TrainingConfig, TRAINING, "here")
-    train(training, "smoke", tmp_path / "other.zarr", tmp_path / "other", show=False)
+    train(training, "smoke", tmp_path / "other.zarr", tmp_path / "other")
     with pytest.raises(InputError, match="trained on other scenes"):
         run_depth_test([runs[0], tmp_path / "other"], tmp_path / "out", 1)
 
@@ -207,4 +207,4 @@ def test_bands_of_views_side_by_side_are_refused(config, tmp_path):
     recipe = {**TRAINING["presets"]["smoke"], "bands": 2}
     training = build(TrainingConfig, {**TRAINING, "presets": {"smoke": recipe}}, "here")
     with pytest.raises(InputError, match="bands must be 1 with a grid"):
-        train(training, "smoke", tmp_path / "grid.zarr", tmp_path / "run", show=False)
+        train(training, "smoke", tmp_path / "grid.zarr", tmp_path / "run")

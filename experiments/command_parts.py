@@ -1,0 +1,33 @@
+"""What the commands of the experiments share: a progress bar, a kind of option, quiet libraries."""
+
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
+import click
+from tqdm import tqdm
+
+T = TypeVar("T")
+
+
+class PlainName(click.ParamType):
+    """The name of a file, not a path, in a folder that another option names."""
+
+    name = "name"
+
+    def convert(self, value, param, ctx):
+        """Refuse an empty name, or a path."""
+        if value != Path(value).name or not value.strip(" .") or "\0" in value:
+            self.fail(f"{value!r} is no plain name of a file.", param, ctx)
+        return value
+
+
+def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
+    """Progress bar over the steps of a study."""
+    return tqdm(finished, "measuring", total, initial=done, unit="step")
+
+
+def quiet_tensorflow() -> None:
+    """Suppress TensorFlow's messages that each network is compiled."""
+    logging.getLogger("tensorflow").setLevel(logging.ERROR)
