@@ -299,7 +299,7 @@ def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path):
         train(config, "smoke", data, tmp_path)
 
 
-def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, capsys):
+def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, caplog):
     def offline():
         raise ImagenetUnavailable("no network.")
 
@@ -310,7 +310,7 @@ def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monk
         train(config, "smoke", data, tmp_path / "run")
     asked = change_recipe(config, without_imagenet="random")
     assert training.find_backbone(asked, "smoke") == "random (seed 1), conv3"
-    assert "RANDOM backbone weights" in capsys.readouterr().out
+    assert "RANDOM backbone weights" in caplog.text
 
 
 def test_a_recipe_may_cut_the_backbone_elsewhere_and_the_command_comes_first(tmp_path):
