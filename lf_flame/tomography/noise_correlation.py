@@ -101,12 +101,21 @@ def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> floa
     # Differences of noise change sign from one to the next; those of light do not.
     if across.share((2, 3), (0, 1)) + across.share((2, 3), (0, 2)) > 0:
         return None
-    of_views = 1 + 2 * sum(across.share((0, 1), lag) for lag in NEIGHBOURS)
+    counted = np.asarray(known.any(axis=(2, 3)))
+    of_views = 1.0 + 2 * sum(
+        across.share((0, 1), lag) * _neighboured(counted, lag) for lag in NEIGHBOURS
+    )
     along = _Differences(values, known, 0)
     of_pixels = 1.0
     if along.variance:
         of_pixels += 2 * sum(along.share((2, 3), lag) for lag in NEIGHBOURS)
     return of_views * of_pixels
+
+
+def _neighboured(counted: np.ndarray, lag: tuple[int, int]) -> float:
+    """Share of the counted views with a counted neighbour a step apart: those at the rim have none."""
+    both = np.pad(counted, 1) & np.roll(np.pad(counted, 1), lag, (0, 1))
+    return float(both.sum()) / max(float(counted.sum()), 1.0)
 
 
 class _Differences:

@@ -27,17 +27,24 @@ def shared_noise(rng, shape):
     return noise[1:-1, 1:-1]
 
 
+def of_a_mean(views):
+    """Noise of a mean over so many views each way, beside that of white noise."""
+    return np.sum(np.convolve(np.ones(views), KERNEL) ** 2) / np.sum(KERNEL**2) / views
+
+
 EVERY = np.ones((9, 9), bool)
 FLAME = 100.0 * np.pad(np.ones((8, 8)), ((10, 22), (20, 22)))
 
 
 def test_the_factor_is_that_of_a_mean_over_views(rng):
     shape = (9, 9, 40, 50)
-    # Of a mean over an endless array of views: the kernel's sum over the root of its power.
-    wanted = np.sum(KERNEL) ** 2 / np.sum(KERNEL**2)
-    assert correlation_factor(FLAME + shared_noise(rng, shape), EVERY) == pytest.approx(
-        wanted, rel=0.1
-    )
+    # Noise of the mean over a disc of views, beside that of as many views of white noise.
+    disc = np.hypot(*np.mgrid[-4:5, -4:5]) < 4
+    for counted in (EVERY, disc):
+        draws = shared_noise(np.random.default_rng(5), (9, 9, 300, 300))[counted]
+        wanted = draws.mean(axis=0).std() * np.sqrt(counted.sum())
+        found = correlation_factor(FLAME + shared_noise(rng, shape), counted)
+        assert found == pytest.approx(wanted, rel=0.06)
     white = rng.standard_normal(shape)
     assert correlation_factor(FLAME + white, EVERY) == 1
     beside = convolve1d(white, [1, 1], 3) / np.sqrt(2)
@@ -77,7 +84,7 @@ def test_bars_of_a_section_are_wider_by_the_factor(rng):
         fit = SectionFit(grid, (views + 0.02 * views.max() * noise).astype(np.float32), None, rng)
         draws = fit.draw(fit.solve(0.1), 20, rng)
         bars.append(draws.std(axis=0)[glow > 0.3].mean())
-    assert bars[1] / bars[0] == pytest.approx(np.sum(KERNEL) ** 2 / np.sum(KERNEL**2), rel=0.15)
+    assert bars[1] / bars[0] == pytest.approx(of_a_mean(5), rel=0.12)
 
 
 def test_bars_of_planes_are_wider_by_the_factor(rng):
@@ -93,7 +100,7 @@ def test_bars_of_planes_are_wider_by_the_factor(rng):
     for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
         light_field = LightField(views + 0.02 * noise)
         errors.append(reconstruct(light_field, grid, strength=0.1).sigma_linear[0])
-    assert errors[1] / errors[0] == pytest.approx(np.sum(KERNEL) ** 2 / np.sum(KERNEL**2), rel=0.1)
+    assert errors[1] / errors[0] == pytest.approx(of_a_mean(5), rel=0.08)
 
 
 @pytest.mark.parametrize("views", [5, 9])
@@ -115,5 +122,4 @@ def test_photon_noise_is_measured_where_there_is_light(views, is_shared, rng):
         reconstruct(LightField(one), grid, strength=0.1, noise=0.01).sigma_linear
         for one in (light_field.views, light + 0.01 * rng.standard_normal(light.shape))
     ]
-    wanted = np.sum(KERNEL) ** 2 / np.sum(KERNEL**2) if is_shared else 1
-    assert errors[0] / errors[1] == pytest.approx(wanted, rel=0.12)
+    assert errors[0] / errors[1] == pytest.approx(of_a_mean(views) if is_shared else 1, rel=0.12)

@@ -38,6 +38,21 @@ class Section(NamedTuple):
     residual: np.ndarray
 
 
+class CommonPrior(NamedTuple):
+    """Prior that several colours of one flame share: the penalty's effect is alike in all of them.
+
+    Attributes
+    ----------
+    rng : numpy.random.Generator
+        Generator of its draws, with the same seed for all colours.
+    scale : float
+        Its noise relative to the root-mean-square emission.
+    """
+
+    rng: np.random.Generator
+    scale: float
+
+
 class SectionFit:
     """Fits half sections of a grid to its views.
 
@@ -118,25 +133,32 @@ class SectionFit:
         section: Section,
         count: int,
         rng: np.random.Generator,
-        prior_rng: np.random.Generator | None = None,
+        prior: CommonPrior | None = None,
     ) -> np.ndarray:
         """Draw sections that views and penalty allow, float32, shape (count, heights, radii).
 
-        Fits of several colours of one flame share `prior_rng`, with the same seed: the penalty's
-        effect on a flame is alike in all colours. Default: `rng`.
+        Fits of several colours of one flame share a prior. Default: one of their own.
         """
         options = section.options._replace(iterations=ITERATIONS // 4)
-        # The prior's scale is the noise inside the flame, for which the strength was chosen.
-        light = max(float(np.sum(section.cells)), 1e-300)
-        lit = float(np.sum(self._noise_by_node * section.cells[0])) / light
-        prior_noise = self.correlation * self.noise * np.sqrt(lit)
+        scale = self.prior_scale(section) if prior is None else prior.scale
+        prior_noise = scale * float(np.sqrt(np.mean(np.square(section.cells))))
+        of_prior = rng if prior is None else prior.rng
         draws = []
         for _ in range(count):
             noise = self.correlation * self.pixel_noise * rng.standard_normal(self.views.shape)
             back = self._backproject(noise)
-            of_prior = rng if prior_rng is None else prior_rng
             draws.append(self._problem.draw(back, prior_noise, options, section.cells, of_prior))
         return np.array(draws, np.float32).reshape(-1, *self._operator.grid.shape)
+
+    def prior_scale(self, section: Section) -> float:
+        """Noise of the prior: that inside the flame, for which the strength was chosen.
+
+        It is relative to the root-mean-square emission.
+        """
+        light = max(float(np.sum(section.cells)), 1e-300)
+        lit = float(np.sum(self._noise_by_node * section.cells[0])) / light
+        size = max(float(np.sqrt(np.mean(np.square(section.cells)))), 1e-300)
+        return self.correlation * self.noise * float(np.sqrt(lit)) / size
 
     def depth_ratio(self, section: Section) -> DepthRatio:
         """Extent in depth relative to that across, from what no section explains."""

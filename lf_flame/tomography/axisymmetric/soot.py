@@ -16,7 +16,7 @@ from lf_flame.tomography.axisymmetric.reconstruction import (
     explain_views,
     look_at,
 )
-from lf_flame.tomography.axisymmetric.section_fit import SectionFit
+from lf_flame.tomography.axisymmetric.section_fit import CommonPrior, SectionFit
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.data_checks import check_range
 from lf_flame.tomography.soot_rounds import Emission, Soot, Steps, solve_soot, split_colours
@@ -44,11 +44,24 @@ class _AbsorbingFit:
         seed: tuple[int, int],
     ):
         self._looked, self._noise, self._strength = looked, noise, strength
-        self._rng = np.random.default_rng(seed)
-        # All colours draw the same prior.
-        self._prior_rng = np.random.default_rng(seed[0])
+        self._rng, self._seed = np.random.default_rng(seed), seed
         self._operator = AxisymmetricOperator(looked.grid)
         self._fit = SectionFit(looked.grid, looked.views, noise, self._rng)
+        self._thin = self._fit.solve(strength)
+
+    @property
+    def strength(self) -> float:
+        """Strength of the penalty."""
+        return self._thin.options.strength
+
+    @property
+    def prior_scale(self) -> float:
+        """See `CommonPrior`."""
+        return self._fit.prior_scale(self._thin)
+
+    def use(self, strength: float) -> None:
+        """Fit with a strength."""
+        self._strength = strength
         self._thin = self._fit.solve(strength)
 
     def first(self) -> _Round:
@@ -62,9 +75,14 @@ class _AbsorbingFit:
         return _Round(self._fit.solve_for(self._looked.views - excess, start)[0] / leaves)
 
     def finish(
-        self, absorption: np.ndarray | None, last: _Round | None, bootstrap: int
+        self,
+        absorption: np.ndarray | None,
+        last: _Round | None,
+        bootstrap: int,
+        prior_scale: float,
     ) -> AxisymmetricFlame:
         """Emission with error bars and warnings."""
+        prior = CommonPrior(np.random.default_rng(self._seed[0]), prior_scale)
         fit, leaves = self._fit, np.ones(self._looked.grid.shape)
         if absorption is not None and last is not None:
             excess, leaves = self._excess(absorption, last.emission)
@@ -77,7 +95,7 @@ class _AbsorbingFit:
             stated=self._noise is not None,
             bootstrap=bootstrap,
             rng=self._rng,
-            prior_rng=self._prior_rng,
+            prior=prior,
         )
         return replace(
             found,
@@ -101,6 +119,11 @@ class _SectionSteps(Steps[AxisymmetricFlame]):
 
     def __init__(self, fits: list[_AbsorbingFit], step_mm: float, bootstrap: int):
         self._fits, self._step_mm, self._bootstrap = fits, step_mm, bootstrap
+        # With one strength for all colours, the effect of the penalty cancels in their ratios.
+        strength = max(one.strength for one in fits)
+        for one in fits:
+            one.use(strength)
+        self._scale = max(one.prior_scale for one in fits)
 
     def first(self, c: int) -> Emission:
         return self._fits[c].first()
@@ -110,9 +133,11 @@ class _SectionSteps(Steps[AxisymmetricFlame]):
 
     def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[AxisymmetricFlame, ...]:
         if thickness is None:
-            return tuple(one.finish(None, None, self._bootstrap) for one in self._fits)
+            nothing = None, None, self._bootstrap, self._scale
+            return tuple(one.finish(*nothing) for one in self._fits)
         every = zip(self._fits, thickness, last, strict=True)
-        return tuple(one.finish(by_mm, before, self._bootstrap) for one, by_mm, before in every)
+        shared = self._bootstrap, self._scale
+        return tuple(one.finish(by_mm, before, *shared) for one, by_mm, before in every)
 
     def total(self, thickness: np.ndarray) -> float:
         return float(2 * thickness.sum(axis=1).max() * self._step_mm)
