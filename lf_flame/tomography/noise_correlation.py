@@ -113,7 +113,7 @@ def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> floa
 
 
 def _neighboured(counted: np.ndarray, lag: tuple[int, int]) -> float:
-    """Share of the counted views with a counted neighbour a step apart: those at the rim have none."""
+    """Share of the counted views with a counted neighbour a step apart; the rim has fewer."""
     both = np.pad(counted, 1) & np.roll(np.pad(counted, 1), lag, (0, 1))
     return float(both.sum()) / max(float(counted.sum()), 1.0)
 
