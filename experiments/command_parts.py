@@ -1,4 +1,4 @@
-"""What the commands of the experiments share: a progress bar, a kind of option, quiet libraries."""
+"""Parts that commands of several experiments share."""
 
 import logging
 from collections.abc import Iterable

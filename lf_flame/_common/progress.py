@@ -34,7 +34,7 @@ def bar(
     """Progress bar to be updated by the caller, with further options of `tqdm`.
 
     It appears if the work exceeds `PATIENCE`, and goes at the end; or it `stays`, from the start.
-    Of work without a step there is none.
+    Work without a step has none.
     """
     shown = tqdm(
         desc=what,

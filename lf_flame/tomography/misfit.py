@@ -6,8 +6,7 @@ from lf_flame.tomography.background import measure_edge
 
 VIEW_EXCESS = 1.3
 """Smallest significant chi-squared of a view, relative to the median view; also that of the median
-view, which sound fits keep within some per cent of 1, and within 15 % where neighbours share
-noise."""
+view, which sound fits keep near 1, and a little above where neighbours share noise."""
 
 ALONE = 2.0
 """Distance of the worst view from the median view, relative to that of the third worst, above which
@@ -23,7 +22,7 @@ detail."""
 
 STRUCTURE = 0.015
 """Correlation of residuals `APART` pixels apart above which they are not white noise. At 5 % of
-noise a sound fit leaves 0.006 at most, a focus distance that is wrong by 5 % 0.03, gamma 0.02."""
+noise sound fits stay below, and a focus distance that is wrong by 5 % and gamma exceed it."""
 
 SHARED = 0.005
 """Increase of this limit with the variance of sums of noise that neighbours share, relative to that

@@ -82,3 +82,11 @@ def test_temperature_and_absorption_come_from_one_exposure(light_field):
     amount = soot.temperatures.amount / FLAME.absorption(r, h)
     assert np.median(amount[bright]) == pytest.approx(1, abs=0.03)
     assert soot.warnings == ()
+
+
+def test_all_colours_are_fitted_with_the_strength_that_the_noisiest_asks_for(light_field, rng):
+    """So that what the penalty does cancels in the ratios of the colours."""
+    views = light_field.views.copy()
+    views[..., 0] += 0.1 * views.max() * rng.standard_normal(views.shape[:-1])
+    found = reconstruct_axisymmetric_soot(LightField(views), GRID, CALIBRATION, absorbing=False)
+    assert len({colour.strength for colour in found.colours}) == 1
