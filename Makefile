@@ -62,7 +62,10 @@ help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(TOOLS)  ## create .venv and install lf_flame with all it can use, and tools for tests and documentation
-PIP_INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --editable
+# Python compiles what it loads at its first start, in less time than pip takes for all that there is;
+# not where it may not write it down.
+PIP_INSTALL = $(BIN)/python -m pip install --disable-pip-version-check \
+              $(if $(PYTHONDONTWRITEBYTECODE),,--no-compile) --editable
 # The tables need half of what tests and documentation do, in half the time.
 $(INSTALLED): setup.cfg pyproject.toml
 	@echo 'Installing lf_flame and TensorFlow into $(VENV): one to five minutes, more on a slow line, once'

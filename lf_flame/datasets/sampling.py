@@ -73,7 +73,7 @@ def search_slopes(
         Number of rays per pixel along each axis for the route "rays", from `count_rays`.
     whole_range : bool, optional
         Whether all slopes are searched, instead of only those near the geometric one, which takes a
-        third of the time. The slopes found agree to 1e-5.
+        third of the time. The slopes found agree to 5e-5.
 
     Returns
     -------
