@@ -18,6 +18,7 @@ COLUMNS = {
     "mse_x100": ("MSE x 100", ".1f"),
     "certain_percent": ("certain (%)", ".0f"),
     "bad_07_of_certain": ("of these, off by over 0.07 (%)", ".1f"),
+    "worst_bad_07_of_certain": ("in the worst scene (%)", ".1f"),
     "seconds": ("seconds", ".1f"),
 }
 

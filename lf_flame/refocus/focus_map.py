@@ -41,7 +41,7 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.grey_views import GreyViews
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews
-from lf_flame.refocus.semi_global import choose_slopes
+from lf_flame.refocus.semi_global import choose_slopes, fit_changes
 from lf_flame.refocus.shift import shift_and_sum
 from lf_flame.refocus.surface import refocus_surface
 
@@ -53,6 +53,13 @@ FLOOR = 0.1
 
 TRUSTED = 0.2
 """Smallest confidence of a certain slope."""
+
+OUTLYING = 1.5
+"""Difference from which a view hardly counts when a slope is refined, relative to the largest that
+counts when slopes are compared; a step of the search leaves larger differences than chance."""
+
+SCATTER = 3.0
+"""Limit of the differences that count, relative to the usual difference at the right slope."""
 
 RESOLVED = 1.0
 """Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
@@ -71,10 +78,10 @@ class FocusMap:
         Slope of each pixel, in lenslets per view step: mean of its own and of neighbours of similar
         brightness with about the same slope.
     confidence : ndarray of float64, shape (t, s)
-        Confidence from 0 to 1; a slope is certain from 0.2 on. It is a product of four factors: by
-        how much the slope's cost is below those of distinct slopes, how sharp the minimum is, how
-        low it is, and the share of neighbours that agree. 0 where the best slope is the first or
-        last, and where the neighbours choose another.
+        Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of similar
+        neighbours that agree, times their mean trust: by how much a slope's cost is below those of
+        distinct slopes, how sharp the minimum is, and how low. 0 where the best slope is the first
+        or last, and where the neighbours choose another.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Image with every pixel refocused at its slope.
     """
@@ -199,17 +206,19 @@ def all_in_focus(
         own = LightField.trusted(own.views, valid=own.valid)
     elif isinstance(own, LazyLightField):
         own = own.rearranged()
-    slope, confidence = _matched(compared, own, window, weights)
+    slope, confidence, guide, limit = _matched(compared, own, window, weights)
     if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
-        slope, confidence = _matched(compared, own, window, weights)
+        slope, confidence, guide, limit = _matched(compared, own, window, weights)
+    equations = compared.normal_equations(slope, OUTLYING * limit)
+    slope += fit_changes(slope, equations, guide, slopes[1] - slopes[0], limit / SCATTER)
     image = refocus_surface(own, slope, interpolation=interpolation, weights=weights)
     return FocusMap(slope, confidence, image)
 
 
 def _matched(
     compared: ComparedViews, light_field: Views, window: float, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes at which compared views match best, and their confidence."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Slopes at which compared views match best, their confidence, the guide, and the limit."""
     slopes, shape = compared.slopes, compared.views.shape
     limit, best = compared.limit(), np.empty(shape[2:])
     size = FLOAT * best.size * len(slopes)
@@ -218,8 +227,9 @@ def _matched(
         band = compared.costs(rows, limit)
         best[rows] = slopes[band.argmin(axis=2)]
         costs.append(band)
-    picture = _middle(light_field, shape[:2], best)
-    return choose_slopes(costs, slopes, _guide(picture), window, distinct_by(weights))
+    guide = _guide(_middle(light_field, shape[:2], best))
+    found = choose_slopes(costs, slopes, guide, window, distinct_by(weights))
+    return *found, guide, limit
 
 
 def distinct_by(weights: np.ndarray) -> float:

@@ -60,6 +60,9 @@ LEAST_KNOWN = 0.05
 SLOPE_WINDOW = 3.0
 """Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
 
+ROWS_TOGETHER = 32
+"""Number of rows whose fits are set up together, which bounds the memory."""
+
 SAMPLED_ROWS = 32
 """Approximate number of rows from which noise and levels are estimated."""
 
@@ -180,6 +183,60 @@ class ComparedViews:
             _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
             costs[..., n] = line[inner]
         return costs
+
+    def normal_equations(self, slope: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+        """Set up, at each pixel, the least-squares fit of a small change of its slope.
+
+        It is that of the side of the aperture that matches best. The change is the ratio of the
+        two, of one pixel or of the sums over several.
+
+        Parameters
+        ----------
+        slope : ndarray of float64, shape (t, s)
+        limit : float
+            Difference from which a view hardly counts, see `limit`.
+
+        Returns
+        -------
+        numerator, denominator : ndarray of float64, shape (t, s)
+        """
+        numerator, denominator = np.empty(slope.shape), np.empty(slope.shape)
+        height = slope.shape[0]
+        for band in self.bands:
+            near = max(band.start - 1, 0), min(band.stop + 1, height)
+            window = self.views.near(np.arange(*near), self._reach)
+            for start in range(band.start, band.stop, ROWS_TOGETHER):
+                rows = slice(start, min(start + ROWS_TOGETHER, band.stop))
+                # Differences are smoothed over three rows.
+                read = np.arange(max(start - 1, 0), min(rows.stop + 1, height))
+                some = self._equations_of(window, slope[read], read, limit)
+                inner = slice(start - read[0], rows.stop - read[0])
+                numerator[rows], denominator[rows] = (sums[inner] for sums in some)
+        return numerator, denominator
+
+    def _equations_of(
+        self, window: tuple[np.ndarray, int], slope: np.ndarray, rows: np.ndarray, limit: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Numerator and denominator in some rows, of the side that matches best."""
+        views = self.views
+        parts = np.empty((3, rows.size, 9, views.shape[3]), np.float32)
+        _matching_kernels.differentiate_views(
+            *window, views.shape[2], rows, slope.astype(np.float32), np.float32(self._unit),
+            *self._parts, self._weights.astype(np.float32), self._middle, self.even, self._levels,
+            np.float32(limit), *parts,
+        )  # fmt: skip
+        differences, products, squares = parts
+        numerator, denominator = np.zeros(slope.shape), np.zeros(slope.shape)
+        least, cost = np.full(slope.shape, np.inf, np.float32), np.empty(slope.shape, np.float32)
+        for share, margin in zip(*_sides(self.counts), strict=True):
+            scaled = share[None] / np.float32(limit)
+            _matching_kernels.choose_sides(differences, scaled, margin[None], cost)
+            better = cost < least
+            least[better] = cost[better]
+            for sums, out in ((-products, numerator), (squares, denominator)):
+                of_side = sums[:, share > 0].sum(axis=1, dtype=np.float64)
+                out[better] = of_side[better]
+        return numerator, denominator
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""

@@ -36,6 +36,13 @@ SAME = 1.5
 REACH, FARTHEST = 1.6, 24
 """Largest distance of a voter along an axis, in the window's standard deviations and lenslets."""
 
+CHANGE_WINDOW, REACH_CHANGE = 2.0, 3
+"""Standard deviation, in lenslets, of the Gaussian under which a change of slope is fitted, and
+largest distance in these."""
+
+MOST_CHANGE = 0.6
+"""Largest change of a slope by a fit, in steps of the search."""
+
 DISTINCT = 0.15
 """Margin, in costs, by which the best slope must beat distinct ones to be half certain."""
 
@@ -74,8 +81,7 @@ def choose_slopes(
     slope, confidence : ndarray of float64, shape (t, s)
         Confidence is from 0 to 1; it is 0 where the best slope is the first or last.
     """
-    scatter = float(guide.std(dtype=np.float64))  # whose squares float32 does not hold
-    guide = (guide / max(scatter, np.finfo(np.float32).tiny)).astype(np.float32)
+    guide = _in_deviations(guide)
     step = slopes[1] - slopes[0]
     reach = max(round(width / step), 1)
     place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
@@ -91,9 +97,44 @@ def choose_slopes(
         del band, sums
     reach = min(int(np.ceil(REACH * window)), FARTHEST)
     near = np.exp(-((np.arange(reach + 1) / window) ** 2) / 2)
-    voted, share = np.empty(guide.shape), np.empty(guide.shape)
-    _vote(place, trust, guide, near, len(slopes), voted, share)
-    return slopes[0] + step * voted, np.where(share > 0, trust * share, 0.0)
+    voted, confidence = np.empty(guide.shape), np.empty(guide.shape)
+    _vote(place, trust, guide, near, len(slopes), voted, confidence)
+    return slopes[0] + step * voted, np.where(trust > 0, confidence, 0.0)
+
+
+def fit_changes(
+    slope: np.ndarray,
+    equations: tuple[np.ndarray, np.ndarray],
+    guide: np.ndarray,
+    step: float,
+    scatter: float,
+) -> np.ndarray:
+    """Change of each pixel's slope by which the views around it agree best, by least squares.
+
+    Parameters
+    ----------
+    slope : ndarray of float64, shape (t, s)
+    equations : (ndarray, ndarray), each (t, s)
+        Numerators and denominators of the changes.
+    guide : ndarray, shape (t, s)
+        Pixels of other brightness count less.
+    step : float
+        Step of the search. A change of more than about half a step is an outlier, and is left out.
+    scatter : float
+        Usual difference of views at the right slope.
+    """
+    guide = _in_deviations(guide)
+    reach = np.arange(int(np.ceil(REACH_CHANGE * CHANGE_WINDOW)) + 1)
+    near = np.exp(-((reach / CHANGE_WINDOW) ** 2) / 2)
+    change = np.empty(slope.shape)
+    _fit(slope, *equations, guide, near, SAME * step, (2 * scatter / step) ** 2, change)
+    return np.where(np.abs(change) <= MOST_CHANGE * step, change, 0.0)
+
+
+def _in_deviations(guide: np.ndarray) -> np.ndarray:
+    """Guide image in its standard deviations."""
+    scatter = float(guide.std(dtype=np.float64))  # whose squares float32 does not hold
+    return (guide / max(scatter, np.finfo(np.float32).tiny)).astype(np.float32)
 
 
 def _enter_from_below(costs: Sequence[np.ndarray], guide: np.ndarray, edge: np.ndarray) -> list:
@@ -201,10 +242,12 @@ def _pick(queue, costs, sums, reach, place, trust):
 
 
 @shared
-def _vote(queue, place, trust, guide, near, count, voted, share):
-    """Mean of the votes for the slope with most of them, and their share of all votes.
+def _vote(queue, place, trust, guide, near, count, voted, confidence):
+    """Mean of the votes for the slope with most of them, and how far it can be trusted.
 
-    near[distance]: weights along either axis.
+    near[distance]: weights along either axis. A slope is trusted as much as similar neighbours,
+    certain or not, agree with it: an outline lends its slope to bare surfaces beside it, most of
+    which have no slope of their own.
     """
     height, width = place.shape
     reach = near.size - 1
@@ -213,11 +256,12 @@ def _vote(queue, place, trust, guide, near, count, voted, share):
         weights = np.empty(near.size * near.size * 4)
         for s in range(width):
             votes[:] = 0.0
-            total, index = 0.0, 0
+            total, alike, index = 0.0, 0.0, 0
             for y in range(max(t - reach, 0), min(t + reach + 1, height)):
                 for x in range(max(s - reach, 0), min(s + reach + 1, width)):
                     unlike = (guide[y, x] - guide[t, s]) / ALIKE
                     weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
+                    alike += weight
                     weight *= trust[y, x] + MUTE
                     k = int(place[y, x])
                     part = weight * (place[y, x] - k)
@@ -232,13 +276,36 @@ def _vote(queue, place, trust, guide, near, count, voted, share):
                 some = votes[k] + 0.5 * (votes[k - 1] + votes[k + 1])
                 if some > most:
                     best, most = k, some
-            counted, weighted, index = 0.0, 0.0, 0
+            counted, weighted, trusted, index = 0.0, 0.0, 0.0, 0
             for y in range(max(t - reach, 0), min(t + reach + 1, height)):
                 for x in range(max(s - reach, 0), min(s + reach + 1, width)):
                     if abs(place[y, x] - (best - 1)) <= SAME:
                         counted += weights[index]
                         weighted += weights[index] * place[y, x]
+                        trusted += weights[index] * trust[y, x] / (trust[y, x] + MUTE)
                     index += 1
             voted[t, s] = weighted / counted
             agrees = abs(place[t, s] - voted[t, s]) <= SAME
-            share[t, s] = counted / total if agrees else 0.0
+            confidence[t, s] = counted / total * trusted / alike if agrees else 0.0
+
+
+@shared
+def _fit(queue, slope, numerator, denominator, guide, near, same, least, change):
+    """Ratio of the sums of numerators and denominators over pixels of about the same slope.
+
+    near[distance]: weights along either axis; same: largest difference of slopes; least is added
+    to the denominator, so that a change to which nothing points is 0.
+    """
+    height, width = slope.shape
+    reach = near.size - 1
+    for t in pieces(queue, height):
+        for s in range(width):
+            above, below = 0.0, least
+            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                    if abs(slope[y, x] - slope[t, s]) <= same:
+                        unlike = (guide[y, x] - guide[t, s]) / ALIKE
+                        weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
+                        above += weight * numerator[y, x]
+                        below += weight * denominator[y, x]
+            change[t, s] = above / below

@@ -58,7 +58,7 @@ def test_planted_surfaces_are_found_and_put_in_focus(depths, rng):
     error = np.abs(found.slope - slopes)
     inside = away_from_outlines(slopes, 8)
     assert error[inside].max() < 0.05
-    assert np.median(error[inside]) < 0.01
+    assert np.median(error[inside]) < 0.003  # a 30th of the step
     assert found.confidence[inside].mean() > 2 * found.confidence[error > 0.2].mean()
     slices = shift_and_sum(views, SLOPES)
     assert psnr(found.all_in_focus, views[3, 3]) > 2 + max(psnr(i, views[3, 3]) for i in slices)
@@ -154,7 +154,7 @@ def test_a_tilted_plane_is_not_cut_into_steps(rng):
     found = all_in_focus(views, SLOPES)
     inside = (slice(10, -10), slice(12, -12))
     assert np.abs(found.slope - truth)[inside].max() < 0.1
-    assert np.median(np.abs(found.slope - truth)[inside]) < 0.02
+    assert np.median(np.abs(found.slope - truth)[inside]) < 0.007
 
 
 def test_an_even_number_of_views_and_colour(rng):
@@ -164,7 +164,7 @@ def test_an_even_number_of_views_and_colour(rng):
         views[v, u] = np.roll(picture, (2 * v - 3, 2 * u - 3), axis=(0, 1))
     found = all_in_focus(views, np.arange(1.0, 3.01, 0.1))
     inside = (slice(10, -10), slice(10, -10))
-    np.testing.assert_allclose(found.slope[inside], 2.0, atol=0.02)
+    np.testing.assert_allclose(found.slope[inside], 2.0, atol=0.002)
     assert found.all_in_focus.shape == (48, 48, 3)
     assert psnr(found.all_in_focus[inside], picture[inside]) > 30
 

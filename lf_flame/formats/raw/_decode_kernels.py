@@ -150,10 +150,10 @@ def _write_row(light, gain, joined, parity, r, out):
         for u in range(out.shape[1]):
             for channel in range(out.shape[4]):
                 line = light[channel, v, u]
-                if gain is not None:
+                if gain.size > 0:
                     for c in range(line.size):
                         line[c] *= gain[v, u, r, c, channel]
-                if joined is None:
+                if joined.left.size == 0:
                     out[v, u, r, :, channel] = line
                 else:
                     for c in range(out.shape[3]):
@@ -168,7 +168,7 @@ def _resample(queue, lattices, places, array, across, along, taps, taps_down, ga
     lattices: coefficients, shape (n, rows, columns). places, array, across, along, joined: named
     tuples of `resampling`. taps, taps_down: tuples of as many elements as there are weights along
     and across, by which the compiler knows their number. gain: factors of the parts,
-    (v, u, row, column, channel), or None. out: (v, u, row, column, channel).
+    (v, u, row, column, channel), or empty, as may be those of `joined`. out: of this shape too.
     """
     views, size = array.part_down.size, array.columns.size
     cos, sin, tan = array.cos, array.sin, array.sin / array.cos

@@ -74,6 +74,10 @@ class Joined(NamedTuple):
     share: np.ndarray
 
 
+NOT_JOINED = Joined(np.empty((0, 0), np.int64), np.empty((0, 0), np.float32))
+"""In place of the interpolation, where there is none."""
+
+
 class Resampling:
     """Resampling of images of one shape into the parts of their micro-images.
 
@@ -136,13 +140,18 @@ class Resampling:
         channels = image.shape[2] if self.bayer is None else 3
         shape = self.views, self.views, self._array.rows.size, columns, channels
         out = np.empty(shape, np.float32)
-        if gain is not None:
-            gain = np.ascontiguousarray(np.broadcast_to(gain, (*gain.shape[:4], channels)))
+        # One type for all cases, for which the loops are compiled once.
+        if gain is None:
+            gain = np.empty((0,) * 5, np.float32)
+        else:
+            gain = np.ascontiguousarray(np.broadcast_to(gain, (*gain.shape[:4], channels))).view()
+        gain.flags.writeable = False
         across, along = self._across, self._along
         taps, taps_down = ((0,) * one.values.shape[1] for one in (along, across))
         resample(
-            coefficients, places, self._array, across, along, taps, taps_down, gain, joined, out
-        )
+            coefficients, places, self._array, across, along, taps, taps_down, gain,
+            NOT_JOINED if joined is None else joined, out,
+        )  # fmt: skip
         return out
 
     def joined(self, flags: np.ndarray) -> np.ndarray:
