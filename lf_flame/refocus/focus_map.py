@@ -72,6 +72,9 @@ MAP_STEPS = 33
 class FocusMap:
     """Slope map and image with everything in focus, from `depth_from_focus` or `all_in_focus`.
 
+    What one sees through, as a flame before others, has no one slope, and nothing here tells: for
+    flames use `lf_flame.tomography.reconstruct`.
+
     Attributes
     ----------
     slope : ndarray of float64, shape (t, s)
@@ -147,8 +150,10 @@ def all_in_focus(
     A pixel's slope is the one at which the views that see it match the central view best; near an
     outline these are half of the views, or a quarter (`lf_flame.refocus.matching`). Where this is
     uncertain, for example without texture, the slope comes from the surroundings, up to the edges
-    of the central view (`lf_flame.refocus.semi_global`). The image is refocused on the resulting
-    surface (`refocus_surface`), not selected from slices, so that it has no seams.
+    of the central view (`lf_flame.refocus.semi_global`). At last slopes are refined between the
+    steps of the search, by least squares over these views and the surroundings. The image is
+    refocused on the resulting surface (`refocus_surface`), not selected from slices, so that it has
+    no seams.
 
     Parameters
     ----------

@@ -12,6 +12,10 @@ image and the noise. Without it, one sharp outline outweighs the faint texture b
 slope spreads to its surroundings. They are averaged over little more than a pixel; what a pixel
 alone does not tell, its surroundings do afterwards (`lf_flame.refocus.semi_global`).
 
+Between the slopes searched, the right one follows from the derivatives of the views by the slope,
+by least squares (Adelson, Wang, IEEE Trans. Pattern Anal. Mach. Intell. 14, 99, 1992), again for
+the half or quarter that matches best. Costs do not tell: their limit makes them flat a step away.
+
 Views that are darker or brighter than the central one, such as those near the rim of a lens, are
 first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
 every slope.

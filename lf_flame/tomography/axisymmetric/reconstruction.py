@@ -22,7 +22,7 @@ from lf_flame.tomography.axisymmetric.roundness import (
     check_stated,
     name_unseen,
 )
-from lf_flame.tomography.axisymmetric.section_fit import CommonPrior, SectionFit
+from lf_flame.tomography.axisymmetric.section_fit import SectionFit
 from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import bar_times, check_bootstrap, noise_variance
@@ -189,7 +189,7 @@ def explain_views(
     stated: bool,
     bootstrap: int,
     rng: np.random.Generator,
-    prior: CommonPrior | None = None,
+    of_prior: np.random.Generator | None = None,
 ) -> AxisymmetricFlame:
     """Solve a fit, draw its errors, and compare data and model.
 
@@ -204,14 +204,14 @@ def explain_views(
         Whether the noise was stated.
     bootstrap : int
     rng : numpy.random.Generator
-    prior : CommonPrior, optional
+    of_prior : numpy.random.Generator, optional
         See `SectionFit.draw`.
     """
     grid, section, views = looked.grid, fit.solve(strength), fit.views
     residual = section.residual
     power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
     chi_squared = grid.place(power / noise_variance(fit.noise), np.nan)
-    draws = fit.draw(section, bootstrap, rng, prior)
+    draws = fit.draw(section, bootstrap, rng, of_prior)
     depth_ratio = fit.depth_ratio(section)
     # An axis that is not straight may also seem to lean.
     departures = check_stated(looked.axis, grid, views) + check_roundness(looked.axis)

@@ -38,21 +38,6 @@ class Section(NamedTuple):
     residual: np.ndarray
 
 
-class CommonPrior(NamedTuple):
-    """Prior that several colours of one flame share: the penalty's effect is alike in all of them.
-
-    Attributes
-    ----------
-    rng : numpy.random.Generator
-        Generator of its draws, with the same seed for all colours.
-    scale : float
-        Its noise relative to the root-mean-square emission.
-    """
-
-    rng: np.random.Generator
-    scale: float
-
-
 class SectionFit:
     """Fits half sections of a grid to its views.
 
@@ -133,16 +118,16 @@ class SectionFit:
         section: Section,
         count: int,
         rng: np.random.Generator,
-        prior: CommonPrior | None = None,
+        of_prior: np.random.Generator | None = None,
     ) -> np.ndarray:
         """Draw sections that views and penalty allow, float32, shape (count, heights, radii).
 
-        Fits of several colours of one flame share a prior. Default: one of their own.
+        The penalty's effect is alike in all colours of a flame: their fits draw it, `of_prior`,
+        from generators of one seed. Default: from `rng`.
         """
         options = section.options._replace(iterations=ITERATIONS // 4)
-        scale = self.prior_scale(section) if prior is None else prior.scale
-        prior_noise = scale * float(np.sqrt(np.mean(np.square(section.cells))))
-        of_prior = rng if prior is None else prior.rng
+        prior_noise = self._prior_noise(section)
+        of_prior = rng if of_prior is None else of_prior
         draws = []
         for _ in range(count):
             noise = self.correlation * self.pixel_noise * rng.standard_normal(self.views.shape)
@@ -150,15 +135,11 @@ class SectionFit:
             draws.append(self._problem.draw(back, prior_noise, options, section.cells, of_prior))
         return np.array(draws, np.float32).reshape(-1, *self._operator.grid.shape)
 
-    def prior_scale(self, section: Section) -> float:
-        """Noise of the prior: that inside the flame, for which the strength was chosen.
-
-        It is relative to the root-mean-square emission.
-        """
+    def _prior_noise(self, section: Section) -> float:
+        """Noise of the prior: that inside the flame, for which the strength was chosen."""
         light = max(float(np.sum(section.cells)), 1e-300)
         lit = float(np.sum(self._noise_by_node * section.cells[0])) / light
-        size = max(float(np.sqrt(np.mean(np.square(section.cells)))), 1e-300)
-        return self.correlation * self.noise * float(np.sqrt(lit)) / size
+        return self.correlation * self.noise * float(np.sqrt(lit))
 
     def depth_ratio(self, section: Section) -> DepthRatio:
         """Extent in depth relative to that across, from what no section explains."""

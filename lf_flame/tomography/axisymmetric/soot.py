@@ -16,7 +16,7 @@ from lf_flame.tomography.axisymmetric.reconstruction import (
     explain_views,
     look_at,
 )
-from lf_flame.tomography.axisymmetric.section_fit import CommonPrior, SectionFit
+from lf_flame.tomography.axisymmetric.section_fit import SectionFit
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.data_checks import check_range
 from lf_flame.tomography.soot_rounds import Emission, Soot, Steps, solve_soot, split_colours
@@ -54,11 +54,6 @@ class _AbsorbingFit:
         """Strength of the penalty."""
         return self._thin.options.strength
 
-    @property
-    def prior_scale(self) -> float:
-        """See `CommonPrior`."""
-        return self._fit.prior_scale(self._thin)
-
     def use(self, strength: float) -> None:
         """Fit with a strength."""
         self._strength = strength
@@ -79,10 +74,8 @@ class _AbsorbingFit:
         absorption: np.ndarray | None,
         last: _Round | None,
         bootstrap: int,
-        prior_scale: float,
     ) -> AxisymmetricFlame:
         """Emission with error bars and warnings."""
-        prior = CommonPrior(np.random.default_rng(self._seed[0]), prior_scale)
         fit, leaves = self._fit, np.ones(self._looked.grid.shape)
         if absorption is not None and last is not None:
             excess, leaves = self._excess(absorption, last.emission)
@@ -95,7 +88,7 @@ class _AbsorbingFit:
             stated=self._noise is not None,
             bootstrap=bootstrap,
             rng=self._rng,
-            prior=prior,
+            of_prior=np.random.default_rng(self._seed[0]),
         )
         return replace(
             found,
@@ -123,7 +116,6 @@ class _SectionSteps(Steps[AxisymmetricFlame]):
         strength = max(one.strength for one in fits)
         for one in fits:
             one.use(strength)
-        self._scale = max(one.prior_scale for one in fits)
 
     def first(self, c: int) -> Emission:
         return self._fits[c].first()
@@ -133,11 +125,9 @@ class _SectionSteps(Steps[AxisymmetricFlame]):
 
     def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[AxisymmetricFlame, ...]:
         if thickness is None:
-            nothing = None, None, self._bootstrap, self._scale
-            return tuple(one.finish(*nothing) for one in self._fits)
+            return tuple(one.finish(None, None, self._bootstrap) for one in self._fits)
         every = zip(self._fits, thickness, last, strict=True)
-        shared = self._bootstrap, self._scale
-        return tuple(one.finish(by_mm, before, *shared) for one, by_mm, before in every)
+        return tuple(one.finish(by_mm, before, self._bootstrap) for one, by_mm, before in every)
 
     def total(self, thickness: np.ndarray) -> float:
         return float(2 * thickness.sum(axis=1).max() * self._step_mm)
