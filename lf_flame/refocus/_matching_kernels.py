@@ -60,23 +60,19 @@ def _bring_to_level(level, down, start, height, row):
 
 
 def _compare_views(
-    queue, views, first, height, rows, down, down_weights, across, across_weights, parts_down,
-    parts_across, counts, middle_counts, shifts_down, shifts_across, even, levels, limit, middles,
-    out,
+    queue, some, rows, down, down_weights, across, across_weights, shifts_down, shifts_across,
+    limit, middles, out,
 ):  # fmt: skip
     """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
 
     The central view itself goes to middles[i, s].
 
-    views[v, u, t, s]: some rows of views of `height` rows, of which row 0 is row `first`.
+    some: `lf_flame.refocus.matching.WeightedViews`.
     down[v], across[u]: shift of tap 0; down_weights[v, a], across_weights[u, b]: weights of taps.
-    parts_down[v], parts_across[u]: 0 before the centre, 1 in it, 2 after it; a part is
-    ``3 parts_down + parts_across``, and the central view is the mean of the views of part 4.
-    counts[v, u], middle_counts[v, u]: weights of the views, and for the central view.
     shifts_down[v], shifts_across[u]: whole shifts of the views.
-    even: whether all views are as bright as the central one; else levels[v, u, power] multiply.
     limit: largest absolute difference that counts.
     """
+    views, height = some.views, some.height
     width = views.shape[3]
     reach = TAPS
     for start in across:
@@ -90,15 +86,15 @@ def _compare_views(
         for turn in range(2):
             for v in range(views.shape[0]):
                 for a in range(TAPS):
-                    row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - first
+                    row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - some.first
                 for u in range(views.shape[1]):
-                    part = 3 * parts_down[v] + parts_across[u]
-                    used = counts[v, u] if turn == 1 else middle_counts[v, u]
+                    part = 3 * some.parts_down[v] + some.parts_across[u]
+                    used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
                     if used > 0.0:
                         shift_row(views[v, u], row, down_weights[v], across[u], across_weights[u],
                                   reach, line, shifted)  # fmt: skip
-                        if not even:
-                            bring_to_level(levels[v, u], rows[i] + shifts_down[v],
+                        if not some.even:
+                            bring_to_level(some.levels[v, u], rows[i] + shifts_down[v],
                                            shifts_across[u], height, shifted)  # fmt: skip
                         if turn == 1:
                             add_differences(shifted, middle, used, limit, out[i, part])
@@ -160,17 +156,15 @@ def _level_at(level, t, s, height, width):
     return constant + x * (level[2] + y * level[4] + x * level[5])
 
 
-def _differentiate_views(
-    queue, views, first, height, rows, slopes, unit, parts_down, parts_across, counts,
-    middle_counts, even, levels, limit, differences, products, squares,
-):  # fmt: skip
+def _differentiate_views(queue, some, rows, slopes, unit, limit, differences, products, squares):
     """Differences of the views from the central one at each pixel's slope, and their derivatives.
 
-    slopes[i, s]: slopes in row rows[i]; unit: factor of all views; the rest is that of
-    `_compare_views`. Each output is [i, part, s], a sum over the views of a part: of absolute
+    some: `lf_flame.refocus.matching.WeightedViews`. slopes[i, s]: slopes in row rows[i]; unit:
+    factor of all views. Each output is [i, part, s], a sum over the views of a part: of absolute
     differences, at most `limit`; of the products of difference and derivative by the slope; and of
     the squares of the derivative. Views that differ by more than `limit` hardly count in these.
     """
+    views, height = some.views, some.height
     width, above, beside = views.shape[3], (views.shape[0] - 1) / 2, (views.shape[1] - 1) / 2
     taps = TAPS, width
     for i in pieces(queue, rows.size):
@@ -185,19 +179,18 @@ def _differentiate_views(
         for turn in range(2):
             for v in range(views.shape[0]):
                 place_taps(slopes[i], v - above, rows[i], 0, height, y, y_weight, y_change)
-                y -= first
+                y -= some.first
                 for u in range(views.shape[1]):
-                    used = counts[v, u] if turn == 1 else middle_counts[v, u]
+                    used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
                     if used == 0.0:
                         continue
                     read_view(views[v, u], y, y_weight, y_change, x[u], x_weight[u], x_change[u],
                               value, along_t, along_s)  # fmt: skip
-                    if not even:
+                    if not some.even:
                         for s in range(width):
                             t = rows[i] + slopes[i, s] * (v - above)
-                            level = level_at(
-                                levels[v, u], t, s + slopes[i, s] * (u - beside), height, width
-                            )
+                            across = s + slopes[i, s] * (u - beside)
+                            level = level_at(some.levels[v, u], t, across, height, width)
                             value[s] *= level
                             along_t[s] *= level
                             along_s[s] *= level
@@ -206,7 +199,7 @@ def _differentiate_views(
                             middle[s] += used * unit * value[s]
                         count += used
                         continue
-                    part = 3 * parts_down[v] + parts_across[u]
+                    part = 3 * some.parts_down[v] + some.parts_across[u]
                     add_fits(value, along_t, along_s, unit, np.float32(v - above),
                              np.float32(u - beside), middle, used, limit, differences[i, part],
                              products[i, part], squares[i, part])  # fmt: skip

@@ -25,6 +25,8 @@ equally at all fractions of a lenslet. Linear interpolation softens whole shifts
 which pulls slopes towards them.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
@@ -91,6 +93,28 @@ def _sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(shares, np.float32), np.array(margins, np.float32)
 
 
+class WeightedViews(NamedTuple):
+    """Rows of views, and how they count."""
+
+    views: np.ndarray
+    """Some rows of the views, shape (v, u, rows, s)."""
+    first: int
+    """Number of the first of these rows."""
+    height: int
+    """Number of all rows."""
+    parts_down: np.ndarray
+    """Of each row of views, 0 before the centre, 1 in it, 2 after it."""
+    parts_across: np.ndarray
+    """Of each column; the part of a view is ``3 parts_down + parts_across``."""
+    weights: np.ndarray
+    middle_weights: np.ndarray
+    """Weights with which the views, (v, u), make the central view."""
+    even: bool
+    """Whether all views are as bright as the central one."""
+    levels: np.ndarray
+    """Else the views are multiplied by these, (v, u, power)."""
+
+
 class ComparedViews:
     """Views with their weights, and levels that make them as bright as the central view.
 
@@ -129,7 +153,7 @@ class ComparedViews:
         self._reach = reach_of(slopes, views.shape[0])
         self.bands = views.bands(self._reach)
         height = views.shape[2]
-        self._rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
+        self._rows = np.arange(0, height, max(height // SAMPLED_ROWS, 1))
         read = self._rows.size * views.shape[3]
         for _ in range(LEVEL_TURNS if read >= LEAST_READ else 0):
             best = self._best()[1]
@@ -225,8 +249,7 @@ class ComparedViews:
         views = self.views
         parts = np.empty((3, rows.size, 9, views.shape[3]), np.float32)
         _matching_kernels.differentiate_views(
-            *window, views.shape[2], rows, slope.astype(np.float32), np.float32(self._unit),
-            *self._parts, self._weights.astype(np.float32), self._middle, self.even, self._levels,
+            self._weighted(window), rows, slope.astype(np.float32), np.float32(self._unit),
             np.float32(limit), *parts,
         )  # fmt: skip
         differences, products, squares = parts
@@ -268,10 +291,7 @@ class ComparedViews:
     def _differences(
         self, window: tuple[np.ndarray, int], slope: float, rows: np.ndarray, limit: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Differences from the central view in nine parts, (rows, 9, s), and the central view.
-
-        The window is the rows of all views near those, and the number of its first.
-        """
+        """Differences from the central view in nine parts, (rows, 9, s), and the central view."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
         out = np.empty((rows.size, 9, views.shape[3]), np.float32)
@@ -279,12 +299,17 @@ class ComparedViews:
         across, across_weights = _taps(slope, *views.shape[1::2])
         shifts = (slope * centred(n) for n in views.shape[:2])
         _matching_kernels.compare_views(
-            *window, views.shape[2], rows, down, (self._unit * down_weights).astype(np.float32),
-            across,
-            across_weights.astype(np.float32), *self._parts, self._weights.astype(np.float32),
-            self._middle, *shifts, self.even, self._levels, np.float32(limit), middle, out,
+            self._weighted(window), rows, down, (self._unit * down_weights).astype(np.float32),
+            across, across_weights.astype(np.float32), *shifts, np.float32(limit), middle, out,
         )  # fmt: skip
         return out, middle
+
+    def _weighted(self, window: tuple[np.ndarray, int]) -> WeightedViews:
+        """Rows of the views, and how they count; the window is these and the first's number."""
+        return WeightedViews(
+            *window, self.views.shape[2], *self._parts, self._weights.astype(np.float32),
+            self._middle, self.even, self._levels,
+        )  # fmt: skip
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:
