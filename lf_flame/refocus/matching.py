@@ -306,9 +306,12 @@ class ComparedViews:
 
     def _weighted(self, window: tuple[np.ndarray, int]) -> WeightedViews:
         """Rows of the views, and how they count; the window is these and the first's number."""
+        rows, first = window
+        down, across = self._parts
+        weights = self._weights.astype(np.float32)
         return WeightedViews(
-            *window, self.views.shape[2], *self._parts, self._weights.astype(np.float32),
-            self._middle, self.even, self._levels,
+            rows, first, self.views.shape[2], down, across, weights, self._middle, self.even,
+            self._levels,
         )  # fmt: skip
 
 
