@@ -41,7 +41,8 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.grey_views import GreyViews
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews
-from lf_flame.refocus.semi_global import choose_slopes, fit_changes
+from lf_flame.refocus.refinement import refine_slopes
+from lf_flame.refocus.semi_global import choose_slopes
 from lf_flame.refocus.shift import shift_and_sum
 from lf_flame.refocus.surface import refocus_surface
 
@@ -53,13 +54,6 @@ FLOOR = 0.1
 
 TRUSTED = 0.2
 """Smallest confidence of a certain slope."""
-
-OUTLYING = 1.5
-"""Difference from which a view hardly counts when a slope is refined, relative to the largest that
-counts when slopes are compared; a step of the search leaves larger differences than chance."""
-
-SCATTER = 3.0
-"""Limit of the differences that count, relative to the usual difference at the right slope."""
 
 RESOLVED = 1.0
 """Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
@@ -151,9 +145,8 @@ def all_in_focus(
     outline these are half of the views, or a quarter (`lf_flame.refocus.matching`). Where this is
     uncertain, for example without texture, the slope comes from the surroundings, up to the edges
     of the central view (`lf_flame.refocus.semi_global`). At last slopes are refined between the
-    steps of the search, by least squares over these views and the surroundings. The image is
-    refocused on the resulting surface (`refocus_surface`), not selected from slices, so that it has
-    no seams.
+    steps of the search (`lf_flame.refocus.refinement`). The image is refocused on the resulting
+    surface (`refocus_surface`), not selected from slices, so that it has no seams.
 
     Parameters
     ----------
@@ -214,8 +207,7 @@ def all_in_focus(
     slope, confidence, guide, limit = _matched(compared, own, window, weights)
     if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
         slope, confidence, guide, limit = _matched(compared, own, window, weights)
-    equations = compared.normal_equations(slope, OUTLYING * limit)
-    slope += fit_changes(slope, equations, guide, slopes[1] - slopes[0], limit / SCATTER)
+    slope = refine_slopes(compared, slope, guide, limit)
     image = refocus_surface(own, slope, interpolation=interpolation, weights=weights)
     return FocusMap(slope, confidence, image)
 

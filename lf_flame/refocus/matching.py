@@ -12,10 +12,6 @@ image and the noise. Without it, one sharp outline outweighs the faint texture b
 slope spreads to its surroundings. They are averaged over little more than a pixel; what a pixel
 alone does not tell, its surroundings do afterwards (`lf_flame.refocus.semi_global`).
 
-Between the slopes searched, the right one follows from the derivatives of the views by the slope,
-by least squares (Adelson, Wang, IEEE Trans. Pattern Anal. Mach. Intell. 14, 99, 1992), again for
-the half or quarter that matches best. Costs do not tell: their limit makes them flat a step away.
-
 Views that are darker or brighter than the central one, such as those near the rim of a lens, are
 first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
 every slope.
@@ -66,14 +62,11 @@ LEAST_KNOWN = 0.05
 SLOPE_WINDOW = 3.0
 """Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
 
-ROWS_TOGETHER = 32
-"""Number of rows whose fits are set up together, which bounds the memory."""
-
 SAMPLED_ROWS = 32
 """Approximate number of rows from which noise and levels are estimated."""
 
 
-def _sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the nine parts in all views, each half and each quarter, and their margins.
 
     Halves and quarters include the central row or column. A side that has hardly more than the
@@ -130,8 +123,12 @@ class ComparedViews:
     ----------
     counts : ndarray of float64, shape (3, 3)
         Sum of the weights in each of the nine parts of the aperture; weights have mean 1.
+    unit : float
+        Factor that makes the brightest pixel 1, so that squares stay within float32.
     even : bool
         Whether all views are as bright as the central one.
+    reach : int
+        Number of rows beyond its own from which a row is compared.
     bands : list of slice
         Rows of pixels that are compared at once: all of them, of a light field in memory.
     """
@@ -145,13 +142,12 @@ class ComparedViews:
         self._middle = (chosen if chosen.any() else middle).astype(np.float32)
         self.counts = np.zeros((3, 3))
         np.add.at(self.counts, np.ix_(*self._parts), self._weights)
-        # The brightest pixel becomes 1, so that squares stay within float32.
         brightest = views.brightest
-        self._unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
+        self.unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
         self._levels = even_levels(views.shape[:2])
         self.even = True
-        self._reach = reach_of(slopes, views.shape[0])
-        self.bands = views.bands(self._reach)
+        self.reach = reach_of(slopes, views.shape[0])
+        self.bands = views.bands(self.reach)
         height = views.shape[2]
         self._rows = np.arange(0, height, max(height // SAMPLED_ROWS, 1))
         read = self._rows.size * views.shape[3]
@@ -197,11 +193,11 @@ class ComparedViews:
             Costs, from 0 for equal views to about 1.
         """
         slopes, (height, width) = self.slopes, self.views.shape[2:]
-        shares, margins = _sides(self.counts)
+        shares, margins = sides(self.counts)
         # Differences are smoothed over three rows.
         read = np.arange(max(rows.start - 1, 0), min(rows.stop + 1, height))
         inner = slice(rows.start - read[0], rows.stop - read[0])
-        window = self.views.near(read, self._reach)
+        window = self.views.near(read, self.reach)
         costs = np.empty((rows.stop - rows.start, width, len(slopes)), np.float32)
         line = np.empty((read.size, width), np.float32)
         done, count = sum(band.stop <= rows.start for band in self.bands), len(self.bands)
@@ -212,62 +208,9 @@ class ComparedViews:
             costs[..., n] = line[inner]
         return costs
 
-    def normal_equations(self, slope: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Set up, at each pixel, the least-squares fit of a small change of its slope.
-
-        It is that of the side of the aperture that matches best. The change is the ratio of the
-        two, of one pixel or of the sums over several.
-
-        Parameters
-        ----------
-        slope : ndarray of float64, shape (t, s)
-        limit : float
-            Difference from which a view hardly counts, see `limit`.
-
-        Returns
-        -------
-        numerator, denominator : ndarray of float64, shape (t, s)
-        """
-        numerator, denominator = np.empty(slope.shape), np.empty(slope.shape)
-        height = slope.shape[0]
-        for band in self.bands:
-            near = max(band.start - 1, 0), min(band.stop + 1, height)
-            window = self.views.near(np.arange(*near), self._reach)
-            for start in range(band.start, band.stop, ROWS_TOGETHER):
-                rows = slice(start, min(start + ROWS_TOGETHER, band.stop))
-                # Differences are smoothed over three rows.
-                read = np.arange(max(start - 1, 0), min(rows.stop + 1, height))
-                some = self._equations_of(window, slope[read], read, limit)
-                inner = slice(start - read[0], rows.stop - read[0])
-                numerator[rows], denominator[rows] = (sums[inner] for sums in some)
-        return numerator, denominator
-
-    def _equations_of(
-        self, window: tuple[np.ndarray, int], slope: np.ndarray, rows: np.ndarray, limit: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator and denominator in some rows, of the side that matches best."""
-        views = self.views
-        parts = np.empty((3, rows.size, 9, views.shape[3]), np.float32)
-        _matching_kernels.differentiate_views(
-            self._weighted(window), rows, slope.astype(np.float32), np.float32(self._unit),
-            np.float32(limit), *parts,
-        )  # fmt: skip
-        differences, products, squares = parts
-        numerator, denominator = np.zeros(slope.shape), np.zeros(slope.shape)
-        least, cost = np.full(slope.shape, np.inf, np.float32), np.empty(slope.shape, np.float32)
-        for share, margin in zip(*_sides(self.counts), strict=True):
-            scaled = share[None] / np.float32(limit)
-            _matching_kernels.choose_sides(differences, scaled, margin[None], cost)
-            better = cost < least
-            least[better] = cost[better]
-            for sums, out in ((-products, numerator), (squares, denominator)):
-                of_side = sums[:, share > 0].sum(axis=1, dtype=np.float64)
-                out[better] = of_side[better]
-        return numerator, denominator
-
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""
-        groups = self.views.groups(self._rows, self._reach)
+        groups = self.views.groups(self._rows, self.reach)
         bar = progress.steps(groups, "reading some rows", len(groups), "row")
         least, best, middle = zip(*map(self._best_of, bar), strict=True)
         contrast = float(np.concatenate(middle).std())
@@ -275,7 +218,7 @@ class ComparedViews:
 
     def _best_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Least difference in rows that are read at once, its slope, and the central view."""
-        window = self.views.near(rows, self._reach)
+        window = self.views.near(rows, self.reach)
         least = np.full((rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
@@ -299,12 +242,12 @@ class ComparedViews:
         across, across_weights = _taps(slope, *views.shape[1::2])
         shifts = (slope * centred(n) for n in views.shape[:2])
         _matching_kernels.compare_views(
-            self._weighted(window), rows, down, (self._unit * down_weights).astype(np.float32),
+            self.weighted(window), rows, down, (self.unit * down_weights).astype(np.float32),
             across, across_weights.astype(np.float32), *shifts, np.float32(limit), middle, out,
         )  # fmt: skip
         return out, middle
 
-    def _weighted(self, window: tuple[np.ndarray, int]) -> WeightedViews:
+    def weighted(self, window: tuple[np.ndarray, int]) -> WeightedViews:
         """Rows of the views, and how they count; the window is these and the first's number."""
         rows, first = window
         down, across = self._parts

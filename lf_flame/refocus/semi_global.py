@@ -36,13 +36,6 @@ SAME = 1.5
 REACH, FARTHEST = 1.6, 24
 """Largest distance of a voter along an axis, in the window's standard deviations and lenslets."""
 
-CHANGE_WINDOW, REACH_CHANGE = 2.0, 3
-"""Standard deviation, in lenslets, of the Gaussian under which a change of slope is fitted, and
-largest distance in these."""
-
-MOST_CHANGE = 0.6
-"""Largest change of a slope by a fit, in steps of the search."""
-
 DISTINCT = 0.15
 """Margin, in costs, by which the best slope must beat distinct ones to be half certain."""
 
@@ -81,7 +74,7 @@ def choose_slopes(
     slope, confidence : ndarray of float64, shape (t, s)
         Confidence is from 0 to 1; it is 0 where the best slope is the first or last.
     """
-    guide = _in_deviations(guide)
+    guide = in_deviations(guide)
     step = slopes[1] - slopes[0]
     reach = max(round(width / step), 1)
     place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
@@ -102,37 +95,8 @@ def choose_slopes(
     return slopes[0] + step * voted, np.where(trust > 0, confidence, 0.0)
 
 
-def fit_changes(
-    slope: np.ndarray,
-    equations: tuple[np.ndarray, np.ndarray],
-    guide: np.ndarray,
-    step: float,
-    scatter: float,
-) -> np.ndarray:
-    """Change of each pixel's slope by which the views around it agree best, by least squares.
-
-    Parameters
-    ----------
-    slope : ndarray of float64, shape (t, s)
-    equations : (ndarray, ndarray), each (t, s)
-        Numerators and denominators of the changes.
-    guide : ndarray, shape (t, s)
-        Pixels of other brightness count less.
-    step : float
-        Step of the search. A change of more than about half a step is an outlier, and is left out.
-    scatter : float
-        Usual difference of views at the right slope.
-    """
-    guide = _in_deviations(guide)
-    reach = np.arange(int(np.ceil(REACH_CHANGE * CHANGE_WINDOW)) + 1)
-    near = np.exp(-((reach / CHANGE_WINDOW) ** 2) / 2)
-    change = np.empty(slope.shape)
-    _fit(slope, *equations, guide, near, SAME * step, (2 * scatter / step) ** 2, change)
-    return np.where(np.abs(change) <= MOST_CHANGE * step, change, 0.0)
-
-
-def _in_deviations(guide: np.ndarray) -> np.ndarray:
-    """Guide image in its standard deviations."""
+def in_deviations(guide: np.ndarray) -> np.ndarray:
+    """Divide a guide image by its standard deviation."""
     scatter = float(guide.std(dtype=np.float64))  # whose squares float32 does not hold
     return (guide / max(scatter, np.finfo(np.float32).tiny)).astype(np.float32)
 
@@ -287,25 +251,3 @@ def _vote(queue, place, trust, guide, near, count, voted, confidence):
             voted[t, s] = weighted / counted
             agrees = abs(place[t, s] - voted[t, s]) <= SAME
             confidence[t, s] = counted / total * trusted / alike if agrees else 0.0
-
-
-@shared
-def _fit(queue, slope, numerator, denominator, guide, near, same, least, change):
-    """Ratio of the sums of numerators and denominators over pixels of about the same slope.
-
-    near[distance]: weights along either axis; same: largest difference of slopes; least is added
-    to the denominator, so that a change to which nothing points is 0.
-    """
-    height, width = slope.shape
-    reach = near.size - 1
-    for t in pieces(queue, height):
-        for s in range(width):
-            above, below = 0.0, least
-            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
-                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
-                    if abs(slope[y, x] - slope[t, s]) <= same:
-                        unlike = (guide[y, x] - guide[t, s]) / ALIKE
-                        weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
-                        above += weight * numerator[y, x]
-                        below += weight * denominator[y, x]
-            change[t, s] = above / below

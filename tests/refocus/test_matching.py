@@ -114,17 +114,3 @@ def test_weights_of_the_taps_are_the_b_spline():
     for k, shift in enumerate(0.3 * np.array([-1.5, -0.5, 0.5, 1.5])):
         expected = basis(whole[k] + np.arange(4) - shift)
         np.testing.assert_allclose(weights[k], expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("count", [4, 5])
-def test_the_equations_lead_from_a_near_slope_to_the_right_one(count):
-    """A picture that rises evenly moves by the slope: the first step of the fit is exact."""
-    y, x = np.indices((24, 30))
-    steps = np.arange(count) - (count - 1) / 2
-    views = np.array([[0.3 * (y - 0.7 * v) + 0.2 * (x - 0.7 * u) for u in steps] for v in steps])
-    compared = matching.ComparedViews(
-        GreyViews(views.astype(np.float32)), np.linspace(-1, 1, 11), np.ones((count, count))
-    )
-    above, below = compared.normal_equations(np.full((24, 30), 0.68), 0.1)
-    inside = (slice(4, -4), slice(4, -4))
-    np.testing.assert_allclose((above / below)[inside], 0.02, rtol=1e-3)

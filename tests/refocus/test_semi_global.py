@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lf_flame.refocus import semi_global
-from lf_flame.refocus.semi_global import choose_slopes, fit_changes
+from lf_flame.refocus.semi_global import choose_slopes
 
 SLOPES = np.linspace(-1, 1, 9)
 
@@ -107,16 +107,3 @@ def test_threads_change_nothing(rng):
     finally:
         numba.set_num_threads(threads)
     np.testing.assert_array_equal(found, again)
-
-
-def test_a_change_is_the_ratio_of_the_sums_over_pixels_of_the_same_surface(rng):
-    """Two surfaces that ask for changes of opposite sign keep them up to their common outline."""
-    slope, change = np.zeros((20, 30)), np.full((20, 30), 0.03)
-    slope[:, 15:], change[:, 15:] = 1.0, -0.02
-    weight = rng.uniform(0.5, 2, slope.shape)
-    found = fit_changes(slope, (change * weight, weight), np.ones(slope.shape), 0.1, 1e-9)
-    np.testing.assert_allclose(found, change, rtol=1e-9)
-    # What nothing points to is no change, and what is beyond half a step is an outlier.
-    nothing = fit_changes(slope, (1e-9 * change, 1e-9 * weight), np.ones(slope.shape), 0.1, 0.1)
-    assert np.abs(nothing).max() < 1e-6
-    assert not fit_changes(slope, (3 * change * weight, weight), slope, 0.1, 1e-9)[:, :15].any()

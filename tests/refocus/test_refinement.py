@@ -1,0 +1,54 @@
+"""Refined slopes against pictures and equations whose solution is known.
+
+That they bring slopes nearer to the truth is tested with whole maps, in test_focus_map.py.
+"""
+
+import numba
+import numpy as np
+import pytest
+
+from lf_flame.refocus.grey_views import GreyViews
+from lf_flame.refocus.matching import ComparedViews
+from lf_flame.refocus.refinement import fit_changes, refine_slopes, set_up_equations
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_the_equations_lead_from_a_near_slope_to_the_right_one(count):
+    """A picture that rises evenly moves by the slope: the first step of the fit is exact."""
+    y, x = np.indices((24, 30))
+    steps = np.arange(count) - (count - 1) / 2
+    views = np.array([[0.3 * (y - 0.7 * v) + 0.2 * (x - 0.7 * u) for u in steps] for v in steps])
+    compared = ComparedViews(
+        GreyViews(views.astype(np.float32)), np.linspace(-1, 1, 11), np.ones((count, count))
+    )
+    above, below = set_up_equations(compared, np.full((24, 30), 0.68), 0.1)
+    inside = (slice(4, -4), slice(4, -4))
+    np.testing.assert_allclose((above / below)[inside], 0.02, rtol=1e-3)
+
+
+def test_a_change_is_the_ratio_of_the_sums_over_pixels_of_the_same_surface(rng):
+    """Two surfaces that ask for changes of opposite sign keep them up to their common outline."""
+    slope, change = np.zeros((20, 30)), np.full((20, 30), 0.03)
+    slope[:, 15:], change[:, 15:] = 1.0, -0.02
+    weight = rng.uniform(0.5, 2, slope.shape)
+    found = fit_changes(slope, (change * weight, weight), np.ones(slope.shape), 0.1, 1e-9)
+    np.testing.assert_allclose(found, change, rtol=1e-9)
+    # What nothing points to is no change, and what is beyond half a step is an outlier.
+    nothing = fit_changes(slope, (1e-9 * change, 1e-9 * weight), np.ones(slope.shape), 0.1, 0.1)
+    assert np.abs(nothing).max() < 1e-6
+    assert not fit_changes(slope, (3 * change * weight, weight), slope, 0.1, 1e-9)[:, :15].any()
+
+
+def test_threads_change_nothing(rng):
+    views = rng.random((3, 3, 40, 30), np.float32)
+    compared = ComparedViews(GreyViews(views), np.linspace(-1, 1, 9), np.ones((3, 3)))
+    slope, guide = rng.uniform(-1, 1, (40, 30)), rng.uniform(size=(40, 30))
+    threads = numba.get_num_threads()
+    found = refine_slopes(compared, slope, guide, 0.3)
+    assert not np.array_equal(found, slope)
+    try:
+        numba.set_num_threads(1)
+        again = refine_slopes(compared, slope, guide, 0.3)
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_array_equal(found, again)
