@@ -10,6 +10,7 @@ similar brightness and of about the same slope, each at its own: a tilted surfac
 
 import numpy as np
 
+from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels, _refinement_kernels
 from lf_flame.refocus.matching import ComparedViews, sides
 from lf_flame.refocus.semi_global import ALIKE, SAME, in_deviations
@@ -28,6 +29,10 @@ SCATTER = 3.0
 MOST_CHANGE = 0.6
 """Largest change of a slope, in steps of the search; a larger one is an outlier, and is left out.
 """
+
+MOST_SHIFT = 1.0
+"""Largest shift of the outermost view by a change of the slope, in lenslets; derivatives do not
+reach further. It matters where the search is coarse."""
 
 ROWS_TOGETHER = 32
 """Number of rows whose equations are set up together, which bounds the memory."""
@@ -54,7 +59,9 @@ def refine_slopes(
     """
     step = compared.slopes[1] - compared.slopes[0]
     equations = set_up_equations(compared, slope, OUTLYING * limit)
-    return slope + fit_changes(slope, equations, guide, step, limit / SCATTER)
+    change = fit_changes(slope, equations, guide, step, limit / SCATTER)
+    farthest = max(centred(n)[-1] for n in compared.views.shape[:2])
+    return slope + np.where(farthest * np.abs(change) <= MOST_SHIFT, change, 0.0)
 
 
 def set_up_equations(

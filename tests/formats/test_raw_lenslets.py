@@ -627,14 +627,15 @@ def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng
 
 @pytest.mark.skipif(not MICROSCOPE.is_dir(), reason="no real raw image beside the checkout")
 def test_a_real_raw_image_of_round_micro_images_has_a_map():
-    """Fluorescent vesicles, translucent and faint: few pixels have one slope."""
+    """A fluorescent vesicle, translucent and faint: no pixel has one slope, and hardly one may be
+    called certain."""
     raw, white = (MICROSCOPE / f"{name}.tif" for name in ("Lightfield", "Radiometry"))
     found, _ = read_raw(raw, white=white)
     assert found.weights is not None
     assert 0.3 < np.mean(found.weights > 0) < 0.9
     made = all_in_focus(found, np.linspace(-1, 1, 33))
     assert np.isfinite(made.slope).all()
-    assert 0.003 < np.mean(made.confidence >= TRUSTED) < 0.2
+    assert np.mean(made.confidence >= TRUSTED) < 0.02
 
 
 @pytest.mark.parametrize(("layout", "bayer"), [("rectangular", "gbrg"), ("hexagonal", None)])

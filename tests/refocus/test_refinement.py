@@ -52,3 +52,14 @@ def test_threads_change_nothing(rng):
     finally:
         numba.set_num_threads(threads)
     np.testing.assert_array_equal(found, again)
+
+
+def test_after_a_coarse_search_a_change_moves_no_view_by_more_than_a_lenslet():
+    """A ramp asks for 0.6, which moves the outermost of five views by 1.2 lenslets."""
+    y = np.indices((18, 24))[0]  # with so few pixels no levels of views are looked for
+    views = np.array([[0.3 * (y - 0.7 * v)] for v in range(-2, 3)], np.float32)
+    compared = ComparedViews(GreyViews(views), np.linspace(-2, 2, 3), np.ones((5, 1)))
+    inside = (slice(7, -7), slice(7, -7))
+    for slope, refined in ((0.3, 0.7), (0.1, 0.1)):
+        found = refine_slopes(compared, np.full((18, 24), slope), np.ones((18, 24)), 0.02)
+        np.testing.assert_allclose(found[inside], refined, atol=1e-3)
