@@ -69,8 +69,8 @@ SLOPES = cloup.option_group(
         type=float,
         metavar="FROM TO | auto",
         help="Map of the slope of each pixel, and the image all in focus. The range should exceed "
-        "the slopes of the scene; auto finds such a range. What one sees through, such as a flame "
-        "before others, has no one slope: lf-flame reconstruct finds its emission by depth.",
+        "the slopes of the scene; auto finds such a range. Things that one sees through, such as a "
+        "flame before others, have no one slope: lf-flame reconstruct finds emission by depth.",
     ),
     cloup.option("--map-auto", is_flag=True, hidden=True),
     cloup.option(

@@ -66,8 +66,8 @@ MAP_STEPS = 33
 class FocusMap:
     """Slope map and image with everything in focus, from `depth_from_focus` or `all_in_focus`.
 
-    What one sees through, as a flame before others, has no one slope, and nothing here tells: for
-    flames use `lf_flame.tomography.reconstruct`.
+    Things that one sees through, as a flame before others, have no one slope, and nothing here
+    tells: for flames use `lf_flame.tomography.reconstruct`.
 
     Attributes
     ----------

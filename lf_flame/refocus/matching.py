@@ -96,16 +96,16 @@ class WeightedViews(NamedTuple):
     height: int
     """Number of all rows."""
     parts_down: np.ndarray
-    """Of each row of views, 0 before the centre, 1 in it, 2 after it."""
+    """For each row of views: 0 before the centre, 1 in it, 2 after it."""
     parts_across: np.ndarray
-    """Of each column; the part of a view is ``3 parts_down + parts_across``."""
+    """For each column; the part of a view is ``3 parts_down + parts_across``."""
     weights: np.ndarray
     middle_weights: np.ndarray
     """Weights with which the views, (v, u), make the central view."""
     even: bool
     """Whether all views are as bright as the central one."""
     levels: np.ndarray
-    """Else the views are multiplied by these, (v, u, power)."""
+    """Factors of views that are not, (v, u, power), see `lf_flame.refocus.view_levels`."""
 
 
 class ComparedViews:

@@ -1,6 +1,6 @@
 """Refined slopes against pictures and equations whose solution is known.
 
-That they bring slopes nearer to the truth is tested with whole maps, in test_focus_map.py.
+Tests of whole maps, which come nearer to the truth by it, are in test_focus_map.py.
 """
 
 import numba
@@ -33,7 +33,7 @@ def test_a_change_is_the_ratio_of_the_sums_over_pixels_of_the_same_surface(rng):
     weight = rng.uniform(0.5, 2, slope.shape)
     found = fit_changes(slope, (change * weight, weight), np.ones(slope.shape), 0.1, 1e-9)
     np.testing.assert_allclose(found, change, rtol=1e-9)
-    # What nothing points to is no change, and what is beyond half a step is an outlier.
+    # A change to which nothing points is none, and one far beyond half a step is an outlier.
     nothing = fit_changes(slope, (1e-9 * change, 1e-9 * weight), np.ones(slope.shape), 0.1, 0.1)
     assert np.abs(nothing).max() < 1e-6
     assert not fit_changes(slope, (3 * change * weight, weight), slope, 0.1, 1e-9)[:, :15].any()
