@@ -44,9 +44,10 @@ def body(record: dict) -> list[str]:
         f"that name), JPEG of quality 85; seeds {', '.join(map(str, record['seeds']))}. "
         "The renderer is the experiment's own; the true slopes follow from geometry. Kinds from "
         '"shadow" to "15 x 15 views" are mixed scenes of all surfaces. The library\'s numbers were '
-        f"chosen on other photographs ({tuned}) and seeds, the form of its confidence with a look at "
-        "other scenes of these photographs too (seeds 2 to 4). Every map searches "
-        f"{record['steps']} slopes from {low:g} to {high:g}. The plain methods call every pixel certain. Transparent "
+        f"chosen on other photographs ({tuned}) and seeds, the form of its confidence with a look "
+        "at other scenes of these photographs too (seeds 2 to 4). Every map searches "
+        f"{record['steps']} slopes from {low:g} to {high:g}. The plain methods call every pixel "
+        "certain. Transparent "
         "scenes are the mean of two: no pixel has one slope, and only the share of certain pixels "
         "counts.",
         markdown(record["rows"], COLUMNS, missing="nan"),
