@@ -66,7 +66,7 @@ def test_backbone_is_frozen_and_in_inference_mode(paper_model, rng):
 def test_three_channels_are_not_repeated(rng):
     """Grey repeated to three channels and three equal channels are the same input."""
     grey = rng.uniform(size=(2, *IMAGE, 1)).astype(np.float32)
-    one, three = (build_backbone((*IMAGE, n), "random", "conv4", seed=1) for n in (1, 3))
+    one, three = (build_backbone((*IMAGE, n), "random", "conv3", seed=1) for n in (1, 3))
     same = np.repeat(grey, 3, axis=-1)
     np.testing.assert_allclose(np.array(three(same)), np.array(one(grey)), rtol=1e-4, atol=1e-4)
     other = same * [1.0, 0.5, 0.2]
@@ -85,7 +85,7 @@ def test_the_first_channel_is_the_last_of_resnet(rng):
 @pytest.mark.slow
 def test_inputs_may_be_larger_than_outputs(tmp_path):
     model = build_refocus_resnet50(
-        IMAGE, 2, "random", "conv4", neck="positions", shown=(80, 128, 1)
+        IMAGE, 2, "random", "conv3", neck="positions", shown=(80, 128, 1)
     )
     assert model.input_shape == (None, 80, 128, 1)
     assert model.output_shape == (None, 2, *IMAGE, 1)
@@ -105,7 +105,7 @@ def test_output_planes_are_not_scrambled(paper_model, rng):
 
 @pytest.mark.slow
 def test_random_weights_depend_on_the_seed_alone():
-    first, again, other = (build_backbone(GREY, "random", "conv4", seed) for seed in (1, 1, 2))
+    first, again, other = (build_backbone(GREY, "random", "conv3", seed) for seed in (1, 1, 2))
     kernels = [
         keras.ops.convert_to_numpy(m.get_layer("resnet50").get_layer("conv1_conv").kernel)
         for m in (first, again, other)

@@ -92,7 +92,7 @@ def test_an_exported_network_loads_without_this_package(exported, sample, tmp_pa
     np.save(tmp_path / "image.npy", image[None, ..., None])
     code = (
         "import sys, keras, numpy as np; network = keras.saving.load_model(sys.argv[1]); "
-        "np.save('stack.npy', network.predict(np.load('image.npy'), verbose=0)); "
+        "np.save('stack.npy', network(np.load('image.npy'))); "
         "print([name for name in sys.modules if name.startswith('lf_flame')])"
     )
     shown = subprocess.run(
