@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import click
+
 from experiments.paths import REFERENCE
 from lf_flame._common.atomic_files import write_text
 
@@ -12,6 +14,11 @@ HEADING = "## The reference result"
 def is_reference(folder: Path) -> bool:
     """Tell whether a results folder is one of the committed ones."""
     return folder.resolve().is_relative_to(REFERENCE.resolve())
+
+
+def show(report: Path, folder: str) -> None:
+    """Print a report that was just written, with the committed one of a folder underneath."""
+    click.echo(set_beside(report, f"{folder}/{report.name}"))
 
 
 def set_beside(report: Path, name: str) -> str:
@@ -24,11 +31,6 @@ def set_beside(report: Path, name: str) -> str:
     name : str
         The committed report's path below ``experiments/results``. Where there is none, or where
         `report` is that file, the report stays as it is.
-
-    Returns
-    -------
-    str
-        What `report` then holds.
     """
     text = report.read_text(encoding="utf-8").partition(f"\n{HEADING}")[0]
     reference = REFERENCE / name

@@ -27,7 +27,6 @@ class DepthScenario:
 
     Parameters
     ----------
-    name : str
     depths_mm : tuple of float
         Of each object.
     present : tuple of int
@@ -76,12 +75,7 @@ def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
 def draw_scenario(
     config: DatasetConfig, scenario: DepthScenario, samples: int
 ) -> Iterator[LightField]:
-    """Draw light fields whose objects are placed so, of the same scenes for every scenario.
-
-    Yields
-    ------
-    LightField
-    """
+    """Draw light fields whose objects are placed so, of the same scenes for every scenario."""
     mean, _ = config.template.draw(None)
     plan = plan_effects(scenario.place(mean, config), config.camera, effects=config.effects)
     for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):

@@ -18,8 +18,6 @@ class HeldOut:
 
     Attributes
     ----------
-    name : str
-    config : DatasetConfig
     slopes : tuple of float
         At which to refocus.
     indices : tuple of int

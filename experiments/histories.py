@@ -38,7 +38,6 @@ def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:
 
     Parameters
     ----------
-    path : Path
     epochs : int, optional
         Of training, behind the row of the start; default: as many as there are.
 

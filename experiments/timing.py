@@ -69,7 +69,6 @@ def in_turn(
 
     Parameters
     ----------
-    *calls : callable
     rounds : int, optional
         Number of rounds, at least. Default: `ROUNDS`, fewer where they take longer than `LONG_S`.
     least_s : float, optional

@@ -33,7 +33,6 @@ class Environment:
 
     Attributes
     ----------
-    name : str
     python : str
         Interpreter.
     extras : str

@@ -1,13 +1,12 @@
 """What the benchmarks share: the command line, and the files of a table."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from experiments.beside_reference import set_beside
+from experiments.beside_reference import show
 from experiments.report import Format, markdown, write_report
 from experiments.timing import Times
 
@@ -39,5 +38,4 @@ def finish(
     """Write the report of a record, whose ``rows`` are the table, and print it."""
     body = [table_of(record["rows"], columns), *notes]
     tables = {name: pd.DataFrame(record["rows"])}
-    path = write_report(out, name, title, record, body, tables=tables)
-    sys.stdout.write(set_beside(path, f"benchmarks/{path.name}"))
+    show(write_report(out, name, title, record, body, tables=tables), "benchmarks")

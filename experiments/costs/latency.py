@@ -17,6 +17,7 @@ from pathlib import Path
 import keras
 import numpy as np
 
+from experiments.command_parts import step_bar
 from experiments.costs.precision import (
     PRECISIONS,
     compiled,
@@ -47,14 +48,10 @@ PICTURES = 16
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A trained network, and what it is shown.
+    """A trained network by its path, as it was given, and what it is shown.
 
     Attributes
     ----------
-    label : str
-        The path, as it was given.
-    card : NetworkCard
-    network : keras.Model
     raw : ndarray of float32, shape (lenslets * views along t, along s), values in [0, 1]
         Raw lenslet image, random: how long it takes does not depend on what it shows.
     inputs : ndarray of float32, shape (n, h, w, 1)
@@ -75,14 +72,7 @@ class Subject:
 
 
 def open_subject(path: str | Path, seed: int = 0) -> Subject:
-    """Load a trained network with pictures to show it.
-
-    Parameters
-    ----------
-    path : str or Path
-        Folder of a finished run, or an exported ``.keras`` file.
-    seed : int, optional
-        Of the raw image.
+    """Load a network, of a run folder or an exported ``.keras`` file, with pictures to show it.
 
     Raises
     ------
@@ -121,13 +111,7 @@ def _test_inputs(path: Path) -> tuple | None:
 
 
 def check_parts(network: keras.Model, path: Path) -> None:
-    """See that a network can be timed stage by stage.
-
-    Raises
-    ------
-    InputError
-        If it is not made of a backbone and a decoder.
-    """
+    """Refuse a network that is not made of a backbone and a decoder."""
     names = [layer.name for layer in network.layers[1:]]
     if names != ["backbone", "decoder"]:
         raise InputError(
@@ -142,7 +126,6 @@ class Variant:
 
     Attributes
     ----------
-    label, precision, compiler : str
     computes : str
         What computes in which type.
     facts : dict
@@ -165,13 +148,7 @@ class Variant:
     seconds: list[dict[str, float]] = field(default_factory=list)
 
     def go(self, raw: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Refocus a raw image stage by stage, and in one go; keep the seconds.
-
-        Parameters
-        ----------
-        raw : ndarray of float32, shape (t * views, s * views)
-        size : (int, int)
-            Height and width of the network's images.
+        """Refocus a raw image of an image size stage by stage, and in one go; keep the seconds.
 
         Returns
         -------
@@ -203,16 +180,7 @@ def _resized(raw: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 def build_variants(subject: Subject, chosen: dict[str, bool]) -> Iterator[Variant]:
     """Build a network in each precision, compile it, and compare its images with float32's.
 
-    Parameters
-    ----------
-    subject : Subject
-    chosen : dict
-        From `compilers`.
-
-    Yields
-    ------
-    Variant
-        What the platform cannot do is `missing`, with the reason.
+    What the platform cannot do is `missing`, with the reason.
     """
     reference = None
     for precision in PRECISIONS:
@@ -261,8 +229,6 @@ def measure_latency(
     networks: Sequence[str | Path],
     repeats: int = 30,
     seed: int = 0,
-    progress: Callable | None = None,
-    chosen: dict[str, bool] | None = None,
 ) -> dict:
     """Time trained networks stage by stage in all precisions.
 
@@ -270,16 +236,10 @@ def measure_latency(
 
     Parameters
     ----------
-    networks : sequence of str or Path
-        Run folders or exported ``.keras`` files.
     repeats : int, optional
         Rounds that count, at least 3.
     seed : int, optional
         Of the raw images, and of the order in each round.
-    progress : callable, optional
-        Passes on an iterable of steps, given how many are done and how many there are.
-    chosen : dict, optional
-        Some of `compilers`; default: all.
 
     Returns
     -------
@@ -293,14 +253,14 @@ def measure_latency(
     """
     if repeats < 3:
         raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")
-    started, chosen = time.perf_counter(), chosen or compilers()
+    started, chosen = time.perf_counter(), compilers()
     subjects = [open_subject(path, seed) for path in dict.fromkeys(networks)]
     variants, bandwidth = [], measure_bandwidth()
     steps = (
         step for subject in subjects for step in _measure(subject, chosen, repeats, seed, variants)
     )
     total = len(subjects) * (len(PRECISIONS) * len(chosen) + WARM_UP + repeats)
-    for _ in progress(steps, 0, total) if progress else steps:
+    for _ in step_bar(steps, total):
         pass
     raw_bytes = {subject.label: subject.raw.nbytes for subject in subjects}
     return {
@@ -341,18 +301,8 @@ def columns(stage: str) -> tuple[str, str, str]:
 def summarise(variant: Variant, raw_bytes: int, bandwidth: float) -> dict:
     """Make a row of the table: medians, quartiles, floor, and what it costs in images.
 
-    Parameters
-    ----------
-    variant : Variant
-    raw_bytes : int
-        Of the raw image.
-    bandwidth : float
-        Of memory, in bytes per second.
-
-    Returns
-    -------
-    dict
-        Milliseconds, megabytes (1e6 bytes) and dB; NaN where the variant is missing.
+    In milliseconds, megabytes (1e6 bytes) and dB, for a bandwidth in bytes per second; NaN where
+    the variant is missing.
     """
     row = {"network": variant.label, "precision": variant.precision, "compiler": variant.compiler}
     for stage in (*STAGES, WHOLE):

@@ -90,7 +90,6 @@ def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
     points : DataFrame
         Rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
         error.
-    level : float
 
     Returns
     -------
@@ -119,14 +118,8 @@ def write_reports(out: Path, record: dict) -> Path:
 
     Parameters
     ----------
-    out : Path
     record : dict
         What `experiments.costs.rendering.measure_costs` found.
-
-    Returns
-    -------
-    Path
-        ``costs.md``.
     """
     title = "Accuracy against time for a whole light field"
     write_report(out, "light_field", title, {"whole": record["whole"]}, light_field_body(record))
@@ -189,7 +182,9 @@ def _size(study: dict) -> tuple[str, float]:
 
 
 def _theory(study: dict, name: str) -> float | None:
-    return METHODS[name].theory_for(any(layer["opaque"] for layer in study["layers"]))
+    """Exponent by theory for a scene, in which layers hide others or not."""
+    hides = any(layer["opaque"] for layer in study["layers"])
+    return (hides and METHODS[name].theory_hidden) or METHODS[name].theory
 
 
 def _points(accuracy: pd.DataFrame, scene: str, name: str) -> pd.DataFrame:

@@ -16,13 +16,14 @@ that cannot tell, and was trained with objects at all depths, draws something be
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from experiments.command_parts import step_bar
 from experiments.depth_scenarios import (
     DepthScenario,
     draw_scenario,
@@ -40,8 +41,6 @@ from lf_flame.systems.base import RefocusingSystem
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
 
-SAMPLES = 16
-
 COLUMNS = [
     "scenario", "system", "depth_mm", "psnr_db", "psnr_sd", "psnr_foreground_db", "ssim", "ssim_sd",
     "share_memorised",
@@ -54,14 +53,12 @@ class Subject:
 
     Parameters
     ----------
-    name : str
     title : str
         What it is, for tables.
     trained : {"", "fixed depths", "shuffled depths"}
         With which objects; a reference is not trained.
     about : dict
         Record of its training.
-    system : RefocusingSystem
     """
 
     name: str
@@ -77,7 +74,6 @@ class Outcome:
 
     Parameters
     ----------
-    scenario : DepthScenario
     truth, learnt : ndarray of float32, shape (n, planes, h, w)
         Refocused by shift-and-sum: the scenes as they are, and with every object at its own depth.
     drawn : dict of str to ndarray of float32, shape (n, planes, h, w)
@@ -142,12 +138,7 @@ def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subje
 def run_scenarios(
     config: DatasetConfig, slopes: Sequence[float], subjects: Sequence[Subject], samples: int
 ) -> Iterator[Outcome]:
-    """Render the scenes of each scenario and let all systems refocus them.
-
-    Yields
-    ------
-    Outcome
-    """
+    """Render the scenes of each scenario and let all systems refocus them."""
     systems = {"truth": ShiftAndSum()} | {one.name: one.system for one in subjects}
     learnt = None
     for scenario in make_scenarios(config):
@@ -193,29 +184,15 @@ def share_memorised(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) ->
     return float(np.sum((drawn - truth) * way) / squares)
 
 
-def run_depth_test(
-    runs: Sequence[Path],
-    out: Path,
-    samples: int = SAMPLES,
-    progress: Callable[[Iterable, int, int], Iterable] | None = None,
-) -> Path:
+def run_depth_test(runs: Sequence[Path], out: Path, samples: int) -> Path:
     """Test trained networks, and write the report.
 
     Parameters
     ----------
     runs : sequence of Path
         Folders of finished runs.
-    out : Path
-        Folder for the report, see `experiments.depth_test.report.write`.
     samples : int, optional
         Scenes for each scenario.
-    progress : callable, optional
-        ``progress(outcomes, done, total)`` wraps the iterable of outcomes.
-
-    Returns
-    -------
-    Path
-        The report's Markdown file.
 
     Raises
     ------
@@ -228,8 +205,7 @@ def run_depth_test(
             f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."
         )
     config, slopes, subjects = load_subjects(runs)
-    scenarios = len(make_scenarios(config))
-    outcomes = run_scenarios(config, slopes, subjects, samples)
-    outcomes = list(outcomes if progress is None else progress(outcomes, 0, scenarios))
+    steps = run_scenarios(config, slopes, subjects, samples)
+    outcomes = list(step_bar(steps, len(make_scenarios(config))))
     table = tabulate(outcomes, config.depths_mm)
     return write(config, slopes, subjects, outcomes, table, out)

@@ -21,18 +21,8 @@ def write(
 
     Parameters
     ----------
-    config : lf_flame.datasets.config.DatasetConfig
-    slopes : sequence of float
-    subjects : sequence of experiments.depth_test.permutation.Subject
-    outcomes : sequence of experiments.depth_test.permutation.Outcome
     table : DataFrame
         From `experiments.depth_test.permutation.tabulate`.
-    out : Path
-
-    Returns
-    -------
-    Path
-        ``depth_test.md``.
     """
     pictures = {"depth_test": score_figure(table, subjects, config.kind)}
     for number, outcome in enumerate(outcomes):
@@ -96,12 +86,7 @@ MARKERS = {"": "s", "fixed depths": "o", "shuffled depths": "D"}
 
 
 def score_figure(table: pd.DataFrame, subjects: Sequence, kind: str):
-    """Draw PSNR and the share memorised: one group a scenario, one mark a system.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw PSNR and the share memorised: one group a scenario, one mark a system."""
     means = table[table.depth_mm.isna()]
     scenarios = means.scenario.unique()[::-1]
     figure, axes = subplots(
@@ -140,12 +125,7 @@ def _label(subject) -> str:
 
 
 def scenario_figure(config, subjects: Sequence, outcome):
-    """Draw the first scene of a scenario: the truth, what each system makes of it, what was learnt.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the first scene of a scenario: the truth, what systems make of it, what was learnt."""
     rows = {"truth: shift-and-sum of all views": outcome.truth[0]}
     rows |= {_label(subject): outcome.drawn[subject.name][0] for subject in subjects}
     if outcome.learnt is not outcome.truth:

@@ -6,11 +6,12 @@ effect changes most, and as many drawn at random. All numbers are relative to th
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from experiments.command_parts import step_bar
 from experiments.effects.cameras import CAMERAS
 from experiments.effects.ray_tracer import trace_pixels
 from lf_flame._common.config import to_json
@@ -94,7 +95,6 @@ def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str,
 
 
 def measure_effects(
-    progress: Callable | None = None,
     cameras: Mapping[str, PlenopticCamera] = CAMERAS,
     rays: int = RAYS,
 ) -> dict:
@@ -102,9 +102,6 @@ def measure_effects(
 
     Parameters
     ----------
-    progress : callable, optional
-        Passes on an iterable of steps, given how many are done and how many there are.
-    cameras : mapping of str to PlenopticCamera, optional
     rays : int, optional
         Of the tracer; a power of 2.
 
@@ -120,7 +117,7 @@ def measure_effects(
         for name, trial in effect_trials(optics).items()
     ]
     steps = (measure_effect(name, camera, trial, rays) for name, camera, trial in trials)
-    rows = list(progress(steps, 0, len(trials)) if progress else steps)
+    rows = list(step_bar(steps, len(trials)))
     return {
         "cameras": {name: to_json(camera) for name, camera in cameras.items()},
         "tolerance": TOLERANCE,

@@ -64,17 +64,12 @@ def trace_pixels(
         Rays through each lenslet, in each randomisation; a power of 2.
     repeats : int, optional
         Independent randomisations, 2 or more, whose scatter gives the standard error.
-    seed : int, optional
     real_square_stop : bool, optional
         Where the camera has no round aperture: a real square stop instead of the ideal one, as
         wide as aperture and lenslet together, matched to the array and turned with it. Each
         outermost pixel then has a ramp of light as wide as the lenslet's image, instead of an edge.
     diffraction : collection of str, optional
         Whose diffraction a camera with a `wavelength_nm` has: "lenslet", "main_lens", or both.
-
-    Returns
-    -------
-    Traced
     """
     thrown = frozenset(diffraction if camera.wavelength_nm is not None else ())
     found = np.empty((repeats, len(pixels)))

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from experiments.command_parts import step_bar
 from experiments.hard_cases.case import CASES, HardCase, measure
 from experiments.report import markdown, write_report
 from lf_flame._common import figures
@@ -29,23 +30,10 @@ def all_cases() -> list[HardCase]:
     return CASES
 
 
-def run_hard_cases(out: Path, progress) -> Path:
-    """Compute all cases and write the report.
-
-    Parameters
-    ----------
-    out : Path
-        Gets ``hard_cases.csv``, ``.md``, ``.png`` and ``.json``, the record.
-    progress : callable
-        As `experiments.command_parts.step_bar`.
-
-    Returns
-    -------
-    Path
-        ``hard_cases.md``.
-    """
+def run_hard_cases(out: Path) -> Path:
+    """Compute all cases and write the report."""
     started, cases = time.perf_counter(), all_cases()
-    rows = [_row(case) for case in progress(cases, 0, len(cases))]
+    rows = [_row(case) for case in step_bar(cases)]
     record = {"cases": rows, "wall_s": time.perf_counter() - started}
     return write_report(
         out, "hard_cases", "Hard cases", record, body(record),

@@ -221,14 +221,6 @@ def _describe(pool: list[Result]) -> str:
 def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None = None) -> str:
     """Both tables of one results folder, or of several side by side, as Markdown.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-    paper_values : Path
-    out : Path, optional
-        Markdown file NAME.md to keep the text in; beside it go the numbers, NAME.csv and
-        NAME_learning.csv, and a picture of validation PSNR against seconds, NAME.png.
-
     Raises
     ------
     InputError

@@ -44,12 +44,6 @@ def result_figure(
     light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
         What the network is shown of it.
     targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
-    depths_mm : sequence of float
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     planes = len(targets)
     errors = predictions - targets
@@ -96,10 +90,6 @@ def sharpness_figure(panels):
     ----------
     panels : dict of str to list of (str, SlopeSearch, float, float)
         Layers by title: label, search, slope by geometry, slope in the paper (NaN: not printed).
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure, axes = subplots(
         len(panels),
@@ -166,7 +156,6 @@ def draw_learning(axis, curves: dict, names: dict[str, str] | None = None) -> No
 
     Parameters
     ----------
-    axis : matplotlib.axes.Axes
     curves : dict of str to DataFrame
         By run, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
     names : dict of str to str, optional
@@ -202,10 +191,6 @@ def learning_figure(panels: dict, printed: dict, names: dict[str, str] | None = 
         PSNR that the paper prints for each plane, by title.
     names : dict of str to str, optional
         Names of all runs, see `draw_learning`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure, axes = subplots(
         1, len(panels), figsize=(6.5 * len(panels), 5.8), squeeze=False, layout="constrained"

@@ -37,7 +37,6 @@ class Notebook:
 
     Attributes
     ----------
-    page : playwright.sync_api.Page
     complaints : list of str
         Errors that the page told its console.
     """
@@ -91,7 +90,6 @@ def open_notebook(browser, jupyter: Path, cells: list[str]) -> Iterator[Notebook
 
     Parameters
     ----------
-    browser : playwright.sync_api.Browser
     jupyter : Path
         JupyterLab's program.
     cells : list of str

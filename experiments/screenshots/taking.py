@@ -45,7 +45,6 @@ def take_screenshots(out: Path, jupyter: Path | None) -> list[Path]:
 
     Parameters
     ----------
-    out : Path
     jupyter : Path, optional
         JupyterLab's program; without it, there is no picture of a notebook.
 

@@ -1,11 +1,12 @@
 """Errors of slope maps, on scenes whose slopes follow from their geometry."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
+from experiments.command_parts import step_bar
 from experiments.slope_maps.rivals import WAYS
 from experiments.slope_maps.scenes import (
     KINDS,
@@ -56,18 +57,8 @@ def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str
     return dict(zip(SCORES, map(float, values), strict=True))
 
 
-def measure(
-    progress: Callable | None = None,
-    kinds: Mapping[str, Kind] = KINDS,
-    seeds: Sequence[int] = SEEDS,
-) -> tuple[dict, dict]:
+def measure(kinds: Mapping[str, Kind] = KINDS, seeds: Sequence[int] = SEEDS) -> tuple[dict, dict]:
     """Make and score maps of all scenes by all methods.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Function that passes on an iterable of steps, given how many are done and in all.
-    kinds, seeds : optional
 
     Returns
     -------
@@ -83,7 +74,7 @@ def measure(
     scenes = [(name, seed) for name in kinds for seed in seeds]
     pictures = photographs(REPORTED)
     rows, shown = [], {}
-    for name, seed in progress(scenes, 0, len(scenes)) if progress else scenes:
+    for name, seed in step_bar(scenes):
         sample = make_sample(kinds[name], seed, pictures)
         some, maps = _rows(sample)
         rows += [{"scene": name, **row} for row in some]

@@ -109,14 +109,12 @@ class Study:
 
     Parameters
     ----------
-    title : str
     data, training : str
         Files of a data set and of a training experiment, from the working directory.
     preset : str
         Recipe of the training experiment to start from.
     samples : int
         Light fields, of which the training experiment's split makes three parts.
-    variants : list of Variant
     common : Changes
         What all variants change; their own changes come behind it.
     x : Axis, optional
@@ -185,7 +183,6 @@ class Trial:
 
     Parameters
     ----------
-    variant : Variant
     data : DatasetConfig
         With one preset, "study".
     training : TrainingConfig
@@ -310,8 +307,6 @@ def run_study(
     ----------
     path : str or Path
         Study file; its name is the study's.
-    out : Path
-        Folder for the report, see `experiments.studies.report.write`.
     work : Path
         Folder for data sets and runs.
     paper_values : Path
@@ -322,11 +317,6 @@ def run_study(
         See `lf_flame.datasets.making.make_dataset`.
     imagenet : Path, optional
         Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
-
-    Returns
-    -------
-    Path
-        The report's Markdown file.
 
     Raises
     ------
@@ -367,7 +357,6 @@ def run_trial(
 
     Parameters
     ----------
-    trial : Trial
     runs, data : Path
         Folders of the study's runs and of data sets.
     workers, progress

@@ -72,7 +72,6 @@ class TestSet:
 
     Attributes
     ----------
-    name : str
     planes : list of str
         What the planes are called.
     scenes : callable

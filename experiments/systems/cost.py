@@ -30,8 +30,6 @@ class Cost:
         For a frame, the fastest of 15, or of as many as a second holds.
     memory_mb : float
         Peak of its process, less the light field.
-
-    Both are NaN where the process died.
     """
 
     milliseconds: float

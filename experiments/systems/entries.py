@@ -31,7 +31,6 @@ class Entry:
 
     Attributes
     ----------
-    name : str
     load : callable
         Takes nothing, gives the system; can be pickled. Raises InputError where it is missing.
     about : dict

@@ -27,10 +27,6 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
         Columns as in `experiments.systems.benchmark.COLUMNS`; without noise.
     costs : DataFrame
         See `experiments.systems.report.text`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     known = list(scores.test_set.unique())
     sets = [name for name in PANELS if name in known] or known[:4]
@@ -62,10 +58,6 @@ def noise_figure(scores: pd.DataFrame):
     ----------
     scores : DataFrame
         Columns as in `experiments.systems.benchmark.COLUMNS`; with noise.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     means = scores.pivot_table("psnr_db", "system", ["test_set", "electrons"], sort=False)
     sets, light = list(means.columns.unique(0)), sorted(means.columns.unique(1))

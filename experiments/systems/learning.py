@@ -75,12 +75,7 @@ aperture or on the Fourier slice are held against samples of their own kind.
 
 
 def learning_figure(about: dict[str, dict]):
-    """Draw PSNR on held-out samples against seconds and against steps.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw PSNR on held-out samples against seconds and against steps."""
     figure, axes = subplots(1, 2, figsize=(11, 5), sharey=True, layout="constrained")
     curves = {name: one["curve"] for name, one in about.items() if "curve" in one}
     for axis, (key, words) in zip(axes, AXES.items(), strict=True):

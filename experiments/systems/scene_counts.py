@@ -56,13 +56,6 @@ def run_scene_counts(
         Light fields that choose the best epoch, and others that are scored.
     work : Path
         Folder of the runs; those that are done are not done again.
-    out : Path
-        Folder for ``scene_counts.csv``, ``.md``, ``.png`` and ``.json``.
-
-    Returns
-    -------
-    Path
-        ``scene_counts.md``.
 
     Raises
     ------
@@ -81,7 +74,7 @@ def run_scene_counts(
     }
     for name, count in jobs.values():
         _job(config, count, held_out).recipe(name, PRESET)  # refuses an unknown one now
-    for folder, (name, count) in step_bar(jobs.items(), 0, len(jobs)):
+    for folder, (name, count) in step_bar(jobs.items()):
         train_system(_job(config, count, held_out), name, PRESET, work / folder)
     records = {folder: load_run(work / folder) for folder in jobs}
     rows = []
@@ -148,8 +141,6 @@ def score_systems(
     ----------
     systems : sequence of RefocusingSystem
         That look at the same views.
-    training_samples : TrainingSamples
-    seed : int
     count : int
         Samples to draw, from `FIRST_SCORED` on.
     learner : lf_flame.systems.base.NetworkSystem

@@ -29,7 +29,6 @@ def networks_as_sections(runs: Sequence[Path], rng: np.random.Generator) -> Iter
     ----------
     runs : sequence of Path
         Of the paper's network, on its flames.
-    rng : numpy.random.Generator
     """
     load_keras()
     from lf_flame.learning.run_folders import open_run

@@ -193,13 +193,7 @@ def thickness_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Recorder:
-    """Records a scene once, then with as much noise as is asked for.
-
-    Parameters
-    ----------
-    scene : Scene
-    camera : PlenopticCamera
-    """
+    """Records a scene once, then with as much noise as is asked for."""
 
     scene: Scene
     camera: PlenopticCamera

@@ -78,13 +78,7 @@ TEXTS = {
 
 
 def write(out: Path, name: str, rows: Sequence[Row], wall_s: float) -> Path:
-    """Write ``NAME.csv``, ``.md`` and ``.json``; with `EMISSION` the pictures, too.
-
-    Returns
-    -------
-    Path
-        ``NAME.md``.
-    """
+    """Write ``NAME.csv``, ``.md`` and ``.json``; with `EMISSION` the pictures, too."""
     table = pd.DataFrame([asdict(row) for row in rows])
     pictures = {}
     if name == EMISSION:

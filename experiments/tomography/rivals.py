@@ -250,7 +250,7 @@ def body(record: dict) -> list[str]:
 def run_rivals(out: Path, seed: int) -> Path:
     """Measure all flames; writes ``rivals.md`` and more."""
     began, rng, rows = time.perf_counter(), np.random.default_rng(seed), []
-    for case in step_bar(CASES, 0, len(CASES)):
+    for case in step_bar(CASES):
         for noise in NOISES:
             rows += [asdict(row) for row in measure(case, noise, rng)]
     record = {"rows": rows, "printed": list(beside_print(rng)), "seed": seed}

@@ -181,7 +181,7 @@ def count_held(draws: int, rng: np.random.Generator) -> dict[str, float]:
     sensor = Sensor(case.raw, case.noise, rng)
     _, kelvin, lit = truth(case.flame)
     held, errors = [], []
-    for draw in step_bar(range(draws), 0, draws):
+    for draw in step_bar(range(draws)):
         found = reconstruct_axisymmetric_soot(
             sensor.decode(case.raw), GRID, sensor.calibration, bootstrap=BARS, seed=10 * draw
         ).temperatures
@@ -230,7 +230,7 @@ def body(record: dict) -> list[str]:
 def run_soot(out: Path, seed: int, draws: int) -> Path:
     """Measure all cases and how often error bars hold the truth; writes ``soot.md`` and more."""
     began, rng, rows = time.perf_counter(), np.random.default_rng(seed), []
-    for case in step_bar(CASES, 0, len(CASES)):
+    for case in step_bar(CASES):
         rows += [asdict(row) for row in measure(case, rng)]
     held = count_held(draws, rng)
     record = {"rows": rows, "bars": held, "seed": seed, "wall_s": time.perf_counter() - began}

@@ -35,7 +35,6 @@ class SootFlame:
     ----------
     thickness : float
         Optical thickness at 600 nm through the axis, where it is largest.
-    radius_mm, height_mm : float
     depth_ratio : float
         Extent in depth relative to that across; 1 if the flame is round.
     core : float

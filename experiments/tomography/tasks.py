@@ -41,13 +41,10 @@ class Row:
 
     Attributes
     ----------
-    task, noise, method : str
     measure : str
         What `value` is.
-    value : float
     accepted : float or None
         What the project wants to reach, at most.
-    seconds : float
     """
 
     task: str
