@@ -1,7 +1,7 @@
 """Flames whose emission by depth is known, and light fields of them with noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -191,19 +191,14 @@ def thickness_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
     return truth_on(grid, Scene(matter))
 
 
-@dataclass(frozen=True)
 class Recorder:
     """Records a scene once, then with as much noise as is asked for."""
 
-    scene: Scene
-    camera: PlenopticCamera
-
-    def __post_init__(self):
-        rendered = render(self.scene, self.camera, tolerance=EXACT)
-        object.__setattr__(self, "clean", rendered)
-        views, (t, s) = rendered.views, self.camera.lenslets
+    def __init__(self, scene: Scene, camera: PlenopticCamera):
+        self.clean = render(scene, camera, tolerance=EXACT)
+        views, (t, s) = self.clean.views, camera.lenslets
         blocks = views.reshape(*views.shape[:2], t // BLOCK, BLOCK, s // BLOCK, BLOCK)
-        object.__setattr__(self, "peak", float(blocks.mean(axis=(3, 5)).max()))
+        self.peak = float(blocks.mean(axis=(3, 5)).max())
 
     def with_noise(self, share: float, rng: np.random.Generator) -> LightField:
         """Add Gaussian noise of a share of the brightest pixel of 90 x 180 to those pixels."""

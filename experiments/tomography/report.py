@@ -19,7 +19,7 @@ from experiments.tomography.phantoms import (
 )
 from experiments.tomography.round_flames import round_figure
 from experiments.tomography.tasks import AGAINST_NOISE, DEPTHS_MM, Row, by_focal_stack
-from lf_flame import PAPER_CAMERA
+from lf_flame import PAPER_CAMERA, Scene
 from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct
 from lf_flame.tomography.frustum_grid import planes_between
@@ -58,8 +58,7 @@ TEXTS = {
         "[bars.md](bars.md).",
         "The round flame's axis is found, too; its errors count heights between 3 and 97 % of its "
         "own, over the volume and over the half section. PyAbel sees the middle view alone, and "
-        "has the penalty of least true error. The video is followed twice; seconds are those of "
-        "the second time, when nothing is left to compile.",
+        "has the penalty of least true error.",
     ],
     BARS: [
         "15 x 15 views of 72 x 84 lenslets, flames a quarter of the usual size. Each row is a mean "
@@ -100,16 +99,19 @@ def body(name: str, table: pd.DataFrame) -> list[str]:
     return [*TEXTS[name], markdown(table, COLUMNS)]
 
 
-def sheets_figure():
-    """Four flames behind each other at 1 % of noise: truth, reconstruction, refocused images."""
-    scene = overlapping_flames(DEPTHS_MM)
-    grid = FrustumGrid(PAPER_CAMERA, DEPTHS_MM, BLOCK)
+def _planes(scene: Scene, grid: FrustumGrid) -> dict[str, np.ndarray]:
+    """Truth, reconstruction and refocused images of a scene at 1 % of noise."""
     light_field = Recorder(scene, PAPER_CAMERA).with_noise(0.01, np.random.default_rng(0))
-    lines = {
+    return {
         "truth": truth_on(grid, scene),
         "reconstructed": reconstruct(light_field, grid).emission,
         "refocused": by_focal_stack(light_field, grid),
     }
+
+
+def sheets_figure():
+    """Four flames behind each other at 1 % of noise: truth, reconstruction, refocused images."""
+    lines = _planes(overlapping_flames(DEPTHS_MM), FrustumGrid(PAPER_CAMERA, DEPTHS_MM, BLOCK))
     columns = slice(55, 130)
     figure, axes = subplots(3, 4, figsize=(9, 8.4), layout="constrained")
     for axis_line, (word, planes) in zip(axes, lines.items(), strict=True):
@@ -126,12 +128,7 @@ def volume_figure():
     """Show a flame that is round in depth: sections across and along depth, at 1 % of noise."""
     scene = volume_flame(25.0, 4.0, slab_mm=0.5, reach_mm=12.0)
     grid = FrustumGrid(PAPER_CAMERA, planes_between(-12, 12, 2), BLOCK)
-    light_field = Recorder(scene, PAPER_CAMERA).with_noise(0.01, np.random.default_rng(0))
-    lines = {
-        "truth": truth_on(grid, scene),
-        "reconstructed": reconstruct(light_field, grid).emission,
-        "refocused": by_focal_stack(light_field, grid),
-    }
+    lines = _planes(scene, grid)
     middle, row = len(grid.depths_mm) // 2, 55
     half = grid.cell_mm(0.0) * grid.pixels[1] / 2
     figure, axes = subplots(
