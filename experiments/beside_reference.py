@@ -22,15 +22,10 @@ def show(report: Path, folder: str) -> None:
 
 
 def set_beside(report: Path, name: str) -> str:
-    """Put the committed report under a user's own, and give the text of both.
+    """Put the committed report, by its path below ``experiments/results``, under a user's own.
 
-    Parameters
-    ----------
-    report : Path
-        A report in Markdown that was just written; a reference from before is replaced.
-    name : str
-        The committed report's path below ``experiments/results``. Where there is none, or where
-        `report` is that file, the report stays as it is.
+    Gives the text of both; a reference from before is replaced. Where there is none, or where
+    `report` is that file, the report stays as it is.
     """
     text = report.read_text(encoding="utf-8").partition(f"\n{HEADING}")[0]
     reference = REFERENCE / name

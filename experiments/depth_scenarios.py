@@ -23,15 +23,7 @@ FIRST_SAMPLE = 1_000_000
 
 @dataclass(frozen=True)
 class DepthScenario:
-    """Where the objects of a data set are placed.
-
-    Parameters
-    ----------
-    depths_mm : tuple of float
-        Of each object.
-    present : tuple of int
-        Objects that are there.
-    """
+    """Depths at which the objects of a data set are placed, and those of them that are there."""
 
     name: str
     depths_mm: tuple[float, ...]
@@ -44,13 +36,7 @@ class DepthScenario:
 
 
 def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
-    """List the scenarios of a data set; the first is its own.
-
-    Raises
-    ------
-    InputError
-        If there is but one object, so that nothing can change places.
-    """
+    """List the scenarios of a data set, its own first; an InputError refuses a single object."""
     own, names = config.depths_mm, [item.name for item in config.template.objects]
     if len(set(own)) < 2:
         raise InputError(

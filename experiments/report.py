@@ -70,12 +70,8 @@ def markdown(
 ) -> str:
     """Write columns of a table as Markdown: numbers on the right, words on the left.
 
-    Parameters
-    ----------
-    columns : dict of str to (str, format), optional
-        Heading and format of each column to show, by its name. Default: all, as they are.
-    missing : str, optional
-        Word in place of None and NaN; functions are given these, too.
+    Columns are heading and format by name; default: all, as they are. The word for what is missing
+    stands in place of None and NaN; functions are given these, too.
     """
     table = pd.DataFrame(table)
     columns = columns or {name: (name, "") for name in table}

@@ -27,13 +27,8 @@ MOST_CALLS_IN_A_TURN = 100
 class Times:
     """Times of calls that were made in turn.
 
-    Attributes
-    ----------
-    seconds : ndarray, shape (calls, rounds)
-    results : list
-        What each call returned the last time.
-    every : list of list of float
-        All times of each call, where calls are repeated in their turn.
+    `seconds` has the shape (calls, rounds), `results` hold what each call returned the last time,
+    and `every` all times of each call, where calls are repeated in their turn.
     """
 
     seconds: np.ndarray

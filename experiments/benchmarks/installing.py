@@ -31,16 +31,8 @@ TOOLS = ("pytest", "pytest-xdist", "hypothesis")
 class Environment:
     """An environment to make.
 
-    Attributes
-    ----------
-    python : str
-        Interpreter.
-    extras : str
-        Of the package, in brackets.
-    oldest : bool
-        Whether the oldest versions are taken that the package allows.
-    tested : bool
-        Whether the quick tests run in it.
+    With extras of the package, in brackets, in the oldest versions that it allows or the newest; in
+    some the quick tests run.
     """
 
     name: str

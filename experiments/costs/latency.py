@@ -74,11 +74,8 @@ class Subject:
 def open_subject(path: str | Path, seed: int = 0) -> Subject:
     """Load a network, of a run folder or an exported ``.keras`` file, with pictures to show it.
 
-    Raises
-    ------
-    InputError
-        If there is no such network, it is not made of a backbone and a decoder, or it is shown
-        several views.
+    An InputError says that there is none, that it is not made of a backbone and a decoder, or that
+    it is shown several views.
     """
     path = Path(path)
     card = read_card(path)
@@ -124,18 +121,9 @@ def check_parts(network: keras.Model, path: Path) -> None:
 class Variant:
     """A network in one precision, compiled in one way.
 
-    Attributes
-    ----------
-    computes : str
-        What computes in which type.
-    facts : dict
-        Columns ``weights_mb``, ``psnr_db`` and ``truth_psnr_db`` of the table.
-    parts : tuple of keras.Model
-        Backbone, decoder, and the whole network.
-    missing : str or None
-        Why there are none.
-    seconds : list of dict
-        Seconds of each stage, and of the whole, in each round.
+    It says what `computes` in which type, or why it is `missing`. `facts` are the columns
+    ``weights_mb``, ``psnr_db`` and ``truth_psnr_db``, `parts` the backbone, the decoder and the
+    whole network, and `seconds` those of each stage, and of the whole, in each round.
     """
 
     label: str
@@ -230,26 +218,11 @@ def measure_latency(
     repeats: int = 30,
     seed: int = 0,
 ) -> dict:
-    """Time trained networks stage by stage in all precisions.
+    """Time trained networks stage by stage in all precisions, in 3 rounds or more that count.
 
-    `experiments.costs.latency_report.write` takes the record that comes out.
-
-    Parameters
-    ----------
-    repeats : int, optional
-        Rounds that count, at least 3.
-    seed : int, optional
-        Of the raw images, and of the order in each round.
-
-    Returns
-    -------
-    dict
-        The record; in ``ways`` a row for each variant.
-
-    Raises
-    ------
-    InputError
-        If a network cannot be used, or the rounds are too few.
+    The seed is that of the raw images, and of the order in each round. Returns the record, in
+    ``ways`` a row for each variant. An InputError says that a network cannot be used, or that the
+    rounds are too few.
     """
     if repeats < 3:
         raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")

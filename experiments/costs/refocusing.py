@@ -44,18 +44,10 @@ NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
 class Method:
     """A method that takes a light field in memory to refocused images.
 
-    Attributes
-    ----------
-    family : str
-        What it has in common with others; a colour in the figure.
-    label : str
-        Its own name, short.
-    title : str
-        Its name in the table.
-    refocus : callable
-        From what is stored, and slopes, to images [n, t, s] of the lenslets or of the targets.
-    store : callable
-        From views to what lies in memory, which takes no time that counts.
+    Its family, what it has in common with others, has a colour in the figure; the label is short,
+    the title stands in the table. `refocus` takes what is stored, and slopes, to images [n, t, s]
+    of the lenslets or of the targets; `store` takes views to what lies in memory, in no time that
+    counts.
     """
 
     family: str
@@ -164,20 +156,9 @@ def network_methods(scenes: HeldOut) -> list[Method]:
 def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
     """Measure SSIM and PSNR against the exact result over milliseconds.
 
-    `experiments.costs.refocusing_report.write` takes the record that comes out.
-
-    Parameters
-    ----------
-    run : Path
-        Folder of trained networks, one for each kind of data set: ``shapes``, ``flames``.
-        One that is missing shows as missing.
-    configs : sequence of DatasetConfig, optional
-        Default: of the paper's data sets.
-
-    Returns
-    -------
-    dict
-        The record; in ``methods`` a row for each.
+    A run is a folder of trained networks, one for each kind of data set, ``shapes`` and ``flames``;
+    one that is missing shows as missing. Default of the configurations: the paper's. Returns the
+    record, in ``methods`` a row for each.
     """
     started, rows = time.perf_counter(), []
     if configs is None:

@@ -42,21 +42,11 @@ def measure_costs(
     trials: Mapping[str, Trial] | None = None,
     configs: Sequence[Path] = DATA_SETS,
 ) -> dict:
-    """Measure error against seconds, for `experiments.costs.rendering_report.write_reports`.
+    """Measure error against seconds, on the paper's data sets where no others are given.
 
-    Parameters
-    ----------
-    budget_s : float, optional
-        Time that the methods of integration may take in all, which bounds their rays; references
-        and effects take a minute or two on top.
-    studies, trials, configs : optional
-        Scenes of the methods, of the effects, and data sets of which a scene is rendered whole.
-        Default: those of the paper's data sets.
-
-    Returns
-    -------
-    dict
-        The record: ``studies``, ``accuracy``, ``effects`` and ``whole``.
+    The budget is the time of all methods of integration, which bounds their rays; references and
+    effects take a minute or two on top. Studies and trials are the scenes of the methods and of the
+    effects; of each data set of `configs` a scene is rendered whole.
     """
     started = time.perf_counter()
     studies = study_scenes(*DATA_SETS) if studies is None else studies

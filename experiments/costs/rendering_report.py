@@ -64,15 +64,7 @@ SETTINGS = {
 def measured_exponent(points: pd.DataFrame) -> float:
     """Fit the exponent with which the error falls with the rays, over the finer half of settings.
 
-    Parameters
-    ----------
-    points : DataFrame
-        Rows of one scene and method, with columns rays_per_pixel and error.
-
-    Returns
-    -------
-    float
-        NaN for fewer than two settings.
+    Of rows of one scene and method, with columns rays_per_pixel and error; NaN for fewer than two.
     """
     fine = points.iloc[len(points) // 2 :] if len(points) > 3 else points
     if len(fine) < 2:
@@ -83,19 +75,10 @@ def measured_exponent(points: pd.DataFrame) -> float:
 def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
     """Seconds that a method takes for an error, read off its curve between two settings.
 
-    Parameters
-    ----------
-    points : DataFrame
-        Rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
-        error.
-
-    Returns
-    -------
-    float
-        NaN where the error does not fall.
-    str
-        "" where measured; "<" where the coarsest of several settings errs less; "~" where none
-        does, and the curve is continued with its own exponent.
+    Of rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
+    error. NaN where the error does not fall. The sign is "" where measured; "<" where the coarsest
+    of several settings errs less; "~" where none does, and the curve is continued with its own
+    exponent.
     """
     seconds, errors = points["seconds"].to_numpy(), points["error"].to_numpy()
     below = np.flatnonzero(errors <= level)
@@ -112,13 +95,7 @@ def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
 
 
 def write_reports(out: Path, record: dict) -> Path:
-    """Write ``costs.md``, its tables, pictures and record, and ``light_field.*``.
-
-    Parameters
-    ----------
-    record : dict
-        What `experiments.costs.rendering.measure_costs` found.
-    """
+    """Write ``costs.md``, its tables, picture and record, and ``light_field.*``."""
     title = "Accuracy against time for a whole light field"
     write_report(out, "light_field", title, {"whole": record["whole"]}, light_field_body(record))
     accuracy, effects = pd.DataFrame(record["accuracy"]), pd.DataFrame(record["effects"])

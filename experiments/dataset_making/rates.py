@@ -49,10 +49,7 @@ def measure_rates(
 ) -> Iterator[dict]:
     """Make a data set each way, in turn, in each round; pool and cluster have so many processes.
 
-    Raises
-    ------
-    InputError
-        If the samples are too few for every process to write some shards.
+    An InputError says that the samples are too few for every process to write some shards.
     """
     least = SHARDS_EACH * processes * shard_size(samples)
     if samples < least:

@@ -49,16 +49,9 @@ COLUMNS = [
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A refocusing system under test.
+    """A refocusing system under test: its title for tables, and the record of its training.
 
-    Parameters
-    ----------
-    title : str
-        What it is, for tables.
-    trained : {"", "fixed depths", "shuffled depths"}
-        With which objects; a reference is not trained.
-    about : dict
-        Record of its training.
+    It was trained with "fixed depths", "shuffled depths" or, a reference, not at all ("").
     """
 
     name: str
@@ -89,19 +82,9 @@ class Outcome:
 def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list[Subject]]:
     """Load trained networks that differ in nothing but in what they were shown and trained with.
 
-    Returns
-    -------
-    DatasetConfig
-        Of the first; the scenes are drawn by it.
-    list of float
-        Slopes of the planes.
-    list of Subject
-        Shift-and-sum of some views, as a reference, and the networks.
-
-    Raises
-    ------
-    InputError
-        If a run is missing, or two were made for other scenes or cameras.
+    Returns the configuration of the first, by which scenes are drawn, the slopes of the planes, and
+    the networks behind shift-and-sum of some views, as a reference. An InputError says that a run
+    is missing, or that two were made for other scenes or cameras.
     """
     opened = [open_run(run) for run in runs]
     first = opened[0]
@@ -185,21 +168,7 @@ def share_memorised(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) ->
 
 
 def run_depth_test(runs: Sequence[Path], out: Path, samples: int) -> Path:
-    """Test trained networks, and write the report.
-
-    Parameters
-    ----------
-    runs : sequence of Path
-        Folders of finished runs.
-    samples : int, optional
-        Scenes for each scenario.
-
-    Raises
-    ------
-    InputError
-        See `load_subjects` and `experiments.depth_scenarios.make_scenarios`; or if there are
-        no samples.
-    """
+    """Test trained networks on so many scenes for each scenario, and write the report."""
     if samples < 1:
         raise InputError(
             f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."

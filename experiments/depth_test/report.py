@@ -16,13 +16,7 @@ from lf_flame._common.figures import subplots
 def write(
     config, slopes, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame, out: Path
 ) -> Path:
-    """Write ``depth_test.csv``, ``.md``, ``.png``, ``.json``, and a picture for each scenario.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `experiments.depth_test.permutation.tabulate`.
-    """
+    """Write ``depth_test.csv``, ``.md``, ``.json``, and a picture for each scenario."""
     pictures = {}
     for number, outcome in enumerate(outcomes):
         name = "_".join(re.findall(r"\w+", outcome.scenario.name))

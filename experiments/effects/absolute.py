@@ -98,17 +98,9 @@ def measure_effects(
     cameras: Mapping[str, PlenopticCamera] = CAMERAS,
     rays: int = RAYS,
 ) -> dict:
-    """Measure every effect on every camera, for `experiments.effects.report.write`.
+    """Measure every effect on every camera; the tracer's rays are a power of 2.
 
-    Parameters
-    ----------
-    rays : int, optional
-        Of the tracer; a power of 2.
-
-    Returns
-    -------
-    dict
-        The record; in ``rows`` one for each effect and camera.
+    Returns the record, in ``rows`` one for each effect and camera.
     """
     started = time.perf_counter()
     trials = [
@@ -133,14 +125,11 @@ def measure_effects(
 def measure_effect(name: str, camera: str, trial: Trial, rays: int = RAYS) -> dict:
     """Set one effect of the library beside its reference.
 
-    Returns
-    -------
-    dict
-        ``effect`` and ``camera``; ``reference`` and ``library``, in the pixel where they differ
-        most (for noise: root-mean-square over the image); ``difference``, of these two;
-        ``rms_difference`` over the pixels; ``reference_error``, the standard error in that pixel;
-        ``change``, the largest that the effect makes by the reference; ``bound``, the plan's;
-        ``looseness``, the bound over the change.
+    Returns ``effect`` and ``camera``; ``reference`` and ``library``, in the pixel where they differ
+    most (for noise: root-mean-square over the image); ``difference``, of these two;
+    ``rms_difference`` over the pixels; ``reference_error``, the standard error in that pixel;
+    ``change``, the largest that the effect makes by the reference; ``bound``, the plan's;
+    ``looseness``, the bound over the change.
     """
     on, off = (_render(trial, name, kept) for kept in (True, False))
     peak = max(float(off.max()), 1e-300)

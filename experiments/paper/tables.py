@@ -54,14 +54,7 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     """Score SSIM by the table's window and by others: the paper does not state its own.
 
-    Parameters
-    ----------
-    targets, predictions : ndarray, shape (n, planes, h, w)
-
-    Returns
-    -------
-    DataFrame
-        One row a window, one column a plane: the mean over the samples.
+    Of images [n, plane, h, w]: one row a window, one column a plane, the mean over the samples.
     """
     pairs = list(zip(targets, predictions, strict=True))
     rows = {
@@ -83,13 +76,8 @@ def windows_markdown(windows: pd.DataFrame, depths_mm: list[float]) -> str:
 def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
     """Score what needs no network: the mean training image, and the input image as it is.
 
-    The latter where the input is one image of the targets' size.
-
-    Returns
-    -------
-    DataFrame
-        One row a plane and baseline; columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``,
-        ``psnr_foreground_db``.
+    The latter where the input is one image of the targets' size. One row a plane and baseline;
+    columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``, ``psnr_foreground_db``.
     """
     targets = dataset.targets[test]
     mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)

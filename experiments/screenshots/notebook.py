@@ -33,13 +33,7 @@ def find_jupyter() -> Path | None:
 
 
 class Notebook:
-    """A notebook that is open in a browser's page.
-
-    Attributes
-    ----------
-    complaints : list of str
-        Errors that the page told its console.
-    """
+    """A notebook that is open in a browser's page, and errors that the page told its console."""
 
     def __init__(self, page):
         self.page = page
@@ -86,20 +80,7 @@ class Notebook:
 
 @contextmanager
 def open_notebook(browser, jupyter: Path, cells: list[str]) -> Iterator[Notebook]:
-    """Open a new notebook.
-
-    Parameters
-    ----------
-    jupyter : Path
-        JupyterLab's program.
-    cells : list of str
-        Code.
-
-    Raises
-    ------
-    InputError
-        If JupyterLab does not start.
-    """
+    """Open a new notebook of cells of code; an InputError says that JupyterLab does not start."""
     with TemporaryDirectory() as aside:
         folder = Path(aside)
         (folder / "notebooks").mkdir()

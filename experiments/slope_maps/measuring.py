@@ -42,12 +42,9 @@ ALL = "all"
 def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str, float]:
     """Compare a map with the truth.
 
-    Returns
-    -------
-    dict
-        Percent of pixels that are off by more than 0.07, 0.03 and 0.01; a hundred mean squared
-        errors; percent of certain pixels, and percent of these that are off by more than 0.07. NaN
-        where there is no truth, or no certain pixel.
+    Percent of pixels that are off by more than 0.07, 0.03 and 0.01; a hundred mean squared errors;
+    percent of certain pixels, and percent of these that are off by more than 0.07. NaN where there
+    is no truth, or no certain pixel.
     """
     error = np.abs(slope - truth)
     known = np.isfinite(truth).all()
@@ -60,13 +57,9 @@ def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str
 def measure(kinds: Mapping[str, Kind] = KINDS, seeds: Sequence[int] = SEEDS) -> tuple[dict, dict]:
     """Make and score maps of all scenes by all methods.
 
-    Returns
-    -------
-    dict
-        Record; in ``rows`` one for each method and kind, means over the seeds, and for each method
-        one of all.
-    dict
-        For the first scene of each kind, the sample and the slopes by each method.
+    Returns the record, in ``rows`` one for each method and kind, means over the seeds, and for each
+    method one of all; and for the first scene of each kind the sample and the slopes by each
+    method.
     """
     for way in WAYS.values():  # whatever is compiled
         way(np.zeros((3, 3, 40, 40), np.float32), search_slopes())

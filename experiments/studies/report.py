@@ -42,15 +42,6 @@ def write(path: Path, study, trials: Sequence, runs: Path, paper: Path, out: Pat
     for the mean over the planes; ``NAME.md`` and ``NAME.png`` show it; of a timed study
     ``NAME_time.csv`` and ``NAME_time.png`` show validation PSNR against seconds; ``NAME.json`` is
     the record.
-
-    Parameters
-    ----------
-    path : Path
-        Study file.
-    runs : Path
-        Folder of the study's runs.
-    paper : Path
-        The numbers that the paper prints.
     """
     name, kind = path.stem, trials[0].data.kind
     printed = read_paper_values(paper, PAPER_TABLES[kind])
@@ -89,12 +80,7 @@ def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -
     """Read validation PSNR of each epoch and the seconds since the run was started.
 
     The seconds begin with the data set on disk: they hold the backbone's features and the start of
-    the decoder.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``variant``, ``epoch``, ``seconds``, ``val_psnr_db``.
+    the decoder. Columns ``variant``, ``epoch``, ``seconds``, ``val_psnr_db``.
     """
     curves = [pd.DataFrame(columns=["variant", "epoch", "seconds", "val_psnr_db"])]
     for variant, found in zip(variants, scores, strict=True):

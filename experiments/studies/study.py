@@ -179,16 +179,9 @@ class Score:
 
 @dataclass(frozen=True)
 class Trial:
-    """A variant with all that it is made of.
+    """A variant with all that it is made of: its data set and its training, with one preset each.
 
-    Parameters
-    ----------
-    data : DatasetConfig
-        With one preset, "study".
-    training : TrainingConfig
-        With one preset.
-    test : ndarray of int
-        Light fields to score, the same for all variants.
+    The test light fields are those to score, the same for all variants.
     """
 
     variant: Variant
@@ -226,10 +219,7 @@ class Trial:
 def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
     """Read a study file and build the configurations of all its variants.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read or holds an unknown, missing or impossible value.
+    An InputError says which file cannot be read or holds an unknown, missing or impossible value.
     """
     study = build(Study, read_toml(path), path)
     data, training = read_toml(study.data), read_toml(study.training)
@@ -301,28 +291,11 @@ def run_study(
 ) -> Path:
     """Train and score the variants of a study that are not yet done; report after each.
 
-    Variants whose ImageNet weights cannot be had are left out, and show as missing.
-
-    Parameters
-    ----------
-    path : str or Path
-        Study file; its name is the study's.
-    work : Path
-        Folder for data sets and runs.
-    paper_values : Path
-        The numbers that the paper prints.
-    only : collection of str, optional
-        Names of variants to run; the others are reported if they are done. Default: all.
-    workers, progress
-        See `lf_flame.datasets.making.make_dataset`.
-    imagenet : Path, optional
-        Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used, there is no variant of that name, or its folder holds a run of
-        another configuration.
+    Variants whose ImageNet weights cannot be had are left out, and show as missing. The file's name
+    is the study's; `work` holds data sets and runs; of the names in `only` others are reported if
+    they are done; `imagenet` is a file of weights for the variants that ask for ImageNet's, by
+    default Keras gets them. An InputError says that a file cannot be used, that there is no variant
+    of that name, or that its folder holds a run of another configuration.
     """
     study, trials = read_study(path)
     names = [trial.variant.name for trial in trials]
@@ -353,17 +326,7 @@ def run_trial(
     progress: Callable | None = None,
     imagenet: Path | None = None,
 ) -> None:
-    """Make the data set, train and score, going on where an earlier call was cut off.
-
-    Parameters
-    ----------
-    runs, data : Path
-        Folders of the study's runs and of data sets.
-    workers, progress
-        See `lf_flame.datasets.making.make_dataset`.
-    imagenet : Path, optional
-        Weights file, where the trial asks for ImageNet's.
-    """
+    """Make the data set, train and score, going on where an earlier call was cut off."""
     dataset, folder = data / trial.dataset_name, runs / trial.variant.folder
     if not dataset.exists():
         make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress)

@@ -34,12 +34,7 @@ COLUMNS = [
 def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
     """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
 
-    What one refuses shows as missing, with its own words.
-
-    Parameters
-    ----------
-    systems : dict of RefocusingSystem or InputError
-        By the name that the table calls it; an error says why it is not there.
+    What one refuses shows as missing, with its own words; so does an InputError in its place.
     """
     refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
     truths, drawn = [], {name: [] for name in systems}
@@ -79,10 +74,7 @@ def _inner(stack: np.ndarray, border: int) -> np.ndarray:
 def run_benchmark(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: Path) -> Path:
     """Let systems refocus test sets, and write the report.
 
-    Parameters
-    ----------
-    test_sets : sequence of TestSet
-        The first scene of the first one is the frame that systems are timed on.
+    The first scene of the first test set is the frame that systems are timed on.
     """
     _refuse_same_names(entries, test_sets)
     started = time.perf_counter()

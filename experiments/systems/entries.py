@@ -27,16 +27,10 @@ from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, sq
 
 @dataclass(frozen=True)
 class Entry:
-    """A system that can be loaded, here or in another process.
+    """A system that can be loaded, here or in another process, and how it was trained.
 
-    Attributes
-    ----------
-    load : callable
-        Takes nothing, gives the system; can be pickled. Raises InputError where it is missing.
-    about : dict
-        How it was trained, for the record.
-    only : str
-        Test sets whose name starts so; "": all.
+    What loads it takes nothing, can be pickled, and raises InputError where it is missing. It is
+    for test sets whose name starts with `only`; "": all.
     """
 
     name: str
@@ -97,13 +91,8 @@ def _denoised(name: str, system: Callable[[], ShiftAndSum], denoise: Callable) -
 def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
     """List the networks of a folder of runs; those that are not there will show as missing.
 
-    Parameters
-    ----------
-    runs : Path
-        With a run folder for each network, see `lf_flame.systems.registry`, and ``shapes`` and
-        ``flames``, those of the paper's.
-    official_refocusnet : Path, optional
-        The authors' trained weights, see `RefocusNet.of_weights`.
+    It holds a run folder for each network, see `lf_flame.systems.registry`, and ``shapes`` and
+    ``flames``, those of the paper's. `official_refocusnet` are the authors' trained weights.
     """
     found = []
     for name, network in NETWORKS.items():
@@ -122,16 +111,8 @@ def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list
 def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int) -> Entry:
     """Enter another run of the paper's network, such as one that is shown other views.
 
-    It shows as missing if there is no such run, or if it has seen light fields of the test sets.
-
-    Parameters
-    ----------
-    folder : Path
-        Its run folder.
-    configs : sequence of DatasetConfig
-        Data sets to be compared on.
-    runs, count
-        As for `experiments.systems.compared_sets.paper_sets`.
+    It shows as missing if there is no such run, or if it has seen light fields of the test sets,
+    which are made by `experiments.systems.compared_sets.paper_sets`.
     """
     name = f"{by_recipe(folder)}, {_in_words(folder)}"
     try:

@@ -19,14 +19,8 @@ TITLES = {"lytro_2067": "photograph (Lytro)"}
 def figure(scores: pd.DataFrame, costs: pd.DataFrame):
     """Draw the accuracy of each system: one row a system, the fastest first, one panel a test set.
 
-    All test sets are in the table; the picture has those of `PANELS`, or the first four.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        Columns as in `experiments.systems.benchmark.COLUMNS`; without noise.
-    costs : DataFrame
-        See `experiments.systems.report.text`.
+    All test sets are in the table; the picture has those of `PANELS`, or the first four. Scores
+    have the columns of `experiments.systems.benchmark.COLUMNS`; without noise.
     """
     known = list(scores.test_set.unique())
     sets = [name for name in PANELS if name in known] or known[:4]
@@ -52,13 +46,7 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
 
 
 def noise_figure(scores: pd.DataFrame):
-    """Draw PSNR by light: one row a system, the best in little light first, one panel a test set.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        Columns as in `experiments.systems.benchmark.COLUMNS`; with noise.
-    """
+    """Draw PSNR by light: one row a system, the best in little light first, a panel a test set."""
     means = scores.pivot_table("psnr_db", "system", ["test_set", "electrons"], sort=False)
     sets, light = list(means.columns.unique(0)), sorted(means.columns.unique(1))
     means = means.loc[means.xs(light[0], axis=1, level=1).mean(axis=1).sort_values().index]

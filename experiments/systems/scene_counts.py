@@ -42,24 +42,9 @@ def run_scene_counts(
 
     Every run of a system takes the same steps of the same recipe; only the light fields that its
     patches are cut from are more. Beside it stands shift-and-sum of the views that it looks at.
-
-    Parameters
-    ----------
-    config : SystemsConfig
-        Its presets do not count.
-    names : sequence of str
-        Systems of the configuration.
-    counts : sequence of int
-        Light fields to train on.
-    held_out, scored : int
-        Light fields that choose the best epoch, and others that are scored.
-    work : Path
-        Folder of the runs; those that are done are not done again.
-
-    Raises
-    ------
-    InputError
-        If there is no such system, or a number cannot be used.
+    Those held out choose the best epoch, others are scored. `work` holds the runs; those that are
+    done are not done again. An InputError says that there is no such system, or that a number
+    cannot be used.
     """
     if not counts or min(*counts, held_out, scored) < 1:
         raise InputError(
@@ -133,24 +118,11 @@ def score_systems(
     learner,
     truth: str = PROJECTED,
 ) -> list[dict[str, float]]:
-    """Score systems on samples that no run has seen.
+    """Score systems that look at the same views on samples that no run has seen.
 
-    Parameters
-    ----------
-    systems : sequence of RefocusingSystem
-        That look at the same views.
-    count : int
-        Samples to draw, from `FIRST_SCORED` on.
-    learner : lf_flame.systems.base.NetworkSystem
-        Whose views are drawn, at the slopes from which it learns.
-    truth : str, optional
-        What all views give: a key of `lf_flame.systems.formulas.REFERENCES`.
-
-    Returns
-    -------
-    list of dict
-        Of each system: mean PSNR in dB (peak 1) and SSIM over all images, PSNR of their mean
-        squared error, and their number.
+    Samples have the views of the learner, at the slopes from which it learns; the truth is a key of
+    `lf_flame.systems.formulas.REFERENCES`. Returns for each system mean PSNR in dB (peak 1) and
+    SSIM over all images, PSNR of their mean squared error, and their number.
     """
     looks = learner.view_indices if truth == PROJECTED else None
     found: list[list[tuple[float, float, float]]] = [[] for _ in systems]

@@ -97,16 +97,8 @@ def round_glow(h: np.ndarray, radius: np.ndarray, radius_mm: float) -> np.ndarra
     """Emission per mm of a round flame, ``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)`` by height.
 
     As `lf_flame.scenes.flames` projects it in closed form; scaled so that its projection along the
-    line of sight is 1 at its brightest.
-
-    Parameters
-    ----------
-    h : ndarray
-        Share of the flame's height; it is dark below 0 and from 1 on.
-    radius : ndarray
-        Distance from the axis, in mm.
-    radius_mm : float
-        Nominal radius of the flame.
+    line of sight is 1 at its brightest. Dark below 0 and from 1 on of the share h of its height;
+    radii in mm.
     """
     inside = (h >= 0) & (h < 1)
     held = np.where(inside, h, 0.5)
@@ -171,13 +163,7 @@ def two_blobs(radius_mm: float, distance_mm: float) -> Scene:
 
 
 def truth_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
-    """Emission of a scene's layers, each in the plane nearest to it.
-
-    Returns
-    -------
-    ndarray of float64, shape (planes, rows, columns)
-        On the pixels of the central view.
-    """
+    """Emission of a scene's layers, each in the plane nearest to it, on pixels of the central view."""
     planes = np.zeros(grid.shape)
     for layer in scene.layers:
         nearest = int(np.argmin(np.abs(np.subtract(grid.depths_mm, layer.depth_mm))))
