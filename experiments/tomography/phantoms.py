@@ -163,7 +163,7 @@ def two_blobs(radius_mm: float, distance_mm: float) -> Scene:
 
 
 def truth_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
-    """Emission of a scene's layers, each in the plane nearest to it, on pixels of the central view."""
+    """Emission of layers, each in the plane nearest to it, on the pixels of the central view."""
     planes = np.zeros(grid.shape)
     for layer in scene.layers:
         nearest = int(np.argmin(np.abs(np.subtract(grid.depths_mm, layer.depth_mm))))

@@ -17,7 +17,7 @@ from lf_flame.datasets.config import config_from_json
 def test_rates_are_measured_and_written(tmp_path):
     pytest.importorskip("distributed")
     config = config_from_json(DATA, "here")
-    path = run_dataset_making(96, 2, 1, tmp_path, [config])
+    path = run_dataset_making(48, 1, 1, tmp_path, [config])
     record = json.loads((tmp_path / "dataset_making.json").read_text())
     assert [rate["way"] for rate in record["rates"]] == [
         "one process", "process pool", "Dask cluster",

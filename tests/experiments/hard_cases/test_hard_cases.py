@@ -11,8 +11,14 @@ from experiments.hard_cases.case import CASES, HardCase, Values, measure
 from experiments.hard_cases.report import all_cases, run_hard_cases
 
 
+def marked(case):
+    """A case; slow where kernels have to be compiled, which `tests/stability` tests as well."""
+    slow = case.find.__module__.endswith((".light", ".refocusing", ".tomography"))
+    return pytest.param(case, id=case.find.__name__, marks=[pytest.mark.slow] * slow)
+
+
 @pytest.mark.jit
-@pytest.mark.parametrize("case", all_cases(), ids=lambda case: case.find.__name__)
+@pytest.mark.parametrize("case", map(marked, all_cases()))
 def test_the_package_is_right_where_the_obvious_formula_is_not(case):
     found = measure(case)
     assert found["our_error"] <= case.allowed
