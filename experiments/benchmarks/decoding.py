@@ -150,7 +150,7 @@ def main() -> None:
     notes = [
         "Ratio: the baseline's time over ours, median and quartiles of the rounds; times are the "
         "best of them, on all cores; a plan is made once for a camera. Correlation of the views "
-        "with ours, on smooth texture.",
+        "with ours, on smooth texture."
     ]
     finish(asked.out, "decoding", "Speed of decoding raw images", record, COLUMNS, notes)
 

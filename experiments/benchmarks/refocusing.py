@@ -250,7 +250,7 @@ def main() -> None:
     notes = [
         "Threads are ours. Ratio: the baseline's time over ours, median and quartiles of the "
         "rounds; times are the best of them. Difference: of any pixel, relative to the brightest. "
-        f"Baselines in a Python of their own: {theirs}.",
+        f"Baselines in a Python of their own: {theirs}."
     ]
     finish(asked.out, "refocusing", "Speed of refocusing", record, COLUMNS, notes)
 

@@ -25,19 +25,12 @@ PER_AXIS = (1, *(n * 2**k for k in range(9) for n in (2, 3)))
 
 @dataclass(frozen=True)
 class Method:
-    """A method of integration.
+    """A method of integration, from a study and a setting to an image.
 
-    Attributes
-    ----------
-    draw : callable
-        From a study and a setting to an image.
-    per_pixel : callable or None
-        From a setting to the rays for each pixel; None where there are none.
-    share : float
-        Share of a study's time: the slow ones need it to get anywhere.
-    theory, theory_hidden : float or None
-        The error of a picture with edges falls as ``rays**-theory``; with the second exponent, if
-        there is one, where a layer hides another.
+    `per_pixel` gives the rays of a setting for each pixel; None where there are none. The share is
+    that of a study's time: the slow ones need it to get anywhere. The error of a picture with edges
+    falls as ``rays**-theory``; with the second exponent, if there is one, where a layer hides
+    another.
     """
 
     label: str

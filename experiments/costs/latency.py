@@ -85,11 +85,8 @@ def open_subject(path: str | Path, seed: int = 0) -> Subject:
     camera = card.camera
     shape = [n * camera.views for n in camera.lenslets]
     raw = np.random.default_rng(seed).random(shape, np.float32)
-    inputs, truths, origin = _test_inputs(path) or (
-        _resized(raw, size),
-        None,
-        "the random raw image: no test inputs are at hand",
-    )
+    alone = "the random raw image: no test inputs are at hand"
+    inputs, truths, origin = _test_inputs(path) or (_resized(raw, size), None, alone)
     return Subject(str(path), card, network, raw, inputs, truths, origin)
 
 
@@ -207,17 +204,11 @@ def _finite(variant: Variant, inputs: np.ndarray) -> np.ndarray:
 
 def _compared(subject: Subject, stacks: np.ndarray, reference: np.ndarray) -> dict:
     truths = subject.truths
-    return {
-        "psnr_db": psnr(reference, stacks),
-        "truth_psnr_db": math.nan if truths is None else psnr(truths, stacks),
-    }
+    known = math.nan if truths is None else psnr(truths, stacks)
+    return {"psnr_db": psnr(reference, stacks), "truth_psnr_db": known}
 
 
-def measure_latency(
-    networks: Sequence[str | Path],
-    repeats: int = 30,
-    seed: int = 0,
-) -> dict:
+def measure_latency(networks: Sequence[str | Path], repeats: int = 30, seed: int = 0) -> dict:
     """Time trained networks stage by stage in all precisions, in 3 rounds or more that count.
 
     The seed is that of the raw images, and of the order in each round. Returns the record, in

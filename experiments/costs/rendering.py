@@ -35,6 +35,14 @@ TOLERANCE = 1e-3
 LENSLETS, LENSLETS_HIGH = (56, 64), 46
 """Window of the camera that sees the flame of an effect, and height of this flame in lenslets."""
 
+WHOLE = (
+    ("exact integrator", False, 1e-3),
+    ("rays", False, 1e-2),
+    ("rays", False, 1e-3),
+    ("rays, a round stop", True, 1e-2),
+)
+"""How a whole light field is rendered: by which integrator, through a round stop, tolerance."""
+
 
 def measure_costs(
     budget_s: float = 420.0,
@@ -114,12 +122,9 @@ def _measure_whole(path: Path) -> list[dict]:
     reference = closed_form(scene, camera)
     stop = replace(camera, aperture_diameter_mm=camera.aperture_mm)
     rows = []
-    for name, seen_by, tolerance, integrator in (
-        ("exact integrator", camera, 1e-3, "exact"),
-        ("rays", camera, 1e-2, "rays"),
-        ("rays", camera, 1e-3, "rays"),
-        ("rays, a round stop", stop, 1e-2, "rays"),
-    ):
+    for name, has_stop, tolerance in WHOLE:
+        seen_by = stop if has_stop else camera
+        integrator = "exact" if name.startswith("exact") else "rays"
         plan = plan_effects(scene, seen_by, tolerance)
         call = partial(render, scene, seen_by, tolerance, integrator=integrator)
         times = in_turn(call)

@@ -24,12 +24,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.command_parts import step_bar
-from experiments.depth_scenarios import (
-    DepthScenario,
-    draw_scenario,
-    make_scenarios,
-    scene_settings,
-)
+from experiments.depth_scenarios import DepthScenario, draw_scenario, make_scenarios, scene_settings
 from experiments.depth_test.report import write
 from experiments.histories import recipe_in_words
 from lf_flame.datasets.config import DatasetConfig

@@ -94,10 +94,7 @@ def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str,
     }
 
 
-def measure_effects(
-    cameras: Mapping[str, PlenopticCamera] = CAMERAS,
-    rays: int = RAYS,
-) -> dict:
+def measure_effects(cameras: Mapping[str, PlenopticCamera] = CAMERAS, rays: int = RAYS) -> dict:
     """Measure every effect on every camera; the tracer's rays are a power of 2.
 
     Returns the record, in ``rows`` one for each effect and camera.

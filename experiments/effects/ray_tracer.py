@@ -27,13 +27,10 @@ diffraction throws it on the sensor (2) and on the lenslet array (2)."""
 
 
 class Traced(NamedTuple):
-    """Light and rays of some pixels, as traced.
+    """Radiance of some pixels, and its standard error from independent randomisations.
 
-    Attributes
-    ----------
-    mean, error : ndarray of float64, shape (n,)
-        Radiance, and its standard error from independent randomisations; at least that of half a
-        ray in each, which all of them may miss at an edge along a row or a column.
+    The error is at least that of half a ray in each, which all of them may miss at an edge along a
+    row or a column.
     """
 
     mean: np.ndarray
@@ -49,22 +46,13 @@ def trace_pixels(
     seed: int = 0,
     diffraction: Collection[str] = ("lenslet", "main_lens"),
 ) -> Traced:
-    """Radiance of some pixels, by scrambled Sobol points.
+    """Radiance of some pixels (v, u, t, s), by scrambled Sobol points.
 
-    Parameters
-    ----------
-    scene : Scene
-        Any layers: glowing, opaque with holes, absorbing, thick, in one another.
-    camera : PlenopticCamera
-        With all its imperfections; its sensor is taken as ideal.
-    pixels : array_like of int, shape (n, 4)
-        Indices (v, u, t, s).
-    rays : int, optional
-        Rays through each lenslet, in each randomisation; a power of 2.
-    repeats : int, optional
-        Independent randomisations, 2 or more, whose scatter gives the standard error.
-    diffraction : collection of str, optional
-        Whose diffraction a camera with a `wavelength_nm` has: "lenslet", "main_lens", or both.
+    Layers may be any: glowing, opaque with holes, absorbing, thick, in one another. The camera has
+    all its imperfections, but its sensor is taken as ideal. Rays are those through each lenslet, a
+    power of 2, in each of two or more independent randomisations, whose scatter gives the standard
+    error. A camera with a `wavelength_nm` has the diffraction of the "lenslet", of the "main_lens",
+    or of both.
     """
     thrown = frozenset(diffraction if camera.wavelength_nm is not None else ())
     found = np.empty((repeats, len(pixels)))
@@ -170,10 +158,7 @@ def _through(scene, camera, on_sensor, centre, numbers, thrown) -> float:
         on_main_lens = on_main_lens - _thrown_on_array(camera, numbers[:, 7:9])
     lit = weight > 0
     light = _radiance(
-        scene,
-        camera.focus_distance_mm,
-        on_main_lens[lit],
-        (tilt + on_main_lens * power)[lit],
+        scene, camera.focus_distance_mm, on_main_lens[lit], (tilt + on_main_lens * power)[lit]
     )
     return float(np.sum(weight[lit] * light) / len(weight))
 

@@ -11,12 +11,7 @@ from tqdm import tqdm
 from experiments.histories import epochs_in_words, recipe_in_words
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
-from experiments.paper.result_files import (
-    hashes_of,
-    read_result_record,
-    results_aside,
-    text_sha256,
-)
+from experiments.paper.result_files import hashes_of, read_result_record, results_aside, text_sha256
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.checksums import SEAL

@@ -32,7 +32,7 @@ NOTEBOOK = "viewer_notebook.png"
 CELLS = [
     "from lf_flame.viewer import DEMO_CAMERA, demo_light_field, show\n\n"
     "widget = show(demo_light_field(), camera=DEMO_CAMERA)\n"
-    "widget",
+    "widget"
 ]
 """Cells of the notebook."""
 

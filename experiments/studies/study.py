@@ -58,22 +58,10 @@ class Changes:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class Variant(Changes):
-    """A variant of a study.
+    """A variant of a study: a curve of the figure that it belongs to, and what it changes.
 
-    Parameters
-    ----------
-    name : str
-        As tables show it.
-    series : str
-        Curve in the figure that it belongs to.
-    x : float, optional
-        Place on the study's axis.
-    training_samples : int, optional
-        Light fields to train on, instead of the training split's number.
-    preset : str, optional
-        Recipe to start from, instead of the study's.
-    data, model, recipe : dict
-        See `Changes`.
+    It has a place x on the study's axis, if there is one; light fields to train on, instead of the
+    training split's number; and a recipe to start from, instead of the study's.
     """
 
     name: str
@@ -107,20 +95,11 @@ class Axis:
 class Study:
     """A study; read from experiments/studies/*.toml.
 
-    Parameters
-    ----------
-    data, training : str
-        Files of a data set and of a training experiment, from the working directory.
-    preset : str
-        Recipe of the training experiment to start from.
-    samples : int
-        Light fields, of which the training experiment's split makes three parts.
-    common : Changes
-        What all variants change; their own changes come behind it.
-    x : Axis, optional
-        Then every variant has a place on it.
-    timed : bool, optional
-        Whether it is about seconds, and has to be run on an idle machine; else none are shown.
+    Files of a data set and of a training experiment are named from the working directory; the
+    preset is the recipe of the latter to start from. Its split makes three parts of the samples.
+    What all variants change is common; their own changes come behind it. With an axis x every
+    variant has a place on it. A timed study is about seconds, and has to be run on an idle machine;
+    else none are shown.
     """
 
     title: str

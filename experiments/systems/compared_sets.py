@@ -40,18 +40,10 @@ WINDOW = 11
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A light field to be refocused.
+    """A light field [v, u, t, s(, channel)] to be refocused at slopes.
 
-    Attributes
-    ----------
-    views : ndarray of float32, shape (v, u, t, s) or (v, u, t, s, channels)
-    slopes : ndarray of float64, shape (n,)
-    block : (int, int)
-        Lenslets in a pixel of the images.
-    border : int
-        Pixels of the images that are not scored.
-    clean : ndarray, optional
-        The views without noise, where these have some.
+    A block are the lenslets in a pixel of the images; a border of their pixels is not scored;
+    `clean` are the views without noise, where these have some.
     """
 
     views: np.ndarray

@@ -11,12 +11,7 @@ from lf_flame.datasets.config import read_config
 from lf_flame.datasets.sampling import draw_sample
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor, expose
-from lf_flame.scenes.flames import (
-    HOLLOW_AT_BURNER,
-    flame_texture,
-    projected_glow,
-    radius_profile,
-)
+from lf_flame.scenes.flames import HOLLOW_AT_BURNER, flame_texture, projected_glow, radius_profile
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.tomography import FrustumGrid
 

@@ -66,12 +66,12 @@ TEXTS = {
         "profiles count where the truth exceeds 5 % of the plane's peak. Two successive draws are "
         "the two colours of a temperature. A bar is right that holds the truth in 93 to 97 %. "
         "Seconds are those of a reconstruction of 20 bootstrap draws on one thread, others beside "
-        "it.",
+        "it."
     ],
     NETWORKS: [
         "The network draws refocused images, from the photograph focused at 0 mm. Taken for "
         "emission, its planes are held against the truth on a scene that it has not learnt from, "
-        "beside `reconstruct` and the refocused images. All else as in [emission.md](emission.md).",
+        "beside `reconstruct` and the refocused images. All else as in [emission.md](emission.md)."
     ],
 }
 

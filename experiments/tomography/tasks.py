@@ -22,7 +22,7 @@ from experiments.tomography.phantoms import (
     two_blobs,
     volume_flame,
 )
-from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
+from lf_flame import PAPER_CAMERA, LightField, render
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 from lf_flame.tomography.frustum_grid import planes_between
@@ -154,8 +154,7 @@ def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
     recorder = Recorder(scene, camera)
     grid = FrustumGrid(camera, planes_between(-15, 23, 2), BLOCK)
     depths = np.array(grid.depths_mm)
-    known = FrustumGrid(camera, DEPTHS_MM, BLOCK)
-    truth = truth_on(known, scene)
+    truth = truth_on(FrustumGrid(camera, DEPTHS_MM, BLOCK), scene)
     for noise, limit in (("none", 0.1), ("1 %", 0.5)):
         light_field = NOISE[noise](recorder, rng)
         for method in (OURS, "focal stack as emission"):
@@ -164,11 +163,8 @@ def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
             for depth, plane in zip(DEPTHS_MM, truth, strict=True):
                 light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=np.float64)
                 off.append(abs(float(light @ depths / light.sum()) - depth))
-            accepted = limit if method == OURS else None
-            yield Row(
-                "depth unknown, 20 planes", noise, method, "worst centroid, mm", max(off),
-                accepted, seconds,
-            )  # fmt: skip
+            task, accepted = "depth unknown, 20 planes", limit if method == OURS else None
+            yield Row(task, noise, method, "worst centroid, mm", max(off), accepted, seconds)
 
 
 def thick_flame(rng: np.random.Generator) -> Iterator[Row]:
@@ -238,13 +234,7 @@ def separation(rng: np.random.Generator) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _are_two(
-    camera: PlenopticCamera,
-    radius_mm: float,
-    distance_mm: float,
-    step_mm: float,
-    rng: np.random.Generator,
-) -> bool:
+def _are_two(camera, radius_mm: float, distance_mm: float, step_mm: float, rng) -> bool:
     depths = step_mm * np.arange(-9, 10)
     grid = FrustumGrid(camera, depths.tolist())
     clean = render(two_blobs(radius_mm, distance_mm), camera, tolerance=EXACT)

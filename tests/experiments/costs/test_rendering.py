@@ -48,6 +48,7 @@ def measured(tmp_path_factory, coarse_data):
     patch.setattr(timing, "SHORT_S", 0.0)
     patch.setattr(timing, "ROUNDS", 1)
     patch.setattr(rendering, "METHODS", FEW_RAYS)
+    patch.setattr(rendering, "WHOLE", rendering.WHOLE[:2])
     threads = numba.get_num_threads()
     record = measure_costs(1e9, small_studies(), TRIALS, coarse_data[:1])
     rendering_report.write_reports(out, record)
