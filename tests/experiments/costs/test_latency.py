@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import keras
 import numpy as np
@@ -75,7 +76,6 @@ def results(run_folder, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(latency, "in_precision", without_half)
         patch.setattr(latency, "PRECISIONS", ("float32", "float16", "int8"))
-        patch.setattr(latency, "WARM_UP", 1)
         patch.setattr(latency, "compilers", lambda: PLAIN)
         shown = run("latency", run_folder, "--out", out, "--repeats", 3).stdout
     assert (out / "latency.md").read_text() in shown
@@ -110,11 +110,12 @@ def test_stages_and_whole_are_what_the_network_predicts(run_folder, subject):
     expected = load_network(run_folder, read_card(run_folder)).predict(
         image[None, ..., None], verbose=0
     )
-    variant = next(latency.build_variants(subject, PLAIN))
-    for stack in variant.go(subject.raw, SIZE):
-        np.testing.assert_allclose(stack, expected, atol=1e-6)
-    assert list(variant.seconds[0]) == ["resize", "backbone", "decoder", "whole"]
-    assert min(variant.seconds[0].values()) > 0
+    _, parts = next(latency.build_variants(subject, PLAIN))
+    calls = latency.stages(parts, subject.raw, SIZE)
+    assert list(calls) == ["resize", "backbone", "decoder", "whole"]
+    for stage in ("decoder", "whole"):
+        np.testing.assert_allclose(calls[stage](), expected, atol=1e-6)
+    np.testing.assert_allclose(calls["backbone"](), parts[0].predict_on_batch(calls["resize"]()))
 
 
 def test_compilers_agree(subject, rng):
@@ -201,9 +202,12 @@ def test_what_cannot_be_had_is_missing_with_the_reason(results):
 
 
 def test_images_that_are_not_finite_are_missing(subject, monkeypatch):
-    monkeypatch.setattr(latency.Variant, "predict", lambda variant, inputs: np.full(3, np.nan))
-    variant = next(latency.build_variants(subject, PLAIN))
-    assert variant.missing == "FloatingPointError: its images are not finite"
+    images = np.full((1, 2, 4, 5, 1), [[[[0.5], [np.nan], [0], [0], [0]]]])
+    blind = SimpleNamespace(predict_on_batch=lambda inputs: images)
+    monkeypatch.setattr(latency, "compiled", lambda part, xla: blind)
+    row, parts = next(latency.build_variants(subject, PLAIN))
+    assert row["missing"] == "FloatingPointError: its images are not finite"
+    assert parts == ()
 
 
 def test_records_are_complete(run_folder, results):
