@@ -28,14 +28,13 @@ def run_bounds(scenes: int, seed: int, out: Path, workers: int = 1) -> Path:
     """
     path = out / "bounds.json"
     found = _read_scenes(path, seed)[:scenes] if path.exists() else []
-    done = len(found)
+    record, done = {"seed": seed, "tolerance": TOLERANCE, "scenes": found}, len(found)
     with worker_pool(workers, numba.set_num_threads, 1) as pool:
         measured = pool.map(partial(measure_scene, seed), range(done, scenes))
         for scene in step_bar(measured, scenes, done):
             found.append(scene)
             if len(found) % SAVED_EVERY == 0:
-                _save(path, seed, found)
-    record = {"seed": seed, "tolerance": TOLERANCE, "scenes": found}
+                write_json(path, record | provenance.environment())
     title = "Bounds against the largest change of a pixel"
     tables = {"bounds": tabulate(found)}
     return write_report(out, "bounds", title, record, body(record), tables=tables)
@@ -73,11 +72,6 @@ def _read_scenes(path: Path, seed: int) -> list[dict]:
     values = read_record(path)
     same = build_record(BoundsRecord, values, path).seed == seed
     return values["scenes"] if same else []
-
-
-def _save(path: Path, seed: int, found: Sequence[dict]) -> None:
-    record = {"seed": seed, "tolerance": TOLERANCE, "scenes": list(found)}
-    write_json(path, record | provenance.environment())
 
 
 def tabulate(found: Sequence[dict]) -> pd.DataFrame:

@@ -205,7 +205,11 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
             fourier_refocus(views, slopes, interpolation="sinc", edges="clamp"), size
         )
         for method in methods:
-            call = partial(_images, method, method.store(views), slopes, size)
+            stored = method.store(views)
+
+            def call(method=method, stored=stored) -> np.ndarray:
+                return area_average(method.refocus(stored, slopes), size)
+
             images, seconds = call(), math.nan
             if index == scenes.indices[0]:
                 seconds = in_turn(call).best[0]
@@ -213,12 +217,6 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
             row |= {"title": method.title, "seconds": seconds}
             pairs = zip(exact, images, strict=True)
             yield [row | {"ssim": ssim(*pair), "psnr_db": psnr(*pair)} for pair in pairs]
-
-
-def _images(
-    method: Method, stored: np.ndarray, slopes: np.ndarray, size: tuple[int, int]
-) -> np.ndarray:
-    return area_average(method.refocus(stored, slopes), size)
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:

@@ -62,8 +62,8 @@ def measure_costs(
         camera = replace(read_config(DATA_SETS[1]).camera, lenslets=LENSLETS)
         trials = effect_trials(camera, LENSLETS_HIGH)
     with one_thread():
-        methods = _measure_methods(studies, budget_s)
-        accuracy = list(step_bar(methods, len(METHODS) * len(studies)))
+        share_s = budget_s / len(studies)
+        accuracy = [row for one in step_bar(studies) for row in _measure_methods(one, share_s)]
         effects = [_measure_effect(*item) for item in step_bar(trials.items())]
     whole = [_measure_whole(path) for path in step_bar(configs)]
     return {
@@ -71,7 +71,7 @@ def measure_costs(
         "threads": 1,
         "budget_s": budget_s,
         "wall_s": time.perf_counter() - started,
-        "accuracy": sum(accuracy, []),
+        "accuracy": accuracy,
         "effects": effects,
         "whole": sum(whole, []),
     }
@@ -86,12 +86,10 @@ def _described(study: Study) -> dict:
     return {"title": study.title, "camera": to_json(study.camera), "layers": layers}
 
 
-def _measure_methods(studies: Sequence[Study], budget_s: float) -> Iterator[list[dict]]:
-    for study in studies:
-        reference = closed_form(study.scene, study.camera)
-        for name, method in METHODS.items():
-            allowance = method.share * budget_s / len(studies)
-            yield _measure_method(study, name, reference, allowance)
+def _measure_methods(study: Study, budget_s: float) -> Iterator[dict]:
+    reference = closed_form(study.scene, study.camera)
+    for name, method in METHODS.items():
+        yield from _measure_method(study, name, reference, method.share * budget_s)
 
 
 def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: float) -> list[dict]:

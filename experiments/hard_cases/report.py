@@ -91,7 +91,7 @@ def figure(rows: Sequence[dict[str, Any]]) -> Figure:
     y = np.arange(len(rows))
     marks = (("obvious_error", "#D55E00", "X", "obvious formula"),
              ("our_error", "#0072B2", "o", "lf_flame"))  # fmt: skip
-    ends = [[_placed(row[column]) for row in rows] for column, *_ in marks]
+    ends = [np.clip([row[column] for row in rows], ROUNDING, FAILED) for column, *_ in marks]
     axis.hlines(y, *ends, color="0.8", linewidth=1, zorder=0)
     for errors, (_, colour, marker, label) in zip(ends, marks, strict=True):
         axis.plot(errors, y, marker, color=colour, label=label, markersize=6)
@@ -104,7 +104,3 @@ def figure(rows: Sequence[dict[str, Any]]) -> Figure:
     axis.grid(axis="x", alpha=0.25)
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return drawn
-
-
-def _placed(error: float) -> float:
-    return float(np.clip(error, ROUNDING, FAILED))

@@ -131,11 +131,12 @@ def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) ->
                 ),
             }
         )
+        machine = ", ".join([*run.get("devices", ()), run["machine"]])  # unknown to old records
         note = (
             f"Mean ± standard deviation over {table.n_test[0]} test samples; foreground: over the "
             f"pixels brighter than {FOREGROUND:.0%} of the peak in the truth. "
             f"Preset {run['preset']}: {epochs_in_words(run)}; backbone weights: "
-            f"{run['backbone_weights']}; {_seconds_in_words(run)} on {_machine_in_words(run)}."
+            f"{run['backbone_weights']}; {_seconds_in_words(run)} on {machine}."
         )
     lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
     return f"### {paper['title']}\n\n{lines}\n\n{note}\n"
@@ -146,11 +147,6 @@ def _seconds_in_words(run: dict) -> str:
     start = run.get("start_s")
     features = "" if start is None else f"features and start in {start:.0f} s, "
     return f"{features}epochs in {run['train_s']:.0f} s"
-
-
-def _machine_in_words(run: dict) -> str:
-    """Name the machine that trained, with its accelerators; old records do not know of these."""
-    return ", ".join([*run.get("devices", ()), run["machine"]])
 
 
 def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:

@@ -113,21 +113,18 @@ def _lab(jupyter: Path, folder: Path) -> Iterator[tuple[str, str]]:
         f"--ServerApp.root_dir={folder / 'notebooks'}", "--LabApp.expose_app_in_browser=True",
         "--LabApp.extension_manager=readonly",
     ]  # fmt: skip
+    # Without what leads this Python to its packages: JupyterLab has its own.
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     environment |= {"IPYTHONDIR": str(folder / "ipython"), "HOME": str(folder)}
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            words, env=_own_environment() | environment, cwd=folder, stdout=log, stderr=log
+            words, env=kept | environment, cwd=folder, stdout=log, stderr=log
         )
         try:
             yield _wait_for(process, places["RUNTIME"], folder / "log")
         finally:
             process.terminate()
             process.wait(timeout=60)
-
-
-def _own_environment() -> dict[str, str]:
-    """Environment without what leads this Python to its packages: JupyterLab has its own."""
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
 
 def _wait_for(process: subprocess.Popen, runtime: Path, log: Path) -> tuple[str, str]:

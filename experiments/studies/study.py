@@ -232,13 +232,10 @@ def _merge(values, changes):
     both = (values, changes)
     if all(isinstance(x, dict) for x in both):
         return values | {key: _merge(values.get(key), change) for key, change in changes.items()}
-    if all(_is_list_of_tables(x) for x in both) and len(values) == len(changes):
+    tables = all(isinstance(x, list) and all(isinstance(y, dict) for y in x) for x in both)
+    if tables and len(values) == len(changes):
         return [_merge(*pair) for pair in zip(*both, strict=True)]
     return changes
-
-
-def _is_list_of_tables(x) -> bool:
-    return isinstance(x, list) and all(isinstance(item, dict) for item in x)
 
 
 def _with_training_samples(

@@ -114,21 +114,21 @@ def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, co
     It shows as missing if there is no such run, or if it has seen light fields of the test sets,
     which are made by `experiments.systems.compared_sets.paper_sets`.
     """
-    name = f"{by_recipe(folder)}, {_in_words(folder)}"
+    name = f"{by_recipe(folder)}, {folder.resolve().name.replace('-', ' ')}"
     try:
         run = open_run(folder)
         for config in configs:
             held_out = find_scenes(config, runs / config.kind, count)
-            if scene_settings(held_out.config) == scene_settings(run.config):
-                _refuse_seen(set(held_out.indices) - set(run.record["test_indices"]), folder)
+            seen = set(held_out.indices) - set(run.record["test_indices"])
+            if seen and scene_settings(held_out.config) == scene_settings(run.config):
+                raise InputError(
+                    f"{folder} has seen light fields that it would be tested on, such as "
+                    f"{min(seen)}."
+                )
     except InputError as error:
         return Entry(name, partial(_refuse, str(error)), {})
     load = partial(ResNet50.of_run, folder)
     return Entry(name, load, _about(folder), only=run.config.kind)
-
-
-def _in_words(folder: Path) -> str:
-    return folder.resolve().name.replace("-", " ")
 
 
 def by_recipe(folder: Path) -> str:
@@ -138,13 +138,6 @@ def by_recipe(folder: Path) -> str:
     paper = f"the paper's recipe, {about.get('epochs', 0):,} epochs"  # not always to the end
     recipes = {"paper": paper, None: "no run"}
     return f"{ResNet50.name}, {recipes.get(preset) or recipe_in_words(preset)}"
-
-
-def _refuse_seen(seen: set[int], folder: Path) -> None:
-    if seen:
-        raise InputError(
-            f"{folder} has seen light fields that it would be tested on, such as {min(seen)}."
-        )
 
 
 def _refuse(reason: str) -> None:

@@ -34,7 +34,7 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
         for row, name in enumerate(times.index):
             value = means.get(name, np.nan)
             marker = "<" if value < SHOWN_DB[0] else ">" if value > SHOWN_DB[1] else "o"
-            colour = "tab:orange" if _is_ours(name) else "tab:blue"
+            colour = "tab:orange" if "(ours)" in name else "tab:blue"
             axis.plot(np.clip(value, *SHOWN_DB), row, marker, color=colour, clip_on=False)
         axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB); triangle: beyond")
         axis.set_title(TITLES.get(test_set, test_set), fontsize=10)
@@ -68,7 +68,3 @@ def noise_figure(scores: pd.DataFrame):
         title="electrons in a pixel at full scale", frameon=False,
     )  # fmt: skip
     return drawn
-
-
-def _is_ours(name: str) -> bool:
-    return "(ours)" in name

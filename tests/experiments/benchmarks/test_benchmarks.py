@@ -179,13 +179,14 @@ def test_starting_tells_the_first_start_from_the_second(monkeypatch):
 
 
 def test_a_busy_process_keeps_a_core_busy():
-    used = [0.0]
-    while max(used) <= 0.2 and len(used) < 10:  # again where the machine does other things
+    for patience in (1, 5, 20):  # longer where the machine does other things
         before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         with busy.beside(1):
-            time.sleep(1.0)
-        used.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
-    assert max(used) > 0.2
+            time.sleep(patience)
+        used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        if used > 0.2:
+            break
+    assert used > 0.2
 
 
 def test_a_busy_process_ends_with_the_program_that_started_it():
