@@ -18,7 +18,7 @@ def marked(case):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("case", map(marked, all_cases()))
+@pytest.mark.parametrize("case", [marked(case) for case in all_cases()])
 def test_the_package_is_right_where_the_obvious_formula_is_not(case):
     found = measure(case)
     assert found["our_error"] <= case.allowed
