@@ -33,7 +33,7 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
     that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
     images and a fit cut off at zero as rivals (more: rivals). A round flame's half section,
-    with PyAbel as the rival where it is installed. Soot in two colours.
+    with PyAbel as the rival where it is installed. Soot in two colours, and a video at full size.
 
     OUT gets emission.csv, .md and .json, the record, and pictures; with --network, networks.csv,
     .md and .json; with --bars, bars.csv, .md and .json.
@@ -53,10 +53,11 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     from experiments.tomography.report import BARS, EMISSION, NETWORKS, write
     from experiments.tomography.round_flames import round_flame
     from experiments.tomography.tasks import TASKS
+    from experiments.tomography.video import video
 
     begin, rows = time.perf_counter(), []
     rng = np.random.default_rng(seed)
-    tasks = [*TASKS, round_flame, two_colours]
+    tasks = [*TASKS, round_flame, two_colours, video]
     name = BARS if bars else NETWORKS if networks else EMISSION
     if name != EMISSION:
         tasks = [partial(count_held, bars) if bars else partial(networks_as_sections, networks)]

@@ -58,7 +58,8 @@ TEXTS = {
         "[bars.md](bars.md).",
         "The round flame's axis is found, too; its errors count heights between 3 and 97 % of its "
         "own, over the volume and over the half section. PyAbel sees the middle view alone, and "
-        "has the penalty of least true error.",
+        "has the penalty of least true error. The video is followed twice; seconds are those of "
+        "the second time, when nothing is left to compile.",
     ],
     BARS: [
         "15 x 15 views of 72 x 84 lenslets, flames a quarter of the usual size. Each row is a mean "
