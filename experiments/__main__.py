@@ -2,17 +2,20 @@
 
 import cloup
 
-from experiments.bounds.commands import bounds
-from experiments.costs.commands import costs, latency
-from experiments.dataset_making.commands import dataset_making
-from experiments.depth_test.commands import depth_test
-from experiments.effects.commands import effects
-from experiments.hard_cases.commands import hard_cases
+from experiments.commands import (
+    bounds,
+    costs,
+    dataset_making,
+    depth_test,
+    effects,
+    hard_cases,
+    latency,
+    screenshots,
+    slope_maps,
+    study,
+)
 from experiments.old_results import results
 from experiments.paper.commands import evaluate, slopes, tables
-from experiments.screenshots.commands import screenshots
-from experiments.slope_maps.commands import slope_maps
-from experiments.studies.commands import study
 from experiments.systems.commands import compare, system_scenes
 from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program

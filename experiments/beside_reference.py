@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import click
+
 from experiments.paths import REFERENCE
 from lf_flame._common.atomic_files import write_text
 
@@ -14,21 +16,16 @@ def is_reference(folder: Path) -> bool:
     return folder.resolve().is_relative_to(REFERENCE.resolve())
 
 
+def show(report: Path, folder: str) -> None:
+    """Print a report that was just written, with the committed one of a folder underneath."""
+    click.echo(set_beside(report, f"{folder}/{report.name}"))
+
+
 def set_beside(report: Path, name: str) -> str:
-    """Put the committed report under a user's own, and give the text of both.
+    """Put the committed report, by its path below ``experiments/results``, under a user's own.
 
-    Parameters
-    ----------
-    report : Path
-        A report in Markdown that was just written; a reference from before is replaced.
-    name : str
-        The committed report's path below ``experiments/results``. Where there is none, or where
-        `report` is that file, the report stays as it is.
-
-    Returns
-    -------
-    str
-        What `report` then holds.
+    Gives the text of both; a reference from before is replaced. Where there is none, or where
+    `report` is that file, the report stays as it is.
     """
     text = report.read_text(encoding="utf-8").partition(f"\n{HEADING}")[0]
     reference = REFERENCE / name

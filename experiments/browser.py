@@ -22,13 +22,7 @@ def find_browser() -> str | None:
 
 @contextmanager
 def headless_browser() -> Iterator:
-    """Start a browser of playwright's.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Start a browser of playwright's; an InputError says that there is none."""
     from playwright.sync_api import sync_playwright
 
     found = find_browser()

@@ -23,9 +23,9 @@ class PlainName(click.ParamType):
         return value
 
 
-def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
-    """Progress bar over the steps of a study."""
-    return tqdm(finished, "measuring", total, initial=done, unit="step")
+def step_bar(steps: Iterable[T], total: int | None = None, done: int = 0) -> Iterable[T]:
+    """Progress bar over steps, of which some may be done; `total` where they have no length."""
+    return tqdm(steps, "measuring", total, initial=done, unit="step")
 
 
 def quiet_tensorflow() -> None:

@@ -23,16 +23,7 @@ FIRST_SAMPLE = 1_000_000
 
 @dataclass(frozen=True)
 class DepthScenario:
-    """Where the objects of a data set are placed.
-
-    Parameters
-    ----------
-    name : str
-    depths_mm : tuple of float
-        Of each object.
-    present : tuple of int
-        Objects that are there.
-    """
+    """Depths at which the objects of a data set are placed, and those of them that are there."""
 
     name: str
     depths_mm: tuple[float, ...]
@@ -45,13 +36,7 @@ class DepthScenario:
 
 
 def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
-    """List the scenarios of a data set; the first is its own.
-
-    Raises
-    ------
-    InputError
-        If there is but one object, so that nothing can change places.
-    """
+    """List the scenarios of a data set, its own first; an InputError refuses a single object."""
     own, names = config.depths_mm, [item.name for item in config.template.objects]
     if len(set(own)) < 2:
         raise InputError(
@@ -76,12 +61,7 @@ def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
 def draw_scenario(
     config: DatasetConfig, scenario: DepthScenario, samples: int
 ) -> Iterator[LightField]:
-    """Draw light fields whose objects are placed so, of the same scenes for every scenario.
-
-    Yields
-    ------
-    LightField
-    """
+    """Draw light fields whose objects are placed so, of the same scenes for every scenario."""
     mean, _ = config.template.draw(None)
     plan = plan_effects(scenario.place(mean, config), config.camera, effects=config.effects)
     for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):

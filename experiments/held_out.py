@@ -14,20 +14,10 @@ SAMPLES = 3
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Light fields of a data set that no network was trained on.
+    """Light fields of a data set that no network was trained on, and slopes to refocus them at.
 
-    Attributes
-    ----------
-    name : str
-    config : DatasetConfig
-    slopes : tuple of float
-        At which to refocus.
-    indices : tuple of int
-        Samples.
-    run : Path or None
-        Folder of the network, if there is one.
-    origin : str
-        What network it is, or why there is none.
+    Samples are known by their indices; the run is the folder of the network, if there is one, and
+    the origin says what network it is, or why there is none.
     """
 
     name: str
@@ -41,14 +31,7 @@ class HeldOut:
 def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> HeldOut:
     """Take the test split of a finished run, or, without a run, the last samples of a preset.
 
-    Parameters
-    ----------
-    config : DatasetConfig
-        Which data set it is, and what it is made of where there is no run.
-    run : Path
-        Folder of a training run.
-    samples : int, optional
-        As many of them, or fewer where there are not as many.
+    The configuration says which data set it is, and what it is made of where there is no run.
     """
     try:
         found = open_run(run)

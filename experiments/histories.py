@@ -36,16 +36,8 @@ def recipe_in_words(preset: str) -> str:
 def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:
     """Read a run's history; the seconds are counted since its start.
 
-    Parameters
-    ----------
-    path : Path
-    epochs : int, optional
-        Of training, behind the row of the start; default: as many as there are.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged or cut: a line without an end may end within a number.
+    It holds the start and behind it `epochs`, or as many as there are. An InputError says that the
+    file is missing, damaged or cut: a line without an end may end within a number.
     """
     text = read_text(path)
     with readable(path, (ValueError, OverflowError)):
@@ -68,17 +60,8 @@ def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:
 def trend(history: pd.DataFrame) -> tuple[float, float]:
     """Fit a line to the validation PSNR over the second half of a run's epochs.
 
-    Parameters
-    ----------
-    history : DataFrame
-        From `read_history`.
-
-    Returns
-    -------
-    float
-        By how much it rises in ten epochs, in dB; NaN for fewer than `LEAST_EPOCHS`.
-    float
-        Two standard errors of that, as if what is left of each epoch were independent.
+    Returns by how much it rises in ten epochs, in dB, and two standard errors of that, as if what
+    is left of each epoch were independent; NaN for fewer epochs than `LEAST_EPOCHS`.
     """
     if len(history) <= LEAST_EPOCHS:
         return math.nan, math.nan
@@ -88,24 +71,11 @@ def trend(history: pd.DataFrame) -> tuple[float, float]:
 
 
 def extrapolate(history: pd.DataFrame, epochs: int) -> float:
-    """Tell what validation PSNR a run would have at a later epoch, at most.
+    """Tell what validation PSNR in dB a run would have around a later epoch, at most.
 
     The PSNR is taken to go on rising with the logarithm of the epoch as over the second half of the
     run. Trainings flatten: what came later was below this in all runs that went on
-    (`docs/reproduction.md`).
-
-    Parameters
-    ----------
-    history : DataFrame
-        From `read_history`.
-    epochs : int
-        Later epoch.
-
-    Returns
-    -------
-    float
-        Validation PSNR in dB, the mean over epochs around the later one; NaN for fewer than
-        `LEAST_EPOCHS` epochs.
+    (`docs/reproduction.md`). NaN for fewer epochs than `LEAST_EPOCHS`.
     """
     if len(history) <= LEAST_EPOCHS:
         return math.nan

@@ -27,13 +27,10 @@ def write_report(
     pictures: Mapping[str, Figure] | None = None,
     dpi: int = 150,
 ) -> Path:
-    """Write all files of a report; the record is the last of them.
+    """Write a report: ``NAME.md``, which is returned, tables, pictures, and last ``NAME.json``.
 
     Parameters
     ----------
-    out : Path
-        Folder for ``NAME.md``, ``NAME.json``, and the tables and pictures.
-    name, title : str
     record : dict
         What was measured, with ``wall_s`` where the time is known. Command, date, revision,
         versions and machine are added; infinity and NaN become null.
@@ -43,11 +40,6 @@ def write_report(
         Tables (CSV) and pictures (PNG) by name, without ending.
     dpi : int, optional
         Resolution of the pictures.
-
-    Returns
-    -------
-    Path
-        ``NAME.md``.
     """
     record = record | provenance.environment()
     with together(out, last=f"{name}.json") as aside:
@@ -78,13 +70,8 @@ def markdown(
 ) -> str:
     """Write columns of a table as Markdown: numbers on the right, words on the left.
 
-    Parameters
-    ----------
-    table : DataFrame or sequence of dict
-    columns : dict of str to (str, format), optional
-        Heading and format of each column to show, by its name. Default: all, as they are.
-    missing : str, optional
-        Word in place of None and NaN; functions are given these, too.
+    Columns are heading and format by name; default: all, as they are. The word for what is missing
+    stands in place of None and NaN; functions are given these, too.
     """
     table = pd.DataFrame(table)
     columns = columns or {name: (name, "") for name in table}

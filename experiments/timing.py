@@ -27,13 +27,8 @@ MOST_CALLS_IN_A_TURN = 100
 class Times:
     """Times of calls that were made in turn.
 
-    Attributes
-    ----------
-    seconds : ndarray, shape (calls, rounds)
-    results : list
-        What each call returned the last time.
-    every : list of list of float
-        All times of each call, where calls are repeated in their turn.
+    `seconds` has the shape (calls, rounds), `results` hold what each call returned the last time,
+    and `every` all times of each call, where calls are repeated in their turn.
     """
 
     seconds: np.ndarray
@@ -67,20 +62,11 @@ def in_turn(
 ) -> Times:
     """Time calls in turn, round by round, so that other load on the machine hits all alike.
 
-    Parameters
-    ----------
-    *calls : callable
-    rounds : int, optional
-        Number of rounds, at least. Default: `ROUNDS`, fewer where they take longer than `LONG_S`.
-    least_s : float, optional
-        Seconds for which rounds go on. Default: `SHORT_S`, or 0 where `rounds` is given.
-    turn_s : float, optional
-        Seconds for which a call is repeated in its turn, the shortest time counting: a short call
-        is then not always timed with the caches that a long one has left.
-    warm_up : bool, optional
-        Whether a first round does not count, in which loops are compiled.
-    timed : bool, optional
-        Whether the calls return their own seconds.
+    At least so many rounds go on for `least_s` seconds; by default `ROUNDS` and `SHORT_S`, but for
+    fewer where they take longer than `LONG_S`. In its turn a call is repeated for `turn_s` seconds,
+    the shortest time counting: a short call is then not always timed with the caches that a long
+    one has left. A warm-up is a first round that does not count, in which loops are compiled. Timed
+    calls return their own seconds.
     """
     most_s = LONG_S if rounds is None else np.inf
     least_s = (SHORT_S if rounds is None else 0.0) if least_s is None else least_s

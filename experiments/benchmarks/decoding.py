@@ -8,19 +8,13 @@ of a micro-image. PlenoptiCam, where `baselines.txt` is installed (`--baselines`
 micro-image at its centre; it divides by no white image here, and decodes no mosaic of colours.
 """
 
-import shutil
-import sys
-from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from experiments.benchmarks.refocusing import OtherPython
-from experiments.benchmarks.report import command_line, finish, ratio
+from experiments.benchmarks.report import OtherPython, finish, ratio, run_cases
 from experiments.timing import in_turn, seconds
 from lf_flame._common.arrays import centred
 from lf_flame.formats import DecodePlan, LensletGrid
@@ -108,9 +102,11 @@ def measure(case: Case, small: bool, other: OtherPython | None) -> list[dict]:
     decode = partial(plan().decode, raw)  # compiles
     plan_s = seconds(plan)
     views = decode().views
-    calls: dict[str, Callable] = {"ours": decode, "floor": partial(copy, raw, np.empty_like(views))}
     found = {"floor": ("", "the raw image read and the views written once, by NumPy")}
-    clocks = {name: partial(seconds, call) for name, call in calls.items()}
+    clocks = {
+        "ours": partial(seconds, decode),
+        "floor": partial(seconds, partial(copy, raw, np.empty_like(views))),
+    }
     if case.others:
         rows, columns = case.grid.block(raw.shape)
         places = part_places(case, rows, columns)
@@ -150,22 +146,11 @@ def _likeness(theirs: np.ndarray, ours: np.ndarray) -> str:
 
 def main() -> None:
     """Measure, print and write."""
-    parser = command_line(__doc__)
-    parser.add_argument(
-        "--baselines", type=Path, help="Python in which baselines.txt is installed; default: none"
-    )
-    asked, rows = parser.parse_args(), []
-    if asked.baselines and not shutil.which(asked.baselines):
-        parser.error(f"--baselines must be a Python interpreter, got {asked.baselines}")
-    with OtherPython(asked.baselines) if asked.baselines else nullcontext() as other:
-        for case in cases(asked.small):
-            sys.stderr.write(f"measuring: {case.what}\n")
-            rows += measure(case, asked.small, other)
-        record = {"rows": rows, "baselines": other.versions if other else {}}
+    asked, record = run_cases(__doc__, cases, measure)
     notes = [
         "Ratio: the baseline's time over ours, median and quartiles of the rounds; times are the "
         "best of them, on all cores; a plan is made once for a camera. Correlation of the views "
-        "with ours, on smooth texture.",
+        "with ours, on smooth texture."
     ]
     finish(asked.out, "decoding", "Speed of decoding raw images", record, COLUMNS, notes)
 

@@ -31,17 +31,8 @@ TOOLS = ("pytest", "pytest-xdist", "hypothesis")
 class Environment:
     """An environment to make.
 
-    Attributes
-    ----------
-    name : str
-    python : str
-        Interpreter.
-    extras : str
-        Of the package, in brackets.
-    oldest : bool
-        Whether the oldest versions are taken that the package allows.
-    tested : bool
-        Whether the quick tests run in it.
+    With extras of the package, in brackets, in the oldest versions that it allows or the newest; in
+    some the quick tests run.
     """
 
     name: str
@@ -63,31 +54,31 @@ def oldest_versions(setup: Path) -> list[str]:
 def measure(environment: Environment) -> dict:
     """Make an environment, install into it, and run the quick tests there."""
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "venv"
-        subprocess.run([environment.python, "-m", "venv", place], check=True)
-        python = place / "bin" / "python"
-        pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        python = Path(folder) / "venv" / "bin" / "python"
+        _run(environment.python, "-m", "venv", python.parents[1])
+        pip = [python, "-m", "pip", "--disable-pip-version-check"]
+        install = [*pip, "install", "--quiet"]
         if environment.oldest:
             constraints = Path(folder) / "oldest.txt"
             constraints.write_text("\n".join(oldest_versions(ROOT / "setup.cfg")))
-            pip += ["--constraint", constraints]
+            install += ["--constraint", constraints]
         started = time.perf_counter()
-        _run([*pip, f"{ROOT}{environment.extras}"])
+        _run(*install, f"{ROOT}{environment.extras}")
         row = {
             "environment": environment.name,
             "seconds": time.perf_counter() - started,
-            "megabytes": _size(place) / 1e6,
+            "megabytes": _size(python.parents[1]) / 1e6,
             "passed": None,
             "failed": None,
         }
         if environment.tested:
-            _run([*pip, *TOOLS])
+            _run(*install, *TOOLS)
             row |= _test(python)
-        known = provenance.environment()
+        listed = _run(*pip, "list", "--format", "freeze").split()
         return row | {
             "python": _python(python),
-            "git_revision": known["git_revision"],
-            "versions": _versions(python),
+            "git_revision": provenance.environment()["git_revision"],
+            "versions": " ".join(line for line in listed if not line.startswith("lf_flame")),
         }
 
 
@@ -105,10 +96,12 @@ def _test(python: Path) -> dict:
     }
 
 
-def _run(command: list) -> None:
+def _run(*command) -> str:
+    """Run a command, and give what it prints; the program ends where it fails."""
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
+    return done.stdout
 
 
 def _size(folder: Path) -> int:
@@ -121,16 +114,7 @@ def _size(folder: Path) -> int:
 
 
 def _python(python: Path | str) -> str:
-    code = "import platform; print(platform.python_version())"
-    return subprocess.run(
-        [python, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.strip()
-
-
-def _versions(python: Path) -> str:
-    frozen = [python, "-m", "pip", "list", "--format", "freeze", "--disable-pip-version-check"]
-    listed = subprocess.run(frozen, capture_output=True, text=True, check=True).stdout.split()
-    return " ".join(line for line in listed if not line.startswith("lf_flame"))
+    return _run(python, "-c", "import platform; print(platform.python_version())").strip()
 
 
 @dataclass(frozen=True)

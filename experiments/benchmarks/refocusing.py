@@ -8,28 +8,21 @@ machine does hits all alike. The baselines of `baselines.txt` run in a Python of
 is the largest of any pixel, relative to the brightest.
 """
 
-import json
-import shutil
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import metadata
-from pathlib import Path
 
 import numba
 import numpy as np
 from scipy import ndimage
 
 from experiments._kernels import sum_rows
-from experiments.benchmarks.report import command_line, finish, ratio
-from experiments.report import markdown
+from experiments.benchmarks.report import OtherPython, finish, ratio, run_cases
 from experiments.timing import in_turn, seconds
 from lf_flame._common.arrays import centred
-from lf_flame.refocus import fourier_refocus, refocus, shift_and_sum
+from lf_flame.refocus import fourier_refocus, shift_and_sum
 
 ALIKE = 1e-6
 """Largest difference, relative to the brightest pixel, of outputs that should be the same."""
@@ -179,56 +172,6 @@ def cases(small: bool) -> list[Case]:
     ]
 
 
-class OtherPython:
-    """The program `baselines.py` in another interpreter; `versions` says what that has."""
-
-    def __init__(self, python: Path):
-        self.python = python
-
-    def __enter__(self):
-        self._folder = tempfile.TemporaryDirectory()
-        program = Path(__file__).with_name("baselines.py")
-        self._process = subprocess.Popen(
-            [self.python, program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        self.versions = self._answer()
-        return self
-
-    def __exit__(self, *_):
-        self._process.stdin.close()
-        self._process.wait()
-        self._folder.cleanup()
-
-    def refocus(self, package: str, views: np.ndarray, slopes) -> np.ndarray:
-        """Hand over a light field and get it refocused."""
-        path = {name: str(Path(self._folder.name, f"{name}.npy")) for name in ("views", "out")}
-        np.save(path["views"], views)
-        self._ask({"tool": package, "slopes": slopes, **path})
-        return np.load(path["out"])
-
-    def decode(self, raw: np.ndarray, centres: list[list[float]], views: int) -> np.ndarray:
-        """Hand over a raw image with its lenslets, (y, x, row, column), and get views."""
-        path = {name: str(Path(self._folder.name, f"{name}.npy")) for name in ("raw", "out")}
-        np.save(path["raw"], raw)
-        self._ask({"tool": "decoding", "centres": centres, "views": views, **path})
-        return np.load(path["out"])
-
-    def seconds(self, package: str) -> float:
-        """Time that it takes to do so once more."""
-        return self._ask({"tool": package})["seconds"]
-
-    def _ask(self, request: dict) -> dict:
-        self._process.stdin.write(json.dumps(request) + "\n")
-        self._process.stdin.flush()
-        return self._answer()
-
-    def _answer(self) -> dict:
-        line = self._process.stdout.readline()
-        if not line:
-            sys.exit("The baselines' Python stopped; what it wrote stands above.")
-        return json.loads(line)
-
-
 THREADS = sorted({1, numba.config.NUMBA_NUM_THREADS})
 
 
@@ -299,79 +242,15 @@ def measure(case: Case, small: bool, other: OtherPython | None) -> list[dict]:
     return rows
 
 
-METHODS = {
-    "linear, space": ("linear", "space"),
-    "linear, Fourier": ("linear", "fourier"),
-    "cubic, space": ("cubic", "space"),
-    "cubic, Fourier": ("cubic", "fourier"),
-    "sinc, Fourier": ("sinc", "fourier"),
-    "sinc, slice": ("sinc", "slice"),
-}
-"""Ways to the same picture, by interpolation and method."""
-
-CROSSINGS = (("linear, space", "linear, Fourier"), ("cubic, space", "cubic, Fourier"),
-             ("sinc, Fourier", "sinc, slice"))  # fmt: skip
-
-
-def measure_methods(small: bool) -> list[dict]:
-    """Time stacks of few and of many planes by each method."""
-    shape, few, many = ((5, 5, 12, 18), 1, 4) if small else ((15, 15, 90, 180), 4, 64)
-    views = np.random.default_rng(0).random(shape, np.float32)
-    numba.set_num_threads(THREADS[-1])
-    calls = [
-        partial(refocus, views, np.linspace(-2, 2, planes), interpolation=how, method=method)
-        for how, method in METHODS.values()
-        for planes in (few, many)
-    ]
-    found = in_turn(*calls, rounds=1 if small else 3, turn_s=0.0 if small else 4 * TURN_S)
-    rows = []
-    for name, (some, more) in zip(METHODS, 1e3 * found.best.reshape(-1, 2), strict=True):
-        each = (more - some) / (many - few)
-        row = {"method": name, f"{few} planes (ms)": some, f"{many} planes (ms)": more}
-        rows.append(row | {"fixed (ms)": some - few * each, "each plane (ms)": each})
-    return rows
-
-
-def methods_text(rows: list[dict]) -> list[str]:
-    """Write the table of methods; say from how many planes on each takes less time."""
-    fixed, each = (
-        {r["method"]: r[f"{part} (ms)"] for r in rows} for part in ("fixed", "each plane")
-    )
-    said = []
-    for usual, other in CROSSINGS:
-        if each[usual] <= each[other]:
-            said.append(f"{usual}, takes least for any number of planes.")
-            continue
-        planes = (fixed[other] - fixed[usual]) / (each[usual] - each[other])
-        least = max(int(np.ceil(planes)), 1)
-        said.append(f"{other}, takes less than {usual}, from {least} planes on.")
-    columns = {name: (name, "" if name == "method" else ".3g") for name in rows[0]}
-    said.append(f"All of them at {THREADS[-1]} threads, edges clamped.")
-    return [markdown(rows, columns), " ".join(said)]
-
-
 def main() -> None:
     """Measure, print and write."""
-    parser = command_line(__doc__)
-    parser.add_argument(
-        "--baselines", type=Path, help="Python in which baselines.txt is installed; default: none"
-    )
-    asked, rows = parser.parse_args(), []
-    if asked.baselines and not shutil.which(asked.baselines):
-        parser.error(f"--baselines must be a Python interpreter, got {asked.baselines}")
-    with OtherPython(asked.baselines) if asked.baselines else nullcontext() as other:
-        for case in cases(asked.small):
-            sys.stderr.write(f"measuring: {case.what}\n")
-            rows += measure(case, asked.small, other)
-    sys.stderr.write("measuring: methods\n")
-    record = {"rows": rows, "baselines": other.versions if other else {}}
-    record |= {"methods": measure_methods(asked.small), "scipy": metadata.version("scipy")}
+    asked, record = run_cases(__doc__, cases, measure)
+    record |= {"scipy": metadata.version("scipy")}
     theirs = ", ".join(map(" ".join, record["baselines"].items())) or "none installed"
     notes = [
         "Threads are ours. Ratio: the baseline's time over ours, median and quartiles of the "
         "rounds; times are the best of them. Difference: of any pixel, relative to the brightest. "
-        f"Baselines in a Python of their own: {theirs}.",
-        *methods_text(record["methods"]),
+        f"Baselines in a Python of their own: {theirs}."
     ]
     finish(asked.out, "refocusing", "Speed of refocusing", record, COLUMNS, notes)
 

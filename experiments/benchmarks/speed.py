@@ -18,9 +18,8 @@ from numba import njit
 
 from experiments.benchmarks.report import command_line, finish, ratio
 from experiments.timing import Times, in_turn
-from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene
 from lf_flame._common.threads import pieces, shared
-from lf_flame.datasets.config import read_config
 from lf_flame.refocus import all_in_focus, find_sharpest_slopes, shift_and_sum
 from lf_flame.simulation import _exact_kernels, _ray_kernels
 from lf_flame.simulation.exact import integrate
@@ -230,18 +229,6 @@ def exact_rows() -> list[dict]:
     return [rates(what, "Mpixel/s", times, 2 * (image.size,), "at least 300 Mpixel/s")]
 
 
-def whole_rows() -> list[dict]:
-    """Render and refocus a paper-sized light field."""
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    config = read_config("data_gen/shapes.toml")
-    scene, _ = config.template.draw(None)
-    slopes = [config.camera.depth_to_slope(depth) for depth in config.depths_mm]
-    times = in_turn(lambda: shift_and_sum(render(scene, config.camera), slopes), rounds=7)
-    what = "paper-sized light field rendered and refocused at 4 slopes, "
-    what += f"{numba.get_num_threads()} cores"
-    return [{"what": what, "ours": 1e3 * times.best[0], "unit": "ms", "wanted": "under 300 ms"}]
-
-
 def colour_rows() -> list[dict]:
     """Refocus colour against grey, of the same bytes."""
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
@@ -284,7 +271,7 @@ def _traced_peak(search: Callable, views: np.ndarray) -> int:
         tracemalloc.stop()
 
 
-PARTS = (ray_rows, bare_rows, exact_rows, whole_rows, colour_rows, memory_rows)
+PARTS = (ray_rows, bare_rows, exact_rows, colour_rows, memory_rows)
 
 
 def main() -> None:

@@ -152,7 +152,7 @@ def main() -> None:
         f"Frames of {side} x {side} pixels of 16 bits, {VIEWS} x {VIEWS} views. A minute at 1 kHz "
         f"is {MINUTE} frames, {raw_gb:.3g} GB of raw files; an image refocused at one depth takes "
         f"{kept_gb:.3g} GB before compression in {MINUTE} files, and each plane of emission as "
-        f"much.",
+        f"much."
     ]
     finish(asked.out, "video", "Frames a second of each step", {"rows": rows}, COLUMNS, notes)
 

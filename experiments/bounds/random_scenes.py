@@ -32,11 +32,7 @@ def draw_scene(rng: np.random.Generator) -> tuple[Scene, PlenopticCamera]:
     """Draw one to three layers, flames or rough textures, and a small camera.
 
     Each imperfection of the camera, and each property of matter, is there about every second time.
-
-    Raises
-    ------
-    InputError
-        If what was drawn cannot be, such as two surfaces at one place.
+    Raises InputError if what was drawn cannot be, such as two surfaces at one place.
     """
     camera = _draw_camera(rng)
     return Scene([_draw_layer(rng) for _ in range(rng.integers(1, 4))]), camera
@@ -84,12 +80,9 @@ def _draw_layer(rng: np.random.Generator) -> Layer:
 def measure_scene(seed: int, number: int) -> dict:
     """Plan a scene, and force each effect that arises against what was decided.
 
-    Returns
-    -------
-    dict
-        ``scene``, its number; ``refused``, a sentence or None; ``effects``, for each that has a
-        bound: its name, ``bound``, ``change``, ``error`` of the rays that showed it (0 without
-        rays) and, where an image was refused, ``refused``.
+    Returns ``scene``, its number; ``refused``, a sentence or None; ``effects``, for each that has a
+    bound: its name, ``bound``, ``change``, ``error`` of the rays that showed it (0 without rays)
+    and, where an image was refused, ``refused``.
     """
     rng = np.random.default_rng([seed, number])
     record: dict = {"scene": number, "refused": None, "effects": []}

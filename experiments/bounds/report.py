@@ -9,6 +9,7 @@ import numba
 import pandas as pd
 
 from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
+from experiments.command_parts import step_bar
 from experiments.report import markdown, write_report
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import write_json
@@ -20,34 +21,20 @@ SAVED_EVERY = 10
 """Scenes after which the record is written, so that a stopped run goes on from there."""
 
 
-def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) -> Path:
+def run_bounds(scenes: int, seed: int, out: Path, workers: int = 1) -> Path:
     """Measure random scenes, those that a record in `out` holds left aside, and write the report.
 
-    Parameters
-    ----------
-    scenes, seed : int
-    out : Path
-        Gets ``bounds.json``, the record, ``bounds.csv`` and ``bounds.md``.
-    progress : callable
-        As `experiments.command_parts.step_bar`.
-    workers : int, optional
-        Processes; they change the time alone.
-
-    Returns
-    -------
-    Path
-        ``bounds.md``.
+    Processes, the workers, change the time alone.
     """
     path = out / "bounds.json"
     found = _read_scenes(path, seed)[:scenes] if path.exists() else []
-    done = len(found)
+    record, done = {"seed": seed, "tolerance": TOLERANCE, "scenes": found}, len(found)
     with worker_pool(workers, numba.set_num_threads, 1) as pool:
         measured = pool.map(partial(measure_scene, seed), range(done, scenes))
-        for scene in progress(measured, done, scenes):
+        for scene in step_bar(measured, scenes, done):
             found.append(scene)
             if len(found) % SAVED_EVERY == 0:
-                _save(path, seed, found)
-    record = {"seed": seed, "tolerance": TOLERANCE, "scenes": found}
+                write_json(path, record | provenance.environment())
     title = "Bounds against the largest change of a pixel"
     tables = {"bounds": tabulate(found)}
     return write_report(out, "bounds", title, record, body(record), tables=tables)
@@ -85,11 +72,6 @@ def _read_scenes(path: Path, seed: int) -> list[dict]:
     values = read_record(path)
     same = build_record(BoundsRecord, values, path).seed == seed
     return values["scenes"] if same else []
-
-
-def _save(path: Path, seed: int, found: Sequence[dict]) -> None:
-    record = {"seed": seed, "tolerance": TOLERANCE, "scenes": list(found)}
-    write_json(path, record | provenance.environment())
 
 
 def tabulate(found: Sequence[dict]) -> pd.DataFrame:

@@ -25,21 +25,12 @@ PER_AXIS = (1, *(n * 2**k for k in range(9) for n in (2, 3)))
 
 @dataclass(frozen=True)
 class Method:
-    """A method of integration.
+    """A method of integration, from a study and a setting to an image.
 
-    Attributes
-    ----------
-    label : str
-    draw : callable
-        From a study and a setting to an image.
-    settings : sequence of numbers
-    per_pixel : callable or None
-        From a setting to the rays for each pixel; None where there are none.
-    share : float
-        Share of a study's time: the slow ones need it to get anywhere.
-    theory, theory_hidden : float or None
-        The error of a picture with edges falls as ``rays**-theory``; with the second exponent, if
-        there is one, where a layer hides another.
+    `per_pixel` gives the rays of a setting for each pixel; None where there are none. The share is
+    that of a study's time: the slow ones need it to get anywhere. The error of a picture with edges
+    falls as ``rays**-theory``; with the second exponent, if there is one, where a layer hides
+    another.
     """
 
     label: str
@@ -50,10 +41,6 @@ class Method:
     theory: float | None = None
     theory_hidden: float | None = None
 
-    def theory_for(self, hides: bool) -> float | None:
-        """Exponent by theory for a scene, in which layers hide others or not."""
-        return (hides and self.theory_hidden) or self.theory
-
 
 def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
     rays = math.ceil(study.pixels * per_pixel)
@@ -61,25 +48,18 @@ def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
 
 
 def _backward(study: Study, per_axis: float, finite_width: bool) -> np.ndarray:
-    image = _blank(study.camera)
-    trace(
-        study_planes(study.scene),
-        OpticalPass(study.camera),
-        "views",
-        per_axis,
-        image,
-        finite_width=finite_width,
-    )
+    image, optics = _blank(study.camera), OpticalPass(study.camera)
+    trace(_planes(study.scene), optics, "views", per_axis, image, finite_width=finite_width)
     return image
 
 
 def _exact(study: Study, _setting: float) -> np.ndarray:
     image = _blank(study.camera)
-    integrate(study_planes(study.scene), OpticalPass(study.camera), "views", image)
+    integrate(_planes(study.scene), OpticalPass(study.camera), "views", image)
     return image
 
 
-def study_planes(scene: Scene) -> list:
+def _planes(scene: Scene) -> list:
     """Planes of a scene, front to back, each layer one."""
     return slice_scene(scene, {}, absorption=False, dimming={"occlusion"})
 
@@ -88,42 +68,23 @@ def _blank(camera: PlenopticCamera) -> np.ndarray:
     return np.zeros((camera.views, camera.views, *camera.lenslets), np.float32)
 
 
+FORWARD = partial(Method, settings=PER_PIXEL, per_pixel=lambda n: n, share=0.38)
+BACKWARD = partial(Method, settings=PER_AXIS, per_pixel=lambda n: n**2, share=0.12)
+
 METHODS = {
-    "random": Method(
-        "forward, random (Monte Carlo)",
-        partial(_forward, sequence="random"),
-        PER_PIXEL,
-        lambda n: n,
-        share=0.38,
-        theory=1 / 2,
+    "random": FORWARD(
+        "forward, random (Monte Carlo)", partial(_forward, sequence="random"), theory=1 / 2
     ),
-    "quasi": Method(
-        "forward, quasi-random",
-        partial(_forward, sequence="quasi"),
-        PER_PIXEL,
-        lambda n: n,
-        share=0.38,
-        theory=5 / 8,
+    "quasi": FORWARD("forward, quasi-random", partial(_forward, sequence="quasi"), theory=5 / 8),
+    "midpoint": BACKWARD(
+        "backward, midpoint rule", partial(_backward, finite_width=False), theory=1 / 2
     ),
-    "midpoint": Method(
-        "backward, midpoint rule",
-        partial(_backward, finite_width=False),
-        PER_AXIS,
-        lambda n: n**2,
-        share=0.12,
-        theory=1 / 2,
-    ),
-    "thin": Method(
-        "backward, finite-width rays",
-        partial(_backward, finite_width=True),
-        PER_AXIS,
-        lambda n: n**2,
-        share=0.12,
-        theory=1.0,
+    "thin": BACKWARD(
+        "backward, finite-width rays", partial(_backward, finite_width=True), theory=1.0,
         theory_hidden=1 / 2,
     ),
     "exact": Method("exact integrator", _exact),
-}
+}  # fmt: skip
 """The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge;
 n midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
 those in which two layers have an edge, one of n along an axis."""

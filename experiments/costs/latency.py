@@ -2,21 +2,21 @@
 
 The clock runs as for a user who has a raw lenslet image in memory: it is averaged to the network's
 size, the backbone makes features of it, and the decoder images of these; at batch 1. In each round
-every precision goes it once stage by stage and once in one go, in an order drawn anew, so that what
-else the machine does, and what the one before left behind, hits all alike. The floor is the time
-that it takes to read weights and raw image from memory once, at a bandwidth measured in the same
-run.
+every precision goes it once stage by stage and once in one go, so that what else the machine does
+hits all alike. The floor is the time that it takes to read weights and raw image from memory once,
+at a bandwidth measured in the same run.
 """
 
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import keras
 import numpy as np
 
+from experiments.command_parts import step_bar
 from experiments.costs.precision import (
     PRECISIONS,
     compiled,
@@ -25,7 +25,7 @@ from experiments.costs.precision import (
     in_precision,
     weight_bytes,
 )
-from experiments.timing import measure_bandwidth
+from experiments.timing import in_turn, measure_bandwidth
 from lf_flame._common.arrays import area_average
 from lf_flame._common.config import to_json
 from lf_flame.errors import InputError
@@ -38,8 +38,8 @@ STAGES = ("resize", "backbone", "decoder")
 WHOLE = "whole"
 """Label of all stages in one go."""
 
-WARM_UP = 3
-"""Rounds that do not count: memory and caches settle."""
+FACTS = "weights_mb", "psnr_db", "truth_psnr_db"
+"""Columns of what a variant weighs, and of its images against float32's and against the truth."""
 
 PICTURES = 16
 """Test inputs at most, on which precisions are compared."""
@@ -47,14 +47,10 @@ PICTURES = 16
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A trained network, and what it is shown.
+    """A trained network by its path, as it was given, and what it is shown.
 
     Attributes
     ----------
-    label : str
-        The path, as it was given.
-    card : NetworkCard
-    network : keras.Model
     raw : ndarray of float32, shape (lenslets * views along t, along s), values in [0, 1]
         Raw lenslet image, random: how long it takes does not depend on what it shows.
     inputs : ndarray of float32, shape (n, h, w, 1)
@@ -75,20 +71,10 @@ class Subject:
 
 
 def open_subject(path: str | Path, seed: int = 0) -> Subject:
-    """Load a trained network with pictures to show it.
+    """Load a network, of a run folder or an exported ``.keras`` file, with pictures to show it.
 
-    Parameters
-    ----------
-    path : str or Path
-        Folder of a finished run, or an exported ``.keras`` file.
-    seed : int, optional
-        Of the raw image.
-
-    Raises
-    ------
-    InputError
-        If there is no such network, it is not made of a backbone and a decoder, or it is shown
-        several views.
+    An InputError says that there is none, that it is not made of a backbone and a decoder, or that
+    it is shown several views.
     """
     path = Path(path)
     card = read_card(path)
@@ -98,11 +84,8 @@ def open_subject(path: str | Path, seed: int = 0) -> Subject:
     camera = card.camera
     shape = [n * camera.views for n in camera.lenslets]
     raw = np.random.default_rng(seed).random(shape, np.float32)
-    inputs, truths, origin = _test_inputs(path) or (
-        _resized(raw, size),
-        None,
-        "the random raw image: no test inputs are at hand",
-    )
+    alone = "the random raw image: no test inputs are at hand"
+    inputs, truths, origin = _test_inputs(path) or (_resized(raw, size), None, alone)
     return Subject(str(path), card, network, raw, inputs, truths, origin)
 
 
@@ -121,13 +104,7 @@ def _test_inputs(path: Path) -> tuple | None:
 
 
 def check_parts(network: keras.Model, path: Path) -> None:
-    """See that a network can be timed stage by stage.
-
-    Raises
-    ------
-    InputError
-        If it is not made of a backbone and a decoder.
-    """
+    """Refuse a network that is not made of a backbone and a decoder."""
     names = [layer.name for layer in network.layers[1:]]
     if names != ["backbone", "decoder"]:
         raise InputError(
@@ -136,100 +113,35 @@ def check_parts(network: keras.Model, path: Path) -> None:
         )
 
 
-@dataclass(eq=False)
-class Variant:
-    """A network in one precision, compiled in one way.
-
-    Attributes
-    ----------
-    label, precision, compiler : str
-    computes : str
-        What computes in which type.
-    facts : dict
-        Columns ``weights_mb``, ``psnr_db`` and ``truth_psnr_db`` of the table.
-    parts : tuple of keras.Model
-        Backbone, decoder, and the whole network.
-    missing : str or None
-        Why there are none.
-    seconds : list of dict
-        Seconds of each stage, and of the whole, in each round.
-    """
-
-    label: str
-    precision: str
-    compiler: str
-    computes: str = ""
-    facts: dict[str, float] = field(default_factory=dict)
-    parts: tuple = ()
-    missing: str | None = None
-    seconds: list[dict[str, float]] = field(default_factory=list)
-
-    def go(self, raw: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Refocus a raw image stage by stage, and in one go; keep the seconds.
-
-        Parameters
-        ----------
-        raw : ndarray of float32, shape (t * views, s * views)
-        size : (int, int)
-            Height and width of the network's images.
-
-        Returns
-        -------
-        tuple of two ndarrays of float32, shape (1, planes, h, w, 1)
-        """
-        backbone, decoder, network = self.parts
-        clock = [time.perf_counter()]
-        image = _resized(raw, size)
-        clock.append(time.perf_counter())
-        features = backbone.predict_on_batch(image)
-        clock.append(time.perf_counter())
-        staged = np.float32(decoder.predict_on_batch(features))
-        clock.append(time.perf_counter())
-        whole = np.float32(network.predict_on_batch(_resized(raw, size)))
-        clock.append(time.perf_counter())
-        self.seconds.append(dict(zip((*STAGES, WHOLE), np.diff(clock).tolist(), strict=True)))
-        return staged, whole
-
-    def predict(self, inputs: np.ndarray) -> np.ndarray:
-        """Refocus inputs [n, h, w, 1] one by one: float32 [n, planes, h, w]."""
-        stacks = [self.parts[-1].predict_on_batch(image[None]) for image in inputs]
-        return np.float32(np.concatenate(stacks))[..., 0]
-
-
 def _resized(raw: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return area_average(raw, size)[None, ..., None]
 
 
-def build_variants(subject: Subject, chosen: dict[str, bool]) -> Iterator[Variant]:
+def build_variants(subject: Subject, chosen: dict[str, bool]) -> Iterator[tuple[dict, tuple]]:
     """Build a network in each precision, compile it, and compare its images with float32's.
 
-    Parameters
-    ----------
-    subject : Subject
-    chosen : dict
-        From `compilers`.
-
-    Yields
-    ------
-    Variant
-        What the platform cannot do is `missing`, with the reason.
+    Yields what the table says of it, and backbone, decoder and the whole; of what the platform
+    cannot do the reason, and none.
     """
-    reference = None
+    reference, truths = None, subject.truths
     for precision in PRECISIONS:
         network, reason = _attempt(in_precision, subject.network, precision)
+        computes = "" if network is None else describe(network, precision)
         for compiler, xla in chosen.items():
-            variant = Variant(subject.label, precision, compiler, missing=reason)
+            parts, missing, facts = (), reason, dict.fromkeys(FACTS, math.nan)
             if network is not None:
-                variant.computes = describe(network, precision)
-                variant.parts = tuple(
-                    compiled(part, xla) for part in (*network.layers[1:], network)
-                )
-                stacks, variant.missing = _attempt(_finite, variant, subject.inputs)
-            if variant.missing is None:
+                parts = tuple(compiled(part, xla) for part in (*network.layers[1:], network))
+                stacks, missing = _attempt(predict, parts[-1], subject.inputs)
+            if missing is None:
                 reference = stacks if reference is None else reference
-                variant.facts = _compared(subject, stacks, reference)
-                variant.facts["weights_mb"] = weight_bytes(network) / 1e6
-            yield variant
+                facts = {
+                    "weights_mb": weight_bytes(network) / 1e6,
+                    "psnr_db": psnr(reference, stacks),
+                    "truth_psnr_db": math.nan if truths is None else psnr(truths, stacks),
+                }
+            names = {"network": subject.label, "precision": precision, "compiler": compiler}
+            said = {"computes": computes, "missing": missing or ""}
+            yield names | facts | said, () if missing else parts
 
 
 def _attempt(call: Callable, *args) -> tuple:
@@ -242,95 +154,61 @@ def _attempt(call: Callable, *args) -> tuple:
         return None, f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
 
 
-def _finite(variant: Variant, inputs: np.ndarray) -> np.ndarray:
-    stacks = variant.predict(inputs)
-    if not np.all(np.isfinite(stacks)):
+def predict(network: keras.Model, inputs: np.ndarray) -> np.ndarray:
+    """Refocus inputs [n, h, w, 1] one by one: float32 [n, planes, h, w]."""
+    stacks = [network.predict_on_batch(image[None]) for image in inputs]
+    found = np.float32(np.concatenate(stacks))[..., 0]
+    if not np.all(np.isfinite(found)):
         raise FloatingPointError("its images are not finite")
-    return stacks
+    return found
 
 
-def _compared(subject: Subject, stacks: np.ndarray, reference: np.ndarray) -> dict:
-    truths = subject.truths
-    return {
-        "psnr_db": psnr(reference, stacks),
-        "truth_psnr_db": math.nan if truths is None else psnr(truths, stacks),
-    }
+def stages(parts: tuple, raw: np.ndarray, size: tuple[int, int]) -> dict[str, Callable]:
+    """List calls from a raw image to images [1, plane, h, w, 1]: each stage, and all in one go."""
+    backbone, decoder, network = parts
+    image = _resized(raw, size)
+    features = backbone.predict_on_batch(image)
+    calls = (
+        lambda: _resized(raw, size),
+        lambda: backbone.predict_on_batch(image),
+        lambda: np.float32(decoder.predict_on_batch(features)),
+        lambda: np.float32(network.predict_on_batch(_resized(raw, size))),
+    )
+    return dict(zip((*STAGES, WHOLE), calls, strict=True))
 
 
-def measure_latency(
-    networks: Sequence[str | Path],
-    repeats: int = 30,
-    seed: int = 0,
-    progress: Callable | None = None,
-    chosen: dict[str, bool] | None = None,
-) -> dict:
-    """Time trained networks stage by stage in all precisions.
+def measure_latency(networks: Sequence[str | Path], repeats: int = 30, seed: int = 0) -> dict:
+    """Time trained networks stage by stage in all precisions, in 3 rounds or more that count.
 
-    `experiments.costs.latency_report.write` takes the record that comes out.
-
-    Parameters
-    ----------
-    networks : sequence of str or Path
-        Run folders or exported ``.keras`` files.
-    repeats : int, optional
-        Rounds that count, at least 3.
-    seed : int, optional
-        Of the raw images, and of the order in each round.
-    progress : callable, optional
-        Passes on an iterable of steps, given how many are done and how many there are.
-    chosen : dict, optional
-        Some of `compilers`; default: all.
-
-    Returns
-    -------
-    dict
-        The record; in ``ways`` a row for each variant.
-
-    Raises
-    ------
-    InputError
-        If a network cannot be used, or the rounds are too few.
+    The seed is that of the raw images. Returns the record, in ``ways`` a row for each variant. An
+    InputError says that a network cannot be used, or that the rounds are too few.
     """
     if repeats < 3:
         raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")
-    started, chosen = time.perf_counter(), chosen or compilers()
+    started, bandwidth = time.perf_counter(), measure_bandwidth()
     subjects = [open_subject(path, seed) for path in dict.fromkeys(networks)]
-    variants, bandwidth = [], measure_bandwidth()
-    steps = (
-        step for subject in subjects for step in _measure(subject, chosen, repeats, seed, variants)
-    )
-    total = len(subjects) * (len(PRECISIONS) * len(chosen) + WARM_UP + repeats)
-    for _ in progress(steps, 0, total) if progress else steps:
-        pass
-    raw_bytes = {subject.label: subject.raw.nbytes for subject in subjects}
     return {
         "networks": {subject.label: _described(subject) for subject in subjects},
         "repeats": repeats,
         "seed": seed,
         "backend": keras.backend.backend(),
         "bandwidth_gb_s": bandwidth / 1e9,
+        "ways": [row for one in step_bar(subjects) for row in _measure(one, repeats, bandwidth)],
         "wall_s": time.perf_counter() - started,
-        "ways": [summarise(one, raw_bytes[one.label], bandwidth) for one in variants],
     }
 
 
-def _measure(subject: Subject, chosen, repeats: int, seed: int, variants: list) -> Iterator[None]:
-    """Build all variants of a network, then time them in turn."""
-    found = []
-    for variant in build_variants(subject, chosen):
-        found.append(variant)
-        yield
-    variants += found
-    there = [variant for variant in found if variant.missing is None]
-    rng = np.random.default_rng(seed)
-    for number in range(WARM_UP + repeats):
-        for k in rng.permutation(len(there)):
-            if number == WARM_UP:
-                there[k].seconds.clear()
-            there[k].go(subject.raw, input_size(subject.card))
-        yield
-    for variant in found:
-        variant.parts = ()  # networks that are done make room for the next
+def _measure(subject: Subject, repeats: int, bandwidth: float) -> list[dict]:
+    """Build all variants of a network, then time their stages in turn; a row for each variant."""
+    variants, size = list(build_variants(subject, compilers())), input_size(subject.card)
+    calls = [stages(parts, subject.raw, size).values() for _, parts in variants if parts]
+    times = in_turn(*sum(map(list, calls), []), rounds=repeats).seconds if calls else ()
+    left = iter(times)
+    rows = []
+    for facts, parts in variants:
+        ms = [1e3 * next(left) if parts else [math.nan] for _ in (*STAGES, WHOLE)]
+        rows.append(summarise(facts, ms, subject.raw.nbytes, bandwidth))
+    return rows
 
 
 def columns(stage: str) -> tuple[str, str, str]:
@@ -338,39 +216,18 @@ def columns(stage: str) -> tuple[str, str, str]:
     return f"{stage}_ms", f"{stage}_q1_ms", f"{stage}_q3_ms"
 
 
-def summarise(variant: Variant, raw_bytes: int, bandwidth: float) -> dict:
+def summarise(facts: dict, ms: Sequence, raw_bytes: int, bandwidth: float) -> dict:
     """Make a row of the table: medians, quartiles, floor, and what it costs in images.
 
-    Parameters
-    ----------
-    variant : Variant
-    raw_bytes : int
-        Of the raw image.
-    bandwidth : float
-        Of memory, in bytes per second.
-
-    Returns
-    -------
-    dict
-        Milliseconds, megabytes (1e6 bytes) and dB; NaN where the variant is missing.
+    In milliseconds, megabytes (1e6 bytes) and dB, for a bandwidth in bytes per second; NaN where
+    the variant is missing.
     """
-    row = {"network": variant.label, "precision": variant.precision, "compiler": variant.compiler}
-    for stage in (*STAGES, WHOLE):
-        ms = [1e3 * seconds[stage] for seconds in variant.seconds] or [math.nan]
-        quartiles = np.percentile(ms, (50, 25, 75)).tolist()
+    row = {name: facts[name] for name in ("network", "precision", "compiler")}
+    for stage, rounds in zip((*STAGES, WHOLE), ms, strict=True):
+        quartiles = np.percentile(rounds, (50, 25, 75)).tolist()
         row |= dict(zip(columns(stage), quartiles, strict=True))
-    weights_mb = variant.facts.get("weights_mb", math.nan)
-    floor_ms = 1e3 * (1e6 * weights_mb + raw_bytes) / bandwidth
-    return {
-        **row,
-        "floor_ms": floor_ms,
-        "times_floor": row[f"{WHOLE}_ms"] / floor_ms,
-        "weights_mb": weights_mb,
-        "psnr_db": variant.facts.get("psnr_db", math.nan),
-        "truth_psnr_db": variant.facts.get("truth_psnr_db", math.nan),
-        "computes": variant.computes,
-        "missing": variant.missing or "",
-    }
+    floor_ms = 1e3 * (1e6 * facts["weights_mb"] + raw_bytes) / bandwidth
+    return row | {"floor_ms": floor_ms, "times_floor": row[f"{WHOLE}_ms"] / floor_ms} | facts
 
 
 def _described(subject: Subject) -> dict:

@@ -78,7 +78,7 @@ def body(record: dict) -> list[str]:
 batch 1, by a network that is loaded and compiled. Resize: area averaging to the network's size;
 backbone and decoder: with copying in and out. In one go: resize, then the whole network, as a user
 runs it, with no copying in between. Median, and in brackets the quartiles, of {record["repeats"]}
-rounds; in each every row goes once stage by stage and once in one go, in an order drawn anew.
+rounds; in each every row goes once stage by stage and once in one go.
 Floor: reading weights and raw image from memory once, at {record["bandwidth_gb_s"]:.3g} GB/s, the
 best measured in this run.""",
         """PSNR (peak 1, over all images): against what float32 in its first row makes of the same

@@ -11,25 +11,11 @@ PRECISIONS = (REFERENCE, "bfloat16", "float16", "int8")
 def in_precision(network: keras.Model, precision: str) -> keras.Model:
     """Make the same network compute, and keep its weights, in another precision.
 
-    Parameters
-    ----------
-    network : keras.Model
-        In float32.
-    precision : {"float32", "bfloat16", "float16", "int8"}
-        "int8" are the dense layers alone: weights by channel, inputs by sample, as they come
-        (`keras.Model.quantize`). In the others every layer computes in that type, and keeps its
-        weights in it; but normalisations keep theirs in float32, because variances of ImageNet's
-        features exceed 65,504, the largest number of float16.
-
-    Returns
-    -------
-    keras.Model
-        With weights of its own; float32 is the network itself.
-
-    Raises
-    ------
-    ValueError
-        If the network has no layer that Keras can quantise.
+    "int8" are the dense layers alone: weights by channel, inputs by sample, as they come
+    (`keras.Model.quantize`). In the others every layer computes in that type, and keeps its weights
+    in it; but normalisations keep theirs in float32, because variances of ImageNet's features
+    exceed 65,504, the largest number of float16. float32 is the network itself. A ValueError says
+    that the network has no layer that Keras can quantise.
     """
     if precision == REFERENCE:
         return network

@@ -20,8 +20,9 @@ import pandas as pd
 from scipy.fft import set_workers
 from skimage.transform import downscale_local_mean
 
-from experiments.costs.rendering_scenes import CONFIGS
+from experiments.command_parts import step_bar
 from experiments.held_out import HeldOut, find_scenes
+from experiments.paths import DATA_SETS
 from experiments.timing import in_turn
 from lf_flame._common.arrays import area_average
 from lf_flame._common.config import to_json
@@ -43,18 +44,10 @@ NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
 class Method:
     """A method that takes a light field in memory to refocused images.
 
-    Attributes
-    ----------
-    family : str
-        What it has in common with others; a colour in the figure.
-    label : str
-        Its own name, short.
-    title : str
-        Its name in the table.
-    refocus : callable
-        From what is stored, and slopes, to images [n, t, s] of the lenslets or of the targets.
-    store : callable
-        From views to what lies in memory, which takes no time that counts.
+    Its family, what it has in common with others, has a colour in the figure; the label is short,
+    the title stands in the table. `refocus` takes what is stored, and slopes, to images [n, t, s]
+    of the lenslets or of the targets; `store` takes views to what lies in memory, in no time that
+    counts.
     """
 
     family: str
@@ -65,15 +58,7 @@ class Method:
 
 
 def formula_methods(views: int, block: tuple[int, int]) -> list[Method]:
-    """List the methods that need no training.
-
-    Parameters
-    ----------
-    views : int
-        Along an axis.
-    block : (int, int)
-        Lenslets that are averaged into a pixel of the targets.
-    """
+    """List the methods that need no training; a block of lenslets is a pixel of the targets."""
     every = f"{views} x {views} views"
     interpolations = [
         Method("interpolation", name, f"{name}, {every}", partial(_in_space, interpolation=name))
@@ -168,39 +153,25 @@ def network_methods(scenes: HeldOut) -> list[Method]:
     ]  # fmt: skip
 
 
-def measure_refocusing(
-    run: Path = Path("runs/closed-form"),
-    progress: Callable | None = None,
-    configs: Sequence[DatasetConfig] | None = None,
-) -> dict:
+def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
     """Measure SSIM and PSNR against the exact result over milliseconds.
 
-    `experiments.costs.refocusing_report.write` takes the record that comes out.
-
-    Parameters
-    ----------
-    run : Path, optional
-        Folder of trained networks, one for each kind of data set: ``shapes``, ``flames``.
-        One that is missing shows as missing.
-    progress : callable, optional
-        Passes on an iterable of steps, given how many are done and how many there are.
-    configs : sequence of DatasetConfig, optional
-        Default: of the data sets in `experiments.costs.rendering_scenes.CONFIGS`.
-
-    Returns
-    -------
-    dict
-        The record; in ``methods`` a row for each.
+    A run is a folder of trained networks, one for each kind of data set, ``shapes`` and ``flames``;
+    one that is missing shows as missing. Default of the configurations: the paper's. Returns the
+    record, in ``methods`` a row for each.
     """
     started, rows = time.perf_counter(), []
     if configs is None:
-        configs = [read_config(path) for path in CONFIGS]
-    found = [find_scenes(config, Path(run) / config.kind) for config in configs]
-    studies = [(scenes, methods_for(scenes)) for scenes in found]
+        configs = [read_config(path) for path in DATA_SETS]
+    found = [find_scenes(config, run / config.kind) for config in configs]
+    studies = [
+        (one, formula_methods(one.config.camera.views, one.config.block) + network_methods(one))
+        for one in found
+    ]
     steps = (step for study in studies for step in _measure(*study))
     total = sum(len(scenes.indices) * len(methods) for scenes, methods in studies)
     with set_workers(numba.get_num_threads()):
-        for more in progress(steps, 0, total) if progress else steps:
+        for more in step_bar(steps, total):
             rows += more
     missing = [
         {"data_set": scenes.name, "family": "network", "label": NETWORK, "title": NETWORK}
@@ -213,12 +184,6 @@ def measure_refocusing(
         "wall_s": time.perf_counter() - started,
         "methods": [*summarise(pd.DataFrame(rows)).to_dict("records"), *missing],
     }
-
-
-def methods_for(scenes: HeldOut) -> list[Method]:
-    """List all methods for some scenes."""
-    config = scenes.config
-    return [*formula_methods(config.camera.views, config.block), *network_methods(scenes)]
 
 
 def _described(scenes: HeldOut) -> dict:
@@ -240,44 +205,26 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
             fourier_refocus(views, slopes, interpolation="sinc", edges="clamp"), size
         )
         for method in methods:
-            call = partial(_images, method, method.store(views), slopes, size)
+            stored = method.store(views)
+
+            def call(method=method, stored=stored) -> np.ndarray:
+                return area_average(method.refocus(stored, slopes), size)
+
             images, seconds = call(), math.nan
             if index == scenes.indices[0]:
                 seconds = in_turn(call).best[0]
-            yield [
-                {
-                    "data_set": scenes.name,
-                    "family": method.family,
-                    "label": method.label,
-                    "title": method.title,
-                    "seconds": seconds,
-                    "ssim": ssim(*pair),
-                    "psnr_db": psnr(*pair),
-                }
-                for pair in zip(exact, images, strict=True)
-            ]
-
-
-def _images(
-    method: Method, stored: np.ndarray, slopes: np.ndarray, size: tuple[int, int]
-) -> np.ndarray:
-    return area_average(method.refocus(stored, slopes), size)
+            row = {"data_set": scenes.name, "family": method.family, "label": method.label}
+            row |= {"title": method.title, "seconds": seconds}
+            pairs = zip(exact, images, strict=True)
+            yield [row | {"ssim": ssim(*pair), "psnr_db": psnr(*pair)} for pair in pairs]
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """Put the scores of all images together.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        One image a row; columns data_set, family, label, title, seconds, ssim and psnr_db.
-
-    Returns
-    -------
-    DataFrame
-        One method and data set a row: milliseconds; mean and lowest SSIM; PSNR of the mean squared
-        error of all images (a mean in dB would be infinite where one image is exact), and the
-        lowest of an image.
+    One method and data set a row: milliseconds; mean and lowest SSIM; PSNR of the mean squared
+    error of all images (a mean in dB would be infinite where one image is exact), and the lowest of
+    an image.
     """
     squared = rows.assign(mse=10 ** (-rows["psnr_db"] / 10))
     methods = squared.groupby(["data_set", "family", "label", "title"], sort=False)

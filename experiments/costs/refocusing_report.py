@@ -19,11 +19,8 @@ VIDEO_HZ = 25
 EIGHT_BITS_DB = 20 * math.log10(255 * math.sqrt(12))
 """PSNR of an image whose only error is rounding to 8 bits."""
 
-EXACT_DB = 140.0
-"""Where the figure draws what is exact: a PSNR that rounding of float32 does not reach."""
-
-EXACT_SSIM = 1 - 1e-7
-"""Likewise."""
+EXACT_DB, EXACT_SSIM = 140.0, 1 - 1e-7
+"""Where the figure draws what is exact: scores that rounding of float32 does not reach."""
 
 FAMILIES = {
     "interpolation": ("#0072B2", "o", "", "interpolation, all views"),
@@ -34,7 +31,6 @@ FAMILIES = {
     "network": ("#D55E00", "*", "", f"trained {NETWORK}"),
 }
 """Colour, marker, line and words of each family, told apart by colour-blind readers as well."""
-
 
 PLACES = [
     (radius * math.cos(angle), radius * math.sin(angle))

@@ -7,8 +7,7 @@ image multiplied out in float64 (`lf_flame.simulation.reference.closed_form`).
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +16,14 @@ import numba
 import numpy as np
 
 from experiments import timing
+from experiments.command_parts import step_bar
 from experiments.costs.integration_methods import METHODS
-from experiments.costs.rendering_scenes import CONFIGS, Study, study_scenes
+from experiments.costs.rendering_scenes import Study, study_scenes
 from experiments.effects.absolute import Trial, effect_trials
+from experiments.paths import DATA_SETS
 from experiments.timing import in_turn
 from lf_flame._common.config import to_json
+from lf_flame._common.threads import one_thread
 from lf_flame.datasets.config import read_config
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.reference.closed_form import closed_form
@@ -33,49 +35,45 @@ TOLERANCE = 1e-3
 LENSLETS, LENSLETS_HIGH = (56, 64), 46
 """Window of the camera that sees the flame of an effect, and height of this flame in lenslets."""
 
+WHOLE = (
+    ("exact integrator", False, 1e-3),
+    ("rays", False, 1e-2),
+    ("rays", False, 1e-3),
+    ("rays, a round stop", True, 1e-2),
+)
+"""How a whole light field is rendered: by which integrator, through a round stop, tolerance."""
+
 
 def measure_costs(
-    progress: Callable | None = None,
     budget_s: float = 420.0,
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
-    configs: Sequence[Path] = tuple(map(Path, CONFIGS)),
+    configs: Sequence[Path] = DATA_SETS,
 ) -> dict:
-    """Measure error against seconds, for `experiments.costs.rendering_report.write_reports`.
+    """Measure error against seconds, on the paper's data sets where no others are given.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Passes on an iterable of steps, given how many are done and how many there are.
-    budget_s : float, optional
-        Time that the methods of integration may take in all, which bounds their rays; references
-        and effects take a minute or two on top.
-    studies, trials, configs : optional
-        Scenes of the methods, of the effects, and data sets of which a scene is rendered whole.
-        Default: those of the paper's data sets.
-
-    Returns
-    -------
-    dict
-        The record: ``studies``, ``accuracy``, ``effects`` and ``whole``.
+    The budget is the time of all methods of integration, which bounds their rays; references and
+    effects take a minute or two on top. Studies and trials are the scenes of the methods and of the
+    effects; of each data set of `configs` a scene is rendered whole.
     """
-    started, shapes, flames = time.perf_counter(), *map(Path, CONFIGS)
-    studies = study_scenes(shapes, flames) if studies is None else studies
+    started = time.perf_counter()
+    studies = study_scenes(*DATA_SETS) if studies is None else studies
     if trials is None:
-        camera = replace(read_config(flames).camera, lenslets=LENSLETS)
+        camera = replace(read_config(DATA_SETS[1]).camera, lenslets=LENSLETS)
         trials = effect_trials(camera, LENSLETS_HIGH)
-    found: dict[str, list[dict]] = {"accuracy": [], "effects": [], "whole": []}
-    steps = _measure(studies, trials, configs, budget_s)
-    total = len(METHODS) * len(studies) + len(trials) + len(configs)
-    with _threads(1):
-        for table, rows in progress(steps, 0, total) if progress else steps:
-            found[table] += rows
+    with one_thread():
+        share_s = budget_s / len(studies)
+        accuracy = [row for one in step_bar(studies) for row in _measure_methods(one, share_s)]
+        effects = [_measure_effect(*item) for item in step_bar(trials.items())]
+    whole = [_measure_whole(path) for path in step_bar(configs)]
     return {
         "studies": {study.name: _described(study) for study in studies},
         "threads": 1,
         "budget_s": budget_s,
         "wall_s": time.perf_counter() - started,
-        **found,
+        "accuracy": accuracy,
+        "effects": effects,
+        "whole": sum(whole, []),
     }
 
 
@@ -88,29 +86,10 @@ def _described(study: Study) -> dict:
     return {"title": study.title, "camera": to_json(study.camera), "layers": layers}
 
 
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Run compiled loops on some threads, and put the number back."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(count)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
-
-
-def _measure(studies, trials, configs, budget_s: float) -> Iterator[tuple[str, list[dict]]]:
-    """Yield rows of the tables, as they are measured."""
-    for study in studies:
-        reference = closed_form(study.scene, study.camera)
-        for name, method in METHODS.items():
-            allowance = method.share * budget_s / len(studies)
-            yield "accuracy", _measure_method(study, name, reference, allowance)
-    for name, trial in trials.items():
-        yield "effects", [_measure_effect(name, trial)]
-    for path in configs:
-        with _threads(numba.config.NUMBA_NUM_THREADS):
-            yield "whole", _measure_whole(path)
+def _measure_methods(study: Study, budget_s: float) -> Iterator[dict]:
+    reference = closed_form(study.scene, study.camera)
+    for name, method in METHODS.items():
+        yield from _measure_method(study, name, reference, method.share * budget_s)
 
 
 def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: float) -> list[dict]:
@@ -129,15 +108,8 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
         error = _error(times.results[0], reference)
         if rows and error == rows[-1]["error"]:
             continue  # rounded up to the same rays as before
-        rows.append(
-            {
-                "scene": study.name,
-                "method": name,
-                "rays_per_pixel": per_pixel,
-                "seconds": float(times.best[0]),
-                "error": error,
-            }
-        )
+        row = {"scene": study.name, "method": name, "rays_per_pixel": per_pixel}
+        rows.append(row | {"seconds": float(times.best[0]), "error": error})
     return rows
 
 
@@ -148,12 +120,9 @@ def _measure_whole(path: Path) -> list[dict]:
     reference = closed_form(scene, camera)
     stop = replace(camera, aperture_diameter_mm=camera.aperture_mm)
     rows = []
-    for name, seen_by, tolerance, integrator in (
-        ("exact integrator", camera, 1e-3, "exact"),
-        ("rays", camera, 1e-2, "rays"),
-        ("rays", camera, 1e-3, "rays"),
-        ("rays, a round stop", stop, 1e-2, "rays"),
-    ):
+    for name, has_stop, tolerance in WHOLE:
+        seen_by = stop if has_stop else camera
+        integrator = "exact" if name.startswith("exact") else "rays"
         plan = plan_effects(scene, seen_by, tolerance)
         call = partial(render, scene, seen_by, tolerance, integrator=integrator)
         times = in_turn(call)

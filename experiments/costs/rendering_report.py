@@ -9,10 +9,8 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from experiments.costs.integration_methods import METHODS
-from experiments.costs.rendering import TOLERANCE
 from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
-from lf_flame.simulation.planning.plan import LEFT_OUT_SHARE
 
 LEVELS = (0.1, 0.01, 0.001)
 """Errors for which the table gives the seconds."""
@@ -66,15 +64,7 @@ SETTINGS = {
 def measured_exponent(points: pd.DataFrame) -> float:
     """Fit the exponent with which the error falls with the rays, over the finer half of settings.
 
-    Parameters
-    ----------
-    points : DataFrame
-        Rows of one scene and method, with columns rays_per_pixel and error.
-
-    Returns
-    -------
-    float
-        NaN for fewer than two settings.
+    Of rows of one scene and method, with columns rays_per_pixel and error; NaN for fewer than two.
     """
     fine = points.iloc[len(points) // 2 :] if len(points) > 3 else points
     if len(fine) < 2:
@@ -85,20 +75,10 @@ def measured_exponent(points: pd.DataFrame) -> float:
 def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
     """Seconds that a method takes for an error, read off its curve between two settings.
 
-    Parameters
-    ----------
-    points : DataFrame
-        Rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
-        error.
-    level : float
-
-    Returns
-    -------
-    float
-        NaN where the error does not fall.
-    str
-        "" where measured; "<" where the coarsest of several settings errs less; "~" where none
-        does, and the curve is continued with its own exponent.
+    Of rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
+    error. NaN where the error does not fall. The sign is "" where measured; "<" where the coarsest
+    of several settings errs less; "~" where none does, and the curve is continued with its own
+    exponent.
     """
     seconds, errors = points["seconds"].to_numpy(), points["error"].to_numpy()
     below = np.flatnonzero(errors <= level)
@@ -115,26 +95,14 @@ def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
 
 
 def write_reports(out: Path, record: dict) -> Path:
-    """Write ``costs.md``, its tables, pictures and record, and ``light_field.*``.
-
-    Parameters
-    ----------
-    out : Path
-    record : dict
-        What `experiments.costs.rendering.measure_costs` found.
-
-    Returns
-    -------
-    Path
-        ``costs.md``.
-    """
+    """Write ``costs.md``, its tables, picture and record, and ``light_field.*``."""
     title = "Accuracy against time for a whole light field"
     write_report(out, "light_field", title, {"whole": record["whole"]}, light_field_body(record))
     accuracy, effects = pd.DataFrame(record["accuracy"]), pd.DataFrame(record["effects"])
     return write_report(
         out, "costs", "What accuracy costs in time", record, body(record),
         tables={"accuracy": accuracy, "effects": effects},
-        pictures={"costs": accuracy_figure(record), "effects": effects_figure(effects)},
+        pictures={"costs": accuracy_figure(record)},
     )  # fmt: skip
 
 
@@ -189,7 +157,9 @@ def _size(study: dict) -> tuple[str, float]:
 
 
 def _theory(study: dict, name: str) -> float | None:
-    return METHODS[name].theory_for(any(layer["opaque"] for layer in study["layers"]))
+    """Exponent by theory for a scene, in which layers hide others or not."""
+    hides = any(layer["opaque"] for layer in study["layers"])
+    return (hides and METHODS[name].theory_hidden) or METHODS[name].theory
 
 
 def _points(accuracy: pd.DataFrame, scene: str, name: str) -> pd.DataFrame:
@@ -291,61 +261,3 @@ def _draw_theory(axis, exponent: float | None, points: pd.DataFrame, until: floa
         f"$N^{{-{Fraction(exponent)}}}$", (ends[1], errors[1]), (3, 0), textcoords="offset points",
         fontsize=9, color="0.4", verticalalignment="center", annotation_clip=False,
     )  # fmt: skip
-
-
-def effects_figure(effects: pd.DataFrame):
-    """Draw what leaving an effect out costs in error, beside what doing it costs in seconds."""
-    figure, (left, right) = subplots(
-        1, 2, figsize=(11.5, 1.4 + 0.3 * len(effects)), sharey=True, layout="constrained"
-    )
-    y = np.arange(len(effects))
-    _draw_changes(left, effects, y)
-    _draw_seconds(right, effects, y)
-    left.set_yticks(y, [name.replace("_", " ") for name in effects["effect"]])
-    left.set_ylim(len(effects) - 0.4, -0.6)
-    for axis in (left, right):
-        axis.set_xscale("log")
-        axis.grid(axis="x", alpha=0.25)
-        axis.set_axisbelow(True)
-        axis.legend(
-            loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8, frameon=False
-        )
-    return figure
-
-
-def _draw_changes(axis, effects: pd.DataFrame, y: np.ndarray) -> None:
-    """Draw what the image changes by, and the bound that the plan knew beforehand."""
-    axis.barh(y, effects["error_rms"], color="#0072B2", height=0.6, label="root-mean-square")
-    noise = effects["effect"].str.endswith("noise")  # the largest pixel grows with their number
-    largest = effects["error_max"].where(~noise)
-    axis.plot(largest, y, "|", color="k", markersize=11, label="largest of any pixel")
-    finite = effects["bound"].replace(np.inf, np.nan)
-    axis.plot(finite, y, "d", color="#D55E00", label="bound of the plan")
-    right = 10 * np.nanmax([finite.max(), effects["error_max"].max()])
-    for k in y[finite.isna()]:
-        axis.annotate(
-            "no bound", (right, k), (-4, 0), textcoords="offset points", fontsize=8,
-            color="#D55E00", horizontalalignment="right", verticalalignment="center",
-        )  # fmt: skip
-    threshold = LEFT_OUT_SHARE * TOLERANCE
-    label = f"left out below (tolerance {TOLERANCE:g})"
-    axis.axvline(threshold, color="0.4", linewidth=0.9, linestyle="--", label=label)
-    axis.set_xlim(min(threshold, effects["error_rms"].min()) / 3, right)
-    axis.set_xlabel("change of the image if left out, relative to the brightest pixel")
-
-
-def _draw_seconds(axis, effects: pd.DataFrame, y: np.ndarray) -> None:
-    """Draw the seconds that an effect adds; hollow, at most, where the runs differ by as much."""
-    added, spread = (effects[column].to_numpy() for column in ("seconds_added", "seconds_spread"))
-    sure = added > 2 * spread
-    most = np.maximum(added, 0) + spread
-    axis.barh(y[sure], added[sure], color="#009E73", height=0.6, label="measured")
-    axis.barh(
-        y[~sure], most[~sure], color="none", edgecolor="#009E73", height=0.6,
-        label="at most (spread of the runs)",
-    )  # fmt: skip
-    planned = effects["seconds_planned"].replace(0.0, np.nan)
-    axis.plot(planned, y, "d", color="#D55E00", label="estimate of the plan")
-    highest = max(most.max(), effects["seconds_planned"].max())
-    axis.set_xlim(max(np.where(sure, added, most).min(), 1e-6) / 3, 3 * highest)
-    axis.set_xlabel("seconds that it adds, on one thread")

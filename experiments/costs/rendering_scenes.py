@@ -12,9 +12,6 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
 
-CONFIGS = ("data_gen/shapes.toml", "data_gen/flames.toml")
-"""Data sets whose scenes are taken if no others are given."""
-
 CENTRAL_VIEWS = 5
 """Views along an axis, out of the camera's own, on which the methods of integration are
 compared."""
@@ -22,15 +19,7 @@ compared."""
 
 @dataclass(frozen=True)
 class Study:
-    """A scene on which the methods of integration are compared.
-
-    Attributes
-    ----------
-    name, title : str
-        In the tables, and over the panel of the figure.
-    scene : Scene
-    camera : PlenopticCamera
-    """
+    """A scene on which methods are compared; its title stands over a panel of the figure."""
 
     name: str
     title: str
@@ -49,11 +38,6 @@ def study_scenes(shapes: Path, flames: Path) -> list[Study]:
     Optics, pixels, objects and depths are the data sets'. So that slow methods get somewhere, the
     objects stand on the axis, one in front of the other, and no more is recorded than the central
     views of the lenslets that see them.
-
-    Parameters
-    ----------
-    shapes, flames : Path
-        Data-set configurations.
     """
     config = read_config(shapes)
     layers = [

@@ -1,13 +1,16 @@
-"""Rates at which data sets are made: in this process, by its pool, by a cluster on this machine."""
+"""Rates at which data sets are made, by one process, a pool and a cluster; and by three routes."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
+from experiments.command_parts import step_bar
 from lf_flame.datasets.clusters import cluster_executor
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.making import make_dataset, shard_size
@@ -19,37 +22,9 @@ CLUSTER = "Dask cluster"
 SHARDS_EACH = 3
 """Shards for each process, at least."""
 
-
-@dataclass(frozen=True)
-class Rate:
-    """A data set that was made.
-
-    Attributes
-    ----------
-    data : str
-        Kind of data set.
-    way : str
-    processes : int
-    samples : int
-    seconds : float
-        Whole, with what it takes to start processes and to search the slopes.
-    per_second : float
-        Samples, from when as many shards were written as there are processes, to the end.
-    sha256 : str
-        Of the images.
-    files, size : int
-        Of the data set, and their bytes.
-    """
-
-    data: str
-    way: str
-    processes: int
-    samples: int
-    seconds: float
-    per_second: float
-    sha256: str
-    files: int
-    size: int
+ROUTES = ("exact", "rays", "direct")
+"""In closed form through a light field, which the others are held against; by traced rays through a
+light field; straight from the scene."""
 
 
 class _Clock:
@@ -70,34 +45,11 @@ class _Clock:
 
 
 def measure_rates(
-    config: DatasetConfig,
-    samples: int,
-    processes: int,
-    rounds: int,
-    progress: Callable[[Iterable, int, int], Iterable],
-) -> list[Rate]:
-    """Make a data set each way, in turn, a few times.
+    config: DatasetConfig, samples: int, processes: int, rounds: int
+) -> Iterator[dict]:
+    """Make a data set each way, in turn, in each round; pool and cluster have so many processes.
 
-    Parameters
-    ----------
-    config : DatasetConfig
-    samples : int
-        So many that every process writes several shards.
-    processes : int
-        Of pool and cluster.
-    rounds : int
-    progress : callable
-        Passes on an iterable of steps, given how many are done and how many there are.
-
-    Returns
-    -------
-    list of Rate
-        One for each way and round.
-
-    Raises
-    ------
-    InputError
-        If the samples are too few for every process to write some shards.
+    An InputError says that the samples are too few for every process to write some shards.
     """
     least = SHARDS_EACH * processes * shard_size(samples)
     if samples < least:
@@ -106,35 +58,34 @@ def measure_rates(
             f"shards for each."
         )
     ways = [("one process", 1), ("process pool", processes), (CLUSTER, processes)]
-    steps = (_measure(config, samples, way, count) for _ in range(rounds) for way, count in ways)
-    return list(progress(steps, 0, rounds * len(ways)))
+    for way, count in step_bar(rounds * ways):
+        yield _measure(config, samples, way, count)
 
 
-@contextmanager
-def _cluster(processes: int) -> Iterator:
-    with cluster_executor(local=processes) as executor:
-        yield executor
+def _measure(config: DatasetConfig, samples: int, way: str, processes: int) -> dict:
+    """Make a data set: whole seconds, with what it takes to start processes and to search slopes.
 
-
-def _measure(config: DatasetConfig, samples: int, way: str, processes: int) -> Rate:
+    The rate is that from when as many shards were written as there are processes, to the end.
+    """
     clock, started = _Clock(), time.perf_counter()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "measured.zarr"
-        with _cluster(processes) if way == CLUSTER else nullcontext() as executor:
+        cluster = cluster_executor(local=processes) if way == CLUSTER else nullcontext()
+        with cluster as executor:
             make_dataset(config, samples, path, processes, clock, executor=executor)
         seconds = time.perf_counter() - started
         files = [file for file in path.rglob("*") if file.is_file()]
-        return Rate(
-            data=config.kind,
-            way=way,
-            processes=processes,
-            samples=samples,
-            seconds=seconds,
-            per_second=clock.per_second(processes * shard_size(samples)),
-            sha256=Dataset(path).attrs["sha256"],
-            files=len(files),
-            size=sum(file.stat().st_size for file in files),
-        )
+        return {
+            "data": config.kind,
+            "way": way,
+            "processes": processes,
+            "samples": samples,
+            "seconds": seconds,
+            "per_second": clock.per_second(processes * shard_size(samples)),
+            "sha256": Dataset(path).attrs["sha256"],
+            "files": len(files),
+            "size": sum(file.stat().st_size for file in files),
+        }
 
 
 def summarise(rates: Sequence[dict]) -> list[dict]:
@@ -151,3 +102,32 @@ def summarise(rates: Sequence[dict]) -> list[dict]:
         rows.append(row)
     pools = {row["data"]: row["per_second"] for row in rows if row["way"] == "process pool"}
     return [{**row, "of_pool": row["per_second"] / pools[row["data"]]} for row in rows]
+
+
+def compare_routes(config: DatasetConfig, samples: int, processes: int) -> Iterator[dict]:
+    """Make a data set by each of `ROUTES`: whole seconds, and PSNR against the exact route.
+
+    Seconds include the search for the slopes and, by rays, for their number.
+    """
+    with TemporaryDirectory() as folder:
+        exact = None
+        for name in step_bar(ROUTES):
+            path, started = Path(folder) / f"{name}.zarr", time.perf_counter()
+            make_dataset(replace(config, route=name), samples, path, processes)
+            seconds, made = time.perf_counter() - started, Dataset(path)
+            exact = made if exact is None else exact
+            yield {
+                "data": config.kind,
+                "route": name,
+                "samples": samples,
+                "processes": processes,
+                "rays": made.attrs.get("rays"),
+                "seconds": seconds,
+                "input_psnr_db": _psnr(made.inputs[:], exact.inputs[:]),
+                "target_psnr_db": _psnr(made.targets[:], exact.targets[:]),
+            }
+
+
+def _psnr(images: np.ndarray, exact: np.ndarray) -> float:
+    error = np.square(images - exact, dtype=np.float64).mean()
+    return float(-10 * np.log10(error)) if error > 0 else np.inf

@@ -1,14 +1,12 @@
 """Tables and record of the rates at which data sets are made."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from experiments.dataset_making.rates import measure_rates, summarise
-from experiments.dataset_making.routes import compare_routes
+from experiments.dataset_making.rates import compare_routes, measure_rates, summarise
 from experiments.paths import DATA_SETS
 from experiments.report import markdown, write_report
 from lf_flame.datasets.config import DatasetConfig, read_config
@@ -48,41 +46,13 @@ def run_dataset_making(
     processes: int,
     rounds: int,
     out: Path,
-    progress: Callable[[Iterable, int, int], Iterable],
     configs: Sequence[DatasetConfig] | None = None,
 ) -> Path:
-    """Measure rates and routes, and write the report.
-
-    Parameters
-    ----------
-    samples, processes, rounds : int
-        See `experiments.dataset_making.rates.measure_rates`.
-    out : Path
-        Gets ``dataset_making.json``, the record, and ``dataset_making.md``.
-    progress : callable
-        As `experiments.command_parts.step_bar`.
-    configs : sequence of DatasetConfig, optional
-        Default: those of the paper's data sets.
-
-    Returns
-    -------
-    Path
-        ``dataset_making.md``.
-    """
+    """Measure rates and routes, by default of the paper's data sets, and write the report."""
     configs = [read_config(path) for path in DATA_SETS] if configs is None else configs
-    rates = [
-        rate
-        for config in configs
-        for rate in measure_rates(config, samples, processes, rounds, progress)
-    ]
-    routes = [
-        route
-        for config in configs
-        for route in compare_routes(config, samples // 8, processes, progress)
-    ]
     record = {
-        "rates": [asdict(rate) for rate in rates],
-        "routes": [asdict(route) for route in routes],
+        "rates": [x for one in configs for x in measure_rates(one, samples, processes, rounds)],
+        "routes": [x for one in configs for x in compare_routes(one, samples // 8, processes)],
         "rounds": rounds,
     }
     return write_report(out, "dataset_making", "How fast data sets are made", record, body(record))

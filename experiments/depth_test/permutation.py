@@ -16,19 +16,15 @@ that cannot tell, and was trained with objects at all depths, draws something be
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from experiments.depth_scenarios import (
-    DepthScenario,
-    draw_scenario,
-    make_scenarios,
-    scene_settings,
-)
+from experiments.command_parts import step_bar
+from experiments.depth_scenarios import DepthScenario, draw_scenario, make_scenarios, scene_settings
 from experiments.depth_test.report import write
 from experiments.histories import recipe_in_words
 from lf_flame.datasets.config import DatasetConfig
@@ -40,8 +36,6 @@ from lf_flame.systems.base import RefocusingSystem
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
 
-SAMPLES = 16
-
 COLUMNS = [
     "scenario", "system", "depth_mm", "psnr_db", "psnr_sd", "psnr_foreground_db", "ssim", "ssim_sd",
     "share_memorised",
@@ -50,18 +44,9 @@ COLUMNS = [
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A refocusing system under test.
+    """A refocusing system under test: its title for tables, and the record of its training.
 
-    Parameters
-    ----------
-    name : str
-    title : str
-        What it is, for tables.
-    trained : {"", "fixed depths", "shuffled depths"}
-        With which objects; a reference is not trained.
-    about : dict
-        Record of its training.
-    system : RefocusingSystem
+    It was trained with "fixed depths", "shuffled depths" or, a reference, not at all ("").
     """
 
     name: str
@@ -77,7 +62,6 @@ class Outcome:
 
     Parameters
     ----------
-    scenario : DepthScenario
     truth, learnt : ndarray of float32, shape (n, planes, h, w)
         Refocused by shift-and-sum: the scenes as they are, and with every object at its own depth.
     drawn : dict of str to ndarray of float32, shape (n, planes, h, w)
@@ -93,19 +77,9 @@ class Outcome:
 def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list[Subject]]:
     """Load trained networks that differ in nothing but in what they were shown and trained with.
 
-    Returns
-    -------
-    DatasetConfig
-        Of the first; the scenes are drawn by it.
-    list of float
-        Slopes of the planes.
-    list of Subject
-        Shift-and-sum of some views, as a reference, and the networks.
-
-    Raises
-    ------
-    InputError
-        If a run is missing, or two were made for other scenes or cameras.
+    Returns the configuration of the first, by which scenes are drawn, the slopes of the planes, and
+    the networks behind shift-and-sum of some views, as a reference. An InputError says that a run
+    is missing, or that two were made for other scenes or cameras.
     """
     opened = [open_run(run) for run in runs]
     first = opened[0]
@@ -142,12 +116,7 @@ def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subje
 def run_scenarios(
     config: DatasetConfig, slopes: Sequence[float], subjects: Sequence[Subject], samples: int
 ) -> Iterator[Outcome]:
-    """Render the scenes of each scenario and let all systems refocus them.
-
-    Yields
-    ------
-    Outcome
-    """
+    """Render the scenes of each scenario and let all systems refocus them."""
     systems = {"truth": ShiftAndSum()} | {one.name: one.system for one in subjects}
     learnt = None
     for scenario in make_scenarios(config):
@@ -193,43 +162,14 @@ def share_memorised(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) ->
     return float(np.sum((drawn - truth) * way) / squares)
 
 
-def run_depth_test(
-    runs: Sequence[Path],
-    out: Path,
-    samples: int = SAMPLES,
-    progress: Callable[[Iterable, int, int], Iterable] | None = None,
-) -> Path:
-    """Test trained networks, and write the report.
-
-    Parameters
-    ----------
-    runs : sequence of Path
-        Folders of finished runs.
-    out : Path
-        Folder for the report, see `experiments.depth_test.report.write`.
-    samples : int, optional
-        Scenes for each scenario.
-    progress : callable, optional
-        ``progress(outcomes, done, total)`` wraps the iterable of outcomes.
-
-    Returns
-    -------
-    Path
-        The report's Markdown file.
-
-    Raises
-    ------
-    InputError
-        See `load_subjects` and `experiments.depth_scenarios.make_scenarios`; or if there are
-        no samples.
-    """
+def run_depth_test(runs: Sequence[Path], out: Path, samples: int) -> Path:
+    """Test trained networks on so many scenes for each scenario, and write the report."""
     if samples < 1:
         raise InputError(
             f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."
         )
     config, slopes, subjects = load_subjects(runs)
-    scenarios = len(make_scenarios(config))
-    outcomes = run_scenarios(config, slopes, subjects, samples)
-    outcomes = list(outcomes if progress is None else progress(outcomes, 0, scenarios))
+    steps = run_scenarios(config, slopes, subjects, samples)
+    outcomes = list(step_bar(steps, len(make_scenarios(config))))
     table = tabulate(outcomes, config.depths_mm)
     return write(config, slopes, subjects, outcomes, table, out)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 
-import numpy as np
 import pandas as pd
 
 from experiments.report import write_report
@@ -17,24 +16,8 @@ from lf_flame._common.figures import subplots
 def write(
     config, slopes, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame, out: Path
 ) -> Path:
-    """Write ``depth_test.csv``, ``.md``, ``.png``, ``.json``, and a picture for each scenario.
-
-    Parameters
-    ----------
-    config : lf_flame.datasets.config.DatasetConfig
-    slopes : sequence of float
-    subjects : sequence of experiments.depth_test.permutation.Subject
-    outcomes : sequence of experiments.depth_test.permutation.Outcome
-    table : DataFrame
-        From `experiments.depth_test.permutation.tabulate`.
-    out : Path
-
-    Returns
-    -------
-    Path
-        ``depth_test.md``.
-    """
-    pictures = {"depth_test": score_figure(table, subjects, config.kind)}
+    """Write ``depth_test.csv``, ``.md``, ``.json``, and a picture for each scenario."""
+    pictures = {}
     for number, outcome in enumerate(outcomes):
         name = "_".join(re.findall(r"\w+", outcome.scenario.name))
         pictures[f"depth_test_{number}_{name}"] = scenario_figure(config, subjects, outcome)
@@ -91,47 +74,6 @@ def _pivot(means: pd.DataFrame, scenarios: Sequence, measure: str = "psnr_db") -
     return shown.to_markdown(disable_numparse=True, colalign=sides)
 
 
-MARKERS = {"": "s", "fixed depths": "o", "shuffled depths": "D"}
-"""By what a system was trained with; references are not trained."""
-
-
-def score_figure(table: pd.DataFrame, subjects: Sequence, kind: str):
-    """Draw PSNR and the share memorised: one group a scenario, one mark a system.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    means = table[table.depth_mm.isna()]
-    scenarios = means.scenario.unique()[::-1]
-    figure, axes = subplots(
-        1, 2, figsize=(12, 1.8 + 0.13 * len(scenarios) * (len(subjects) + 2)), sharey=True,
-        layout="constrained",
-    )  # fmt: skip
-    places = np.linspace(0.35, -0.35, len(subjects))
-    for axis, measure in zip(axes, ("psnr_db", "share_memorised"), strict=True):
-        for k, (subject, place) in enumerate(zip(subjects, places, strict=True)):
-            rows = means[means.system == subject.name].set_index("scenario").loc[scenarios]
-            color = f"C{k % 10}" if subject.trained else "0.45"
-            axis.plot(
-                rows[measure], np.arange(len(scenarios)) + place, MARKERS[subject.trained],
-                color=color,
-                markerfacecolor="white" if k % 2 and not subject.trained else color, markersize=6,
-                label=_label(subject),
-            )  # fmt: skip
-        for edge in range(1, len(scenarios)):
-            axis.axhline(edge - 0.5, color="0.8", lw=0.8)
-        axis.set_yticks(range(len(scenarios)), scenarios)
-        axis.grid(axis="x", alpha=0.3)
-    axes[0].set_xlabel("PSNR against shift-and-sum of all views (dB)")
-    axes[1].set_xlabel("share memorised (0: as it is, 1: as in training)")
-    for x in (0, 1):
-        axes[1].axvline(x, color="black", ls="--", lw=1)
-    figure.suptitle(f"Networks on {kind} at other depths than in training")
-    figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside lower center")
-    return figure
-
-
 def _label(subject) -> str:
     """Name in words, and what it was trained with, unless the name says so."""
     name = subject.name.replace("-shuffled-depths", "").replace("-", " ")
@@ -140,12 +82,7 @@ def _label(subject) -> str:
 
 
 def scenario_figure(config, subjects: Sequence, outcome):
-    """Draw the first scene of a scenario: the truth, what each system makes of it, what was learnt.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the first scene of a scenario: the truth, what systems make of it, what was learnt."""
     rows = {"truth: shift-and-sum of all views": outcome.truth[0]}
     rows |= {_label(subject): outcome.drawn[subject.name][0] for subject in subjects}
     if outcome.learnt is not outcome.truth:

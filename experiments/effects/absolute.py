@@ -6,11 +6,12 @@ effect changes most, and as many drawn at random. All numbers are relative to th
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from experiments.command_parts import step_bar
 from experiments.effects.cameras import CAMERAS
 from experiments.effects.ray_tracer import trace_pixels
 from lf_flame._common.config import to_json
@@ -93,25 +94,10 @@ def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str,
     }
 
 
-def measure_effects(
-    progress: Callable | None = None,
-    cameras: Mapping[str, PlenopticCamera] = CAMERAS,
-    rays: int = RAYS,
-) -> dict:
-    """Measure every effect on every camera, for `experiments.effects.report.write`.
+def measure_effects(cameras: Mapping[str, PlenopticCamera] = CAMERAS, rays: int = RAYS) -> dict:
+    """Measure every effect on every camera; the tracer's rays are a power of 2.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Passes on an iterable of steps, given how many are done and how many there are.
-    cameras : mapping of str to PlenopticCamera, optional
-    rays : int, optional
-        Of the tracer; a power of 2.
-
-    Returns
-    -------
-    dict
-        The record; in ``rows`` one for each effect and camera.
+    Returns the record, in ``rows`` one for each effect and camera.
     """
     started = time.perf_counter()
     trials = [
@@ -120,7 +106,7 @@ def measure_effects(
         for name, trial in effect_trials(optics).items()
     ]
     steps = (measure_effect(name, camera, trial, rays) for name, camera, trial in trials)
-    rows = list(progress(steps, 0, len(trials)) if progress else steps)
+    rows = list(step_bar(steps, len(trials)))
     return {
         "cameras": {name: to_json(camera) for name, camera in cameras.items()},
         "tolerance": TOLERANCE,
@@ -136,14 +122,11 @@ def measure_effects(
 def measure_effect(name: str, camera: str, trial: Trial, rays: int = RAYS) -> dict:
     """Set one effect of the library beside its reference.
 
-    Returns
-    -------
-    dict
-        ``effect`` and ``camera``; ``reference`` and ``library``, in the pixel where they differ
-        most (for noise: root-mean-square over the image); ``difference``, of these two;
-        ``rms_difference`` over the pixels; ``reference_error``, the standard error in that pixel;
-        ``change``, the largest that the effect makes by the reference; ``bound``, the plan's;
-        ``looseness``, the bound over the change.
+    Returns ``effect`` and ``camera``; ``reference`` and ``library``, in the pixel where they differ
+    most (for noise: root-mean-square over the image); ``difference``, of these two;
+    ``rms_difference`` over the pixels; ``reference_error``, the standard error in that pixel;
+    ``change``, the largest that the effect makes by the reference; ``bound``, the plan's;
+    ``looseness``, the bound over the change.
     """
     on, off = (_render(trial, name, kept) for kept in (True, False))
     peak = max(float(off.max()), 1e-300)

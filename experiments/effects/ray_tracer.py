@@ -27,13 +27,10 @@ diffraction throws it on the sensor (2) and on the lenslet array (2)."""
 
 
 class Traced(NamedTuple):
-    """Light and rays of some pixels, as traced.
+    """Radiance of some pixels, and its standard error from independent randomisations.
 
-    Attributes
-    ----------
-    mean, error : ndarray of float64, shape (n,)
-        Radiance, and its standard error from independent randomisations; at least that of half a
-        ray in each, which all of them may miss at an edge along a row or a column.
+    The error is at least that of half a ray in each, which all of them may miss at an edge along a
+    row or a column.
     """
 
     mean: np.ndarray
@@ -47,34 +44,15 @@ def trace_pixels(
     rays: int = 4096,
     repeats: int = 8,
     seed: int = 0,
-    real_square_stop: bool = False,
     diffraction: Collection[str] = ("lenslet", "main_lens"),
 ) -> Traced:
-    """Radiance of some pixels, by scrambled Sobol points.
+    """Radiance of some pixels (v, u, t, s), by scrambled Sobol points.
 
-    Parameters
-    ----------
-    scene : Scene
-        Any layers: glowing, opaque with holes, absorbing, thick, in one another.
-    camera : PlenopticCamera
-        With all its imperfections; its sensor is taken as ideal.
-    pixels : array_like of int, shape (n, 4)
-        Indices (v, u, t, s).
-    rays : int, optional
-        Rays through each lenslet, in each randomisation; a power of 2.
-    repeats : int, optional
-        Independent randomisations, 2 or more, whose scatter gives the standard error.
-    seed : int, optional
-    real_square_stop : bool, optional
-        Where the camera has no round aperture: a real square stop instead of the ideal one, as
-        wide as aperture and lenslet together, matched to the array and turned with it. Each
-        outermost pixel then has a ramp of light as wide as the lenslet's image, instead of an edge.
-    diffraction : collection of str, optional
-        Whose diffraction a camera with a `wavelength_nm` has: "lenslet", "main_lens", or both.
-
-    Returns
-    -------
-    Traced
+    Layers may be any: glowing, opaque with holes, absorbing, thick, in one another. The camera has
+    all its imperfections, but its sensor is taken as ideal. Rays are those through each lenslet, a
+    power of 2, in each of two or more independent randomisations, whose scatter gives the standard
+    error. A camera with a `wavelength_nm` has the diffraction of the "lenslet", of the "main_lens",
+    or of both.
     """
     thrown = frozenset(diffraction if camera.wavelength_nm is not None else ())
     found = np.empty((repeats, len(pixels)))
@@ -82,7 +60,7 @@ def trace_pixels(
         sobol = qmc.Sobol(DIMENSIONS, seed=rng)
         numbers = sobol.random_base2(rays.bit_length() - 1)
         for i, pixel in enumerate(pixels):
-            found[k, i] = _one_pixel(scene, camera, pixel, numbers, real_square_stop, thrown)
+            found[k, i] = _one_pixel(scene, camera, pixel, numbers, thrown)
     half_a_ray = sum(layer.texture.max() for layer in scene.layers) / 2 / len(numbers)
     scatter = np.hypot(found.std(axis=0, ddof=1), half_a_ray)
     return Traced(found.mean(axis=0), scatter / math.sqrt(repeats))
@@ -121,16 +99,16 @@ def pixel_places(camera: PlenopticCamera, pixel: ArrayLike, share: ArrayLike) ->
     return -(lenslet * camera.lenslet_pitch_mm * scale + view * camera.pixel_mm)
 
 
-def _one_pixel(scene, camera, pixel, numbers, real_square_stop, thrown) -> float:
+def _one_pixel(scene, camera, pixel, numbers, thrown) -> float:
     """Mean over rays, of all lenslets together."""
     on_sensor = pixel_places(camera, pixel, numbers[:, :2])
     if "lenslet" in thrown:  # light that rays take there is thrown to here
         on_sensor = on_sensor - _thrown_on_sensor(camera, numbers[:, 5:7])
-    light, reach = 0.0, _reach(camera, real_square_stop)
+    light, reach = 0.0, _reach(camera)
     for down in range(-reach, reach + 1):
         for right in range(-reach, reach + 1):
             centre = _lenslet_centre(camera, on_sensor, (down, right))
-            light += _through(scene, camera, on_sensor, centre, numbers, real_square_stop, thrown)
+            light += _through(scene, camera, on_sensor, centre, numbers, thrown)
     return light
 
 
@@ -143,19 +121,14 @@ def _cell_mm(camera) -> float:
     return _true_pitch(camera) * (1 + camera.lenslet_focal_mm / image_distance(camera))
 
 
-def _reach(camera, real_square_stop: bool) -> int:
+def _reach(camera) -> int:
     """How many lenslets away from the nearest one light can come to a place on the sensor."""
-    if camera.aperture_diameter_mm is None and not real_square_stop:
+    if camera.aperture_diameter_mm is None:
         return 0
-    half = (camera.aperture_diameter_mm or _square_stop_mm(camera)) / 2
+    half = camera.aperture_diameter_mm / 2
     # A stop, seen through one point of a lenslet, in cells; the lenslet's own width; half a cell.
     ratio = camera.lenslet_focal_mm / image_distance(camera) / _cell_mm(camera)
     return math.floor((half + _true_pitch(camera)) * ratio + 0.5)
-
-
-def _square_stop_mm(camera) -> float:
-    """Width of the square stop for which each point of the sensor is lit once, all in all."""
-    return _cell_mm(camera) * image_distance(camera) / camera.lenslet_focal_mm
 
 
 def _lenslet_centre(camera, on_sensor, further):
@@ -166,7 +139,7 @@ def _lenslet_centre(camera, on_sensor, further):
     return turned((index - offset) * _true_pitch(camera), camera.lenslet_rotation_rad)
 
 
-def _through(scene, camera, on_sensor, centre, numbers, real_square_stop, thrown) -> float:
+def _through(scene, camera, on_sensor, centre, numbers, thrown) -> float:
     """Mean over rays through one lenslet for each."""
     side, angle = _true_pitch(camera), camera.lenslet_rotation_rad
     on_lenslet = centre + turned((numbers[:, 2:4] - 0.5) * side, angle)
@@ -176,7 +149,7 @@ def _through(scene, camera, on_sensor, centre, numbers, real_square_stop, thrown
     on_main_lens = on_lenslet - image_distance(camera) * tilt
     band = 1 + camera.chromatic_shift * (numbers[:, 4:5] - 0.5)
     power = 1 / (camera.main_lens_focal_mm * band)
-    weight = _passes(camera, on_main_lens, tilt + on_main_lens * power, real_square_stop)
+    weight = _passes(camera, on_main_lens, tilt + on_main_lens * power)
     if not camera.falloff_corrected:
         weight = weight / (1 + np.sum(tilt**2, axis=1)) ** 2
     if not weight.any():
@@ -185,22 +158,16 @@ def _through(scene, camera, on_sensor, centre, numbers, real_square_stop, thrown
         on_main_lens = on_main_lens - _thrown_on_array(camera, numbers[:, 7:9])
     lit = weight > 0
     light = _radiance(
-        scene,
-        camera.focus_distance_mm,
-        on_main_lens[lit],
-        (tilt + on_main_lens * power)[lit],
+        scene, camera.focus_distance_mm, on_main_lens[lit], (tilt + on_main_lens * power)[lit]
     )
     return float(np.sum(weight[lit] * light) / len(weight))
 
 
-def _passes(camera, on_main_lens, tilt, real_square_stop):
+def _passes(camera, on_main_lens, tilt):
     """1.0 for rays that pass all stops; tilt: in front of the main lens."""
     passes = np.ones(len(tilt))
     if camera.aperture_diameter_mm is not None:
         passes *= np.hypot(*on_main_lens.T) <= camera.aperture_diameter_mm / 2
-    elif real_square_stop:
-        along = turned(on_main_lens, -camera.lenslet_rotation_rad)
-        passes *= np.abs(along).max(axis=1) <= _square_stop_mm(camera) / 2
     if camera.rim_diameter_mm is not None:
         on_rim = on_main_lens - camera.rim_distance_mm * tilt
         passes *= np.hypot(*on_rim.T) <= camera.rim_diameter_mm / 2

@@ -18,14 +18,8 @@ as_exact = np.frompyfunc(Fraction, 1, 1)
 class Values:
     """Values of a case: numbers, arrays of one shape, or words.
 
-    Attributes
-    ----------
-    exact : object
-        By rational arithmetic or a closed form, without the package.
-    obvious, ours : object
-        By the formula that suggests itself, and by the package.
-    scale : float or ndarray, optional
-        Size to which errors are relative; default: that of each exact value.
+    Exact are they by rational arithmetic or a closed form, without the package. Errors are relative
+    to the scale; default: the size of each exact value.
     """
 
     exact: Any
@@ -36,18 +30,10 @@ class Values:
 
 @dataclass(frozen=True)
 class HardCase:
-    """A case, in words and as a function.
+    """A case: what is hard, the formula that suggests itself, and what the package does instead.
 
-    Attributes
-    ----------
-    name, obvious, here : str
-        What is hard, the formula that suggests itself, and what the package does instead.
-    allowed : float
-        Largest error of the package.
-    find : callable
-        Computes the `Values`.
-    fails_by : float
-        Least error of the obvious formula over `allowed`.
+    `allowed` is the largest error of the package, `fails_by` the least of the obvious formula over
+    it.
     """
 
     name: str
@@ -74,12 +60,9 @@ def hard_case(name: str, obvious: str, here: str, allowed: float, fails_by: floa
 def measure(case: HardCase) -> dict[str, Any]:
     """Compute a case.
 
-    Returns
-    -------
-    dict
-        ``exact``, ``obvious`` and ``ours``, the values where the obvious formula is worst, as text;
-        ``obvious_error`` and ``our_error``, the largest of all values, infinite where a value is
-        no number or the word is wrong.
+    Returns ``exact``, ``obvious`` and ``ours``, the values where the obvious formula is worst, as
+    text; ``obvious_error`` and ``our_error``, the largest of all values, infinite where a value is
+    no number or the word is wrong.
     """
     with np.errstate(all="ignore"):
         return _compare(case.find())

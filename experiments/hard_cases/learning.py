@@ -86,10 +86,7 @@ def eight_bits() -> Values:
 
 
 @hard_case(
-    "the same layer in 16 bits",
-    "float16 throughout",
-    "float32, the mean taken off first",
-    1e-5,
+    "the same layer in 16 bits", "float16 throughout", "float32, the mean taken off first", 1e-5
 )
 def sixteen_bits() -> Values:
     def half(features: np.ndarray, found: Regression) -> np.ndarray:
@@ -125,10 +122,7 @@ def behind_the_sigmoid() -> Values:
 
 
 @hard_case(
-    "Adam's first ten steps",
-    "running means that begin at 0",
-    "bias corrected in float64",
-    1e-5,
+    "Adam's first ten steps", "running means that begin at 0", "bias corrected in float64", 1e-5
 )
 def first_steps() -> Values:
     from lf_flame.learning.array_training import ArrayAdam

@@ -203,12 +203,7 @@ def order_of_layers() -> Values:
     return Values(np.full(2, 0.25), obvious, ours)
 
 
-@hard_case(
-    "20 million rays into one pixel",
-    "float32 sum",
-    "float64 sums",
-    UNIT32,
-)
+@hard_case("20 million rays into one pixel", "float32 sum", "float64 sums", UNIT32)
 def many_rays() -> Values:
     image = np.zeros((1, 1, 1, 1), np.float32)
     trace(planes(Layer([[0.1]], 5.0, WIDE)), OpticalPass(ONE_PIXEL), "views", 4472, image)
@@ -273,12 +268,7 @@ def slabs_of_a_flame() -> Values:
     return Values(1.0, obvious, image[0, 0, 0, 0])
 
 
-@hard_case(
-    "light of brightness 1e39",
-    "cast to float32",
-    "refused",
-    0.0,
-)
+@hard_case("light of brightness 1e39", "cast to float32", "refused", 0.0)
 def beyond_float32() -> Values:
     try:
         ours = f"{rendered([Layer([[1e39]], 5.0, WIDE)]).max():g}"
@@ -288,10 +278,7 @@ def beyond_float32() -> Values:
 
 
 @hard_case(
-    "fewest electrons of pixels between none and 1e9",
-    "mean + sqrt(mean) z",
-    "Poisson's law",
-    0.0,
+    "fewest electrons of pixels between none and 1e9", "mean + sqrt(mean) z", "Poisson's law", 0.0
 )
 def fewest_electrons() -> Values:
     electrons = np.repeat([0.0, 1e-30, 1e-3, 1.0, 1e4, 1e9], 1000)

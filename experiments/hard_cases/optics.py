@@ -76,24 +76,14 @@ def conjugates() -> Values:
     return Values(exact, [naive_slope(a) for a in distances], ours)
 
 
-@hard_case(
-    "slope next to the focal plane",
-    "i0/i(z) - 1",
-    "1/a0 - 1/(a0 + z)",
-    16 * UNIT,
-)
+@hard_case("slope next to the focal plane", "i0/i(z) - 1", "1/a0 - 1/(a0 + z)", 16 * UNIT)
 def near_focus() -> Values:
     depths = (-1e-6, -1e-9, 1e-12, 1e-9, 1e-6)
     exact = np.array([ExactCamera(CAMERA).slope(z) for z in depths])
     return Values(exact, [naive_slope(A0 + z) for z in depths], CAMERA.depth_to_slope(depths))
 
 
-@hard_case(
-    "depth of a small slope",
-    "i f/(i - f) - a0",
-    "difference of reciprocals",
-    16 * UNIT,
-)
+@hard_case("depth of a small slope", "i f/(i - f) - a0", "difference of reciprocals", 16 * UNIT)
 def depth_of_slope() -> Values:
     slopes = (1e-12, -1e-9, 1e-6)
     exact = np.array([ExactCamera(CAMERA).depth(slope) for slope in slopes])
@@ -120,10 +110,7 @@ def front_focal_plane() -> Values:
 
 
 @hard_case(
-    "magnification of a 4-f chain",
-    "hop from image to image",
-    "one product of matrices",
-    1e-13,
+    "magnification of a 4-f chain", "hop from image to image", "one product of matrices", 1e-13
 )
 def relay() -> Values:
     exact, obvious, ours = [], [], []
@@ -152,10 +139,7 @@ def a_hundred_elements() -> Values:
 
 
 @hard_case(
-    "focus of a lens of 1e8 mm",
-    "abs(C) < 1e-5 means no power",
-    "-1/C, whatever its size",
-    4 * UNIT,
+    "focus of a lens of 1e8 mm", "abs(C) < 1e-5 means no power", "-1/C, whatever its size", 4 * UNIT
 )
 def weak_lens() -> Values:
     powers = [float_chain([("lens", focal), ("space", focal)])[1, 0] for focal in (1e8, -1e8)]

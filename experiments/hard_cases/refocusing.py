@@ -144,10 +144,7 @@ def huge_slope() -> Values:
 
 
 @hard_case(
-    "sum of the phases of three views at slope 0",
-    "sin(N x/2)/sin(x/2)",
-    "added view by view",
-    1e-6,
+    "sum of the phases of three views at slope 0", "sin(N x/2)/sin(x/2)", "added view by view", 1e-6
 )
 def no_phase() -> Values:
     views = np.random.default_rng(0).uniform(0.1, 1, size=(1, 3, 4, 20)).astype(np.float32)
@@ -197,12 +194,7 @@ def black_against_white() -> Values:
     return Values(0.0, obvious, psnr(flat(0), flat(1)), scale=1.0)
 
 
-@hard_case(
-    "SSIM of constant images",
-    "quality index without constants",
-    "luminance term",
-    1e-6,
-)
+@hard_case("SSIM of constant images", "quality index without constants", "luminance term", 1e-6)
 def constant_images() -> Values:
     pairs = [(0, 0), (1, 1), (0, 1), (0.5, 0.5), (0.4, 0.5), (1e-30, 0), (1, 1 - UNIT32)]
     exact, obvious, ours = [], [], []

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from experiments.command_parts import step_bar
 from experiments.hard_cases.case import CASES, HardCase, measure
 from experiments.report import markdown, write_report
 from lf_flame._common import figures
@@ -29,23 +30,10 @@ def all_cases() -> list[HardCase]:
     return CASES
 
 
-def run_hard_cases(out: Path, progress) -> Path:
-    """Compute all cases and write the report.
-
-    Parameters
-    ----------
-    out : Path
-        Gets ``hard_cases.csv``, ``.md``, ``.png`` and ``.json``, the record.
-    progress : callable
-        As `experiments.command_parts.step_bar`.
-
-    Returns
-    -------
-    Path
-        ``hard_cases.md``.
-    """
+def run_hard_cases(out: Path) -> Path:
+    """Compute all cases and write the report."""
     started, cases = time.perf_counter(), all_cases()
-    rows = [_row(case) for case in progress(cases, 0, len(cases))]
+    rows = [_row(case) for case in step_bar(cases)]
     record = {"cases": rows, "wall_s": time.perf_counter() - started}
     return write_report(
         out, "hard_cases", "Hard cases", record, body(record),
@@ -103,7 +91,7 @@ def figure(rows: Sequence[dict[str, Any]]) -> Figure:
     y = np.arange(len(rows))
     marks = (("obvious_error", "#D55E00", "X", "obvious formula"),
              ("our_error", "#0072B2", "o", "lf_flame"))  # fmt: skip
-    ends = [[_placed(row[column]) for row in rows] for column, *_ in marks]
+    ends = [np.clip([row[column] for row in rows], ROUNDING, FAILED) for column, *_ in marks]
     axis.hlines(y, *ends, color="0.8", linewidth=1, zorder=0)
     for errors, (_, colour, marker, label) in zip(ends, marks, strict=True):
         axis.plot(errors, y, marker, color=colour, label=label, markersize=6)
@@ -116,7 +104,3 @@ def figure(rows: Sequence[dict[str, Any]]) -> Figure:
     axis.grid(axis="x", alpha=0.25)
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return drawn
-
-
-def _placed(error: float) -> float:
-    return float(np.clip(error, ROUNDING, FAILED))

@@ -48,16 +48,10 @@ REFERENCE_NOTE = " (reference)"
 
 @dataclass(frozen=True)
 class Result:
-    """A table of a results folder.
+    """A table of a results folder, after which the run is called.
 
-    Parameters
-    ----------
-    run : str
-        Name of the folder.
-    scores : DataFrame
-        Index ``depth_mm``, columns `SCORES`: means over the test split; NaN where it is missing.
-    request : dict
-        `REQUEST` of its record; empty where it is missing.
+    Scores have the index ``depth_mm`` and the columns `SCORES`: means over the test split; NaN
+    where it is missing. The request is the `REQUEST` of its record; empty where it is missing.
     """
 
     run: str
@@ -100,13 +94,7 @@ class Result:
 
 
 def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -> Result:
-    """Read a table of a results folder.
-
-    Raises
-    ------
-    InputError
-        If the table is there, but is not what `experiments.paper.tables.write_table` writes.
-    """
+    """Read a table of a results folder, as `experiments.paper.tables.write_table` writes it."""
     record = read_result_record(folder, name)
     index = pd.Index(depths_mm, name="depth_mm")
     if record is None:
@@ -139,11 +127,8 @@ def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
 def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
     """Put pools of results beside the paper's values.
 
-    Returns
-    -------
-    DataFrame
-        `COLUMNS`, one row a pool and plane: the pool's first run, how many seeds it holds (0 where
-        it is missing), mean and standard deviation (n - 1) over the seeds, the paper's values.
+    One row a pool and plane, columns as in `COLUMNS`: the pool's first run, how many seeds it holds
+    (0 where it is missing), mean and standard deviation (n - 1) over the seeds, the paper's values.
     """
     blocks = []
     for pool in pools:
@@ -221,18 +206,9 @@ def _describe(pool: list[Result]) -> str:
 def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None = None) -> str:
     """Both tables of one results folder, or of several side by side, as Markdown.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-    paper_values : Path
-    out : Path, optional
-        Markdown file NAME.md to keep the text in; beside it go the numbers, NAME.csv and
-        NAME_learning.csv, and a picture of validation PSNR against seconds, NAME.png.
-
-    Raises
-    ------
-    InputError
-        If a folder is not there, or holds something else than results.
+    Beside the text in `out`, NAME.md, go the numbers, NAME.csv and NAME_learning.csv, and a picture
+    of validation PSNR against seconds, NAME.png. An InputError says that a folder is not there, or
+    holds something else than results.
     """
     if out is not None and out.suffix != ".md":
         raise InputError(f"The file for the tables must end in .md, got {out}.")
@@ -289,12 +265,9 @@ def _name(result: Result) -> str:
 
 
 def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame]:
-    """Read how the runs behind a table learnt, those that are there.
+    """Read how the runs behind a table learnt, those that are there, by run.
 
-    Returns
-    -------
-    dict of str to DataFrame
-        By run: the columns of a run's ``history.csv``, ``seconds`` counted since its start.
+    Columns as in a run's ``history.csv``, ``seconds`` counted since its start.
     """
     histories = {}
     for folder, run in zip(folders, _short_names(folders), strict=True):
@@ -309,19 +282,11 @@ def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame
 def tabulate_learning(histories: dict[str, pd.DataFrame]) -> pd.DataFrame:
     """Say when each run was best, when it was where the weakest run ended, and where it was going.
 
-    Parameters
-    ----------
-    histories : dict of str to DataFrame
-        From `read_histories`, at least one.
-
-    Returns
-    -------
-    DataFrame
-        One row a run; columns ``run``, ``devices`` (accelerators), ``best_psnr_db``, ``best_s``,
-        ``best_epoch``, ``weakest`` (the run that was best at the lowest level), ``there_s``,
-        ``there_epoch``, ``rise_db`` and ``rise_2se_db``, see `experiments.histories.trend`, and
-        ``at_most_db``, see `experiments.histories.extrapolate`: of runs that ended before their
-        last epoch.
+    One row a run; columns ``run``, ``devices`` (accelerators), ``best_psnr_db``, ``best_s``,
+    ``best_epoch``, ``weakest`` (the run that was best at the lowest level), ``there_s``,
+    ``there_epoch``, ``rise_db`` and ``rise_2se_db``, see `experiments.histories.trend`, and
+    ``at_most_db``, see `experiments.histories.extrapolate`: of runs that ended before their last
+    epoch.
     """
     best = {run: rows.loc[rows.val_psnr_db.idxmax()] for run, rows in histories.items()}
     weakest = min(best, key=lambda run: best[run].val_psnr_db)
@@ -343,13 +308,7 @@ def tabulate_learning(histories: dict[str, pd.DataFrame]) -> pd.DataFrame:
 
 
 def learning_markdown(learning: pd.DataFrame) -> str:
-    """Write how long each run took to its best epoch, and whether it was still rising at its end.
-
-    Parameters
-    ----------
-    learning : DataFrame
-        From `tabulate_learning`.
-    """
+    """Write how long each run took to its best epoch, and whether it still rose at its end."""
     weakest = learning.weakest[0]
     level = learning.best_psnr_db[learning.run == weakest].item()
     shown = pd.DataFrame(

@@ -16,12 +16,7 @@ LENSLETS_ENLARGED = 12
 
 
 def enlarged_part(views: np.ndarray) -> tuple[int, int]:
-    """Find the lenslets whose micro-images change most both ways: the corner (t, s) of the part.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-    """
+    """Find the lenslets whose micro-images change most both ways: the corner (t, s) of the part."""
     down, across = (views.mean(axis=axis).std(axis=0) for axis in (1, 0))
     uneven = uniform_filter(down * across, LENSLETS_ENLARGED, mode="constant")
     places = zip(np.unravel_index(uneven.argmax(), uneven.shape), uneven.shape, strict=True)
@@ -44,12 +39,6 @@ def result_figure(
     light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
         What the network is shown of it.
     targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
-    depths_mm : sequence of float
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     planes = len(targets)
     errors = predictions - targets
@@ -92,14 +81,8 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
 def sharpness_figure(panels):
     """Sharpness of layers against slope, with the slopes of the geometry and of the paper.
 
-    Parameters
-    ----------
-    panels : dict of str to list of (str, SlopeSearch, float, float)
-        Layers by title: label, search, slope by geometry, slope in the paper (NaN: not printed).
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    Panels are layers by title: label, search, slope by geometry, slope in the paper (NaN: not
+    printed).
     """
     figure, axes = subplots(
         len(panels),
@@ -164,14 +147,8 @@ FEW_EPOCHS = 60
 def draw_learning(axis, curves: dict, names: dict[str, str] | None = None) -> None:
     """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
 
-    Parameters
-    ----------
-    axis : matplotlib.axes.Axes
-    curves : dict of str to DataFrame
-        By run, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
-    names : dict of str to str, optional
-        Names of the runs, in the order of their colours; runs of one name have one colour.
-        Default: the runs themselves.
+    Curves have the columns ``seconds`` since the run was started, and ``val_psnr_db``. Names stand
+    in the order of their colours; runs of one name have one colour.
     """
     names = {run: run for run in curves} if names is None else names
     colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(names.values()))}
@@ -192,20 +169,9 @@ def draw_learning(axis, curves: dict, names: dict[str, str] | None = None) -> No
 
 
 def learning_figure(panels: dict, printed: dict, names: dict[str, str] | None = None):
-    """Draw how runs learnt, one panel a data set.
+    """Draw how runs learnt, one panel a data set, over what the paper prints for its planes.
 
-    Parameters
-    ----------
-    panels : dict of str to dict of str to DataFrame
-        By title, see `draw_learning`.
-    printed : dict of str to sequence of float
-        PSNR that the paper prints for each plane, by title.
-    names : dict of str to str, optional
-        Names of all runs, see `draw_learning`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    Panels are curves by run, see `draw_learning`, by title.
     """
     figure, axes = subplots(
         1, len(panels), figsize=(6.5 * len(panels), 5.8), squeeze=False, layout="constrained"

@@ -76,15 +76,7 @@ def text_sha256(text: str) -> str:
 def read_result_record(folder: Path, name: str) -> ResultRecord | None:
     """Read the record of a table, and see that the files beside it are those it was written with.
 
-    Returns
-    -------
-    ResultRecord or None
-        None where there is no such table.
-
-    Raises
-    ------
-    InputError
-        If one of them is damaged.
+    None where there is no such table; an InputError says that one of them is damaged.
     """
     if not (folder / f"{name}.csv").exists():
         return None

@@ -11,12 +11,7 @@ from tqdm import tqdm
 from experiments.histories import epochs_in_words, recipe_in_words
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
-from experiments.paper.result_files import (
-    hashes_of,
-    read_result_record,
-    results_aside,
-    text_sha256,
-)
+from experiments.paper.result_files import hashes_of, read_result_record, results_aside, text_sha256
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.checksums import SEAL
@@ -54,14 +49,7 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     """Score SSIM by the table's window and by others: the paper does not state its own.
 
-    Parameters
-    ----------
-    targets, predictions : ndarray, shape (n, planes, h, w)
-
-    Returns
-    -------
-    DataFrame
-        One row a window, one column a plane: the mean over the samples.
+    Of images [n, plane, h, w]: one row a window, one column a plane, the mean over the samples.
     """
     pairs = list(zip(targets, predictions, strict=True))
     rows = {
@@ -83,13 +71,8 @@ def windows_markdown(windows: pd.DataFrame, depths_mm: list[float]) -> str:
 def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
     """Score what needs no network: the mean training image, and the input image as it is.
 
-    The latter where the input is one image of the targets' size.
-
-    Returns
-    -------
-    DataFrame
-        One row a plane and baseline; columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``,
-        ``psnr_foreground_db``.
+    The latter where the input is one image of the targets' size. One row a plane and baseline;
+    columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``, ``psnr_foreground_db``.
     """
     targets = dataset.targets[test]
     mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
@@ -148,11 +131,12 @@ def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) ->
                 ),
             }
         )
+        machine = ", ".join([*run.get("devices", ()), run["machine"]])  # unknown to old records
         note = (
             f"Mean ± standard deviation over {table.n_test[0]} test samples; foreground: over the "
             f"pixels brighter than {FOREGROUND:.0%} of the peak in the truth. "
             f"Preset {run['preset']}: {epochs_in_words(run)}; backbone weights: "
-            f"{run['backbone_weights']}; {_seconds_in_words(run)} on {_machine_in_words(run)}."
+            f"{run['backbone_weights']}; {_seconds_in_words(run)} on {machine}."
         )
     lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
     return f"### {paper['title']}\n\n{lines}\n\n{note}\n"
@@ -163,11 +147,6 @@ def _seconds_in_words(run: dict) -> str:
     start = run.get("start_s")
     features = "" if start is None else f"features and start in {start:.0f} s, "
     return f"{features}epochs in {run['train_s']:.0f} s"
-
-
-def _machine_in_words(run: dict) -> str:
-    """Name the machine that trained, with its accelerators; old records do not know of these."""
-    return ", ".join([*run.get("devices", ()), run["machine"]])
 
 
 def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:

@@ -33,14 +33,7 @@ def find_jupyter() -> Path | None:
 
 
 class Notebook:
-    """A notebook that is open in a browser's page.
-
-    Attributes
-    ----------
-    page : playwright.sync_api.Page
-    complaints : list of str
-        Errors that the page told its console.
-    """
+    """A notebook that is open in a browser's page, and errors that the page told its console."""
 
     def __init__(self, page):
         self.page = page
@@ -87,21 +80,7 @@ class Notebook:
 
 @contextmanager
 def open_notebook(browser, jupyter: Path, cells: list[str]) -> Iterator[Notebook]:
-    """Open a new notebook.
-
-    Parameters
-    ----------
-    browser : playwright.sync_api.Browser
-    jupyter : Path
-        JupyterLab's program.
-    cells : list of str
-        Code.
-
-    Raises
-    ------
-    InputError
-        If JupyterLab does not start.
-    """
+    """Open a new notebook of cells of code; an InputError says that JupyterLab does not start."""
     with TemporaryDirectory() as aside:
         folder = Path(aside)
         (folder / "notebooks").mkdir()
@@ -134,21 +113,18 @@ def _lab(jupyter: Path, folder: Path) -> Iterator[tuple[str, str]]:
         f"--ServerApp.root_dir={folder / 'notebooks'}", "--LabApp.expose_app_in_browser=True",
         "--LabApp.extension_manager=readonly",
     ]  # fmt: skip
+    # Without what leads this Python to its packages: JupyterLab has its own.
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     environment |= {"IPYTHONDIR": str(folder / "ipython"), "HOME": str(folder)}
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            words, env=_own_environment() | environment, cwd=folder, stdout=log, stderr=log
+            words, env=kept | environment, cwd=folder, stdout=log, stderr=log
         )
         try:
             yield _wait_for(process, places["RUNTIME"], folder / "log")
         finally:
             process.terminate()
             process.wait(timeout=60)
-
-
-def _own_environment() -> dict[str, str]:
-    """Environment without what leads this Python to its packages: JupyterLab has its own."""
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
 
 def _wait_for(process: subprocess.Popen, runtime: Path, log: Path) -> tuple[str, str]:

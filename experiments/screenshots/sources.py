@@ -51,13 +51,7 @@ def _run(folder: Path, *words: str) -> None:
 
 @contextmanager
 def viewed(folder: Path, words: list[str]) -> Iterator[str]:
-    """Call `lf-flame view`, and give the address that it prints.
-
-    Raises
-    ------
-    InputError
-        If it prints none.
-    """
+    """Call `lf-flame view`, and give the address that it prints; InputError if it prints none."""
     with subprocess.Popen(
         [*PROGRAM, "view", *words, "--no-browser"],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

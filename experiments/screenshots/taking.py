@@ -32,7 +32,7 @@ NOTEBOOK = "viewer_notebook.png"
 CELLS = [
     "from lf_flame.viewer import DEMO_CAMERA, demo_light_field, show\n\n"
     "widget = show(demo_light_field(), camera=DEMO_CAMERA)\n"
-    "widget",
+    "widget"
 ]
 """Cells of the notebook."""
 
@@ -41,18 +41,9 @@ PLACE = {"x": 350, "y": 400}
 
 
 def take_screenshots(out: Path, jupyter: Path | None) -> list[Path]:
-    """Take all pictures into a folder, beside a record.
+    """Take all pictures into a folder, beside a record; without JupyterLab none of a notebook.
 
-    Parameters
-    ----------
-    out : Path
-    jupyter : Path, optional
-        JupyterLab's program; without it, there is no picture of a notebook.
-
-    Raises
-    ------
-    InputError
-        If there is no browser, or JupyterLab does not start.
+    An InputError says that there is no browser, or that JupyterLab does not start.
     """
     exhibit = demo_exhibit("demo.npy")
     with output_folder(out, RECORD) as folder, headless_browser() as browser:

@@ -1,11 +1,12 @@
 """Errors of slope maps, on scenes whose slopes follow from their geometry."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
+from experiments.command_parts import step_bar
 from experiments.slope_maps.rivals import WAYS
 from experiments.slope_maps.scenes import (
     KINDS,
@@ -41,12 +42,9 @@ ALL = "all"
 def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str, float]:
     """Compare a map with the truth.
 
-    Returns
-    -------
-    dict
-        Percent of pixels that are off by more than 0.07, 0.03 and 0.01; a hundred mean squared
-        errors; percent of certain pixels, and percent of these that are off by more than 0.07. NaN
-        where there is no truth, or no certain pixel.
+    Percent of pixels that are off by more than 0.07, 0.03 and 0.01; a hundred mean squared errors;
+    percent of certain pixels, and percent of these that are off by more than 0.07. NaN where there
+    is no truth, or no certain pixel.
     """
     error = np.abs(slope - truth)
     known = np.isfinite(truth).all()
@@ -56,26 +54,12 @@ def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str
     return dict(zip(SCORES, map(float, values), strict=True))
 
 
-def measure(
-    progress: Callable | None = None,
-    kinds: Mapping[str, Kind] = KINDS,
-    seeds: Sequence[int] = SEEDS,
-) -> tuple[dict, dict]:
+def measure(kinds: Mapping[str, Kind] = KINDS, seeds: Sequence[int] = SEEDS) -> tuple[dict, dict]:
     """Make and score maps of all scenes by all methods.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Function that passes on an iterable of steps, given how many are done and in all.
-    kinds, seeds : optional
-
-    Returns
-    -------
-    dict
-        Record; in ``rows`` one for each method and kind, means over the seeds, and for each method
-        one of all.
-    dict
-        For the first scene of each kind, the sample and the slopes by each method.
+    Returns the record, in ``rows`` one for each method and kind, means over the seeds, and for each
+    method one of all; and for the first scene of each kind the sample and the slopes by each
+    method.
     """
     for way in WAYS.values():  # whatever is compiled
         way(np.zeros((3, 3, 40, 40), np.float32), search_slopes())
@@ -83,7 +67,7 @@ def measure(
     scenes = [(name, seed) for name in kinds for seed in seeds]
     pictures = photographs(REPORTED)
     rows, shown = [], {}
-    for name, seed in progress(scenes, 0, len(scenes)) if progress else scenes:
+    for name, seed in step_bar(scenes):
         sample = make_sample(kinds[name], seed, pictures)
         some, maps = _rows(sample)
         rows += [{"scene": name, **row} for row in some]

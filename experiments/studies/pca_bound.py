@@ -28,22 +28,14 @@ def principal_component_bound(
 ) -> np.ndarray:
     """Find the PSNR of test targets projected on the first k components of training targets.
 
-    Parameters
-    ----------
-    train_targets, test_targets : ndarray, shape (n, planes, h, w)
-        In [0, 1]; of the training targets the first `MOST_SAMPLES` count.
-    k : int
-        Pictures to draw from; fewer where the training targets span fewer.
-    bands : int, optional
-        Vertical bands of the image whose contents are independent of one another. Each component
-        then keeps to one band, as it does by itself when the samples are many. With few, chance
-        correlations between objects side by side spoil the components for new samples, and the
-        bound comes out too low.
+    Targets [n, plane, h, w] are in [0, 1]; of the training targets the first `MOST_SAMPLES` count,
+    and there are fewer components where they span fewer. Returns a mean over the test samples for
+    each plane, in dB.
 
-    Returns
-    -------
-    ndarray, shape (planes,)
-        Mean over the test samples, in dB.
+    Bands are vertical parts of the image whose contents are independent of one another. Each
+    component then keeps to one band, as it does by itself when the samples are many. With few,
+    chance correlations between objects side by side spoil the components for new samples, and the
+    bound comes out too low.
     """
     drawn = project(train_targets, test_targets, k, bands)
     return np.mean(
@@ -54,13 +46,7 @@ def principal_component_bound(
 def project(
     train_targets: np.ndarray, test_targets: np.ndarray, k: int, bands: int = 1
 ) -> np.ndarray:
-    """Draw test targets from the components of training targets; see `principal_component_bound`.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, planes, h, w)
-        Clipped to [0, 1].
-    """
+    """Draw test targets, clipped to [0, 1], from the components of training targets, see above."""
     train_targets = train_targets[:MOST_SAMPLES]
     mean = train_targets.mean(axis=0, dtype=float).astype(np.float32)
     train, test = train_targets - mean, test_targets - mean

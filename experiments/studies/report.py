@@ -42,23 +42,6 @@ def write(path: Path, study, trials: Sequence, runs: Path, paper: Path, out: Pat
     for the mean over the planes; ``NAME.md`` and ``NAME.png`` show it; of a timed study
     ``NAME_time.csv`` and ``NAME_time.png`` show validation PSNR against seconds; ``NAME.json`` is
     the record.
-
-    Parameters
-    ----------
-    path : Path
-        Study file.
-    study : experiments.studies.study.Study
-    trials : sequence of experiments.studies.study.Trial
-    runs : Path
-        Folder of the study's runs.
-    paper : Path
-        The numbers that the paper prints.
-    out : Path
-
-    Returns
-    -------
-    Path
-        ``NAME.md``.
     """
     name, kind = path.stem, trials[0].data.kind
     printed = read_paper_values(paper, PAPER_TABLES[kind])
@@ -97,12 +80,7 @@ def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -
     """Read validation PSNR of each epoch and the seconds since the run was started.
 
     The seconds begin with the data set on disk: they hold the backbone's features and the start of
-    the decoder.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``variant``, ``epoch``, ``seconds``, ``val_psnr_db``.
+    the decoder. Columns ``variant``, ``epoch``, ``seconds``, ``val_psnr_db``.
     """
     curves = [pd.DataFrame(columns=["variant", "epoch", "seconds", "val_psnr_db"])]
     for variant, found in zip(variants, scores, strict=True):
@@ -229,12 +207,7 @@ def _curves(rows: pd.DataFrame):
 
 
 def curve_figure(study, rows: pd.DataFrame, paper: dict):
-    """Draw PSNR and SSIM against x, one curve a series, the range over the planes as bars.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw PSNR and SSIM against x, one curve a series, the range over the planes as bars."""
     figure, axes = subplots(2, figsize=(8, 8), sharex=True, layout="constrained")
     planes = rows[rows["object"] != MEAN].groupby("variant")
     for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
@@ -264,12 +237,7 @@ def curve_figure(study, rows: pd.DataFrame, paper: dict):
 
 
 def bar_figure(title: str, rows: pd.DataFrame, paper: dict):
-    """Draw PSNR and SSIM of each variant: a point the mean, a bar the range over the planes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw PSNR and SSIM of each variant: a point the mean, a bar the range over the planes."""
     names = list(rows["variant"].unique())[::-1]
     means = rows[rows["object"] == MEAN].set_index("variant").loc[names]
     planes = rows[rows["object"] != MEAN].groupby("variant")
@@ -294,12 +262,7 @@ def bar_figure(title: str, rows: pd.DataFrame, paper: dict):
 
 
 def time_figure(title: str, curves: pd.DataFrame):
-    """Draw validation PSNR against seconds, one line a variant; columns as of `read_curves`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw validation PSNR against seconds, one line a variant; columns as of `read_curves`."""
     figure, axis = subplots(figsize=(9, 5), layout="constrained")
     draw_learning(axis, dict(iter(curves.groupby("variant", sort=False))))
     axis.set_title(title, fontsize=11)

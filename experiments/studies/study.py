@@ -58,22 +58,10 @@ class Changes:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class Variant(Changes):
-    """A variant of a study.
+    """A variant of a study: a curve of the figure that it belongs to, and what it changes.
 
-    Parameters
-    ----------
-    name : str
-        As tables show it.
-    series : str
-        Curve in the figure that it belongs to.
-    x : float, optional
-        Place on the study's axis.
-    training_samples : int, optional
-        Light fields to train on, instead of the training split's number.
-    preset : str, optional
-        Recipe to start from, instead of the study's.
-    data, model, recipe : dict
-        See `Changes`.
+    It has a place x on the study's axis, if there is one; light fields to train on, instead of the
+    training split's number; and a recipe to start from, instead of the study's.
     """
 
     name: str
@@ -107,22 +95,11 @@ class Axis:
 class Study:
     """A study; read from experiments/studies/*.toml.
 
-    Parameters
-    ----------
-    title : str
-    data, training : str
-        Files of a data set and of a training experiment, from the working directory.
-    preset : str
-        Recipe of the training experiment to start from.
-    samples : int
-        Light fields, of which the training experiment's split makes three parts.
-    variants : list of Variant
-    common : Changes
-        What all variants change; their own changes come behind it.
-    x : Axis, optional
-        Then every variant has a place on it.
-    timed : bool, optional
-        Whether it is about seconds, and has to be run on an idle machine; else none are shown.
+    Files of a data set and of a training experiment are named from the working directory; the
+    preset is the recipe of the latter to start from. Its split makes three parts of the samples.
+    What all variants change is common; their own changes come behind it. With an axis x every
+    variant has a place on it. A timed study is about seconds, and has to be run on an idle machine;
+    else none are shown.
     """
 
     title: str
@@ -181,17 +158,9 @@ class Score:
 
 @dataclass(frozen=True)
 class Trial:
-    """A variant with all that it is made of.
+    """A variant with all that it is made of: its data set and its training, with one preset each.
 
-    Parameters
-    ----------
-    variant : Variant
-    data : DatasetConfig
-        With one preset, "study".
-    training : TrainingConfig
-        With one preset.
-    test : ndarray of int
-        Light fields to score, the same for all variants.
+    The test light fields are those to score, the same for all variants.
     """
 
     variant: Variant
@@ -229,10 +198,7 @@ class Trial:
 def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
     """Read a study file and build the configurations of all its variants.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read or holds an unknown, missing or impossible value.
+    An InputError says which file cannot be read or holds an unknown, missing or impossible value.
     """
     study = build(Study, read_toml(path), path)
     data, training = read_toml(study.data), read_toml(study.training)
@@ -266,13 +232,10 @@ def _merge(values, changes):
     both = (values, changes)
     if all(isinstance(x, dict) for x in both):
         return values | {key: _merge(values.get(key), change) for key, change in changes.items()}
-    if all(_is_list_of_tables(x) for x in both) and len(values) == len(changes):
+    tables = all(isinstance(x, list) and all(isinstance(y, dict) for y in x) for x in both)
+    if tables and len(values) == len(changes):
         return [_merge(*pair) for pair in zip(*both, strict=True)]
     return changes
-
-
-def _is_list_of_tables(x) -> bool:
-    return isinstance(x, list) and all(isinstance(item, dict) for item in x)
 
 
 def _with_training_samples(
@@ -304,35 +267,11 @@ def run_study(
 ) -> Path:
     """Train and score the variants of a study that are not yet done; report after each.
 
-    Variants whose ImageNet weights cannot be had are left out, and show as missing.
-
-    Parameters
-    ----------
-    path : str or Path
-        Study file; its name is the study's.
-    out : Path
-        Folder for the report, see `experiments.studies.report.write`.
-    work : Path
-        Folder for data sets and runs.
-    paper_values : Path
-        The numbers that the paper prints.
-    only : collection of str, optional
-        Names of variants to run; the others are reported if they are done. Default: all.
-    workers, progress
-        See `lf_flame.datasets.making.make_dataset`.
-    imagenet : Path, optional
-        Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
-
-    Returns
-    -------
-    Path
-        The report's Markdown file.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used, there is no variant of that name, or its folder holds a run of
-        another configuration.
+    Variants whose ImageNet weights cannot be had are left out, and show as missing. The file's name
+    is the study's; `work` holds data sets and runs; of the names in `only` others are reported if
+    they are done; `imagenet` is a file of weights for the variants that ask for ImageNet's, by
+    default Keras gets them. An InputError says that a file cannot be used, that there is no variant
+    of that name, or that its folder holds a run of another configuration.
     """
     study, trials = read_study(path)
     names = [trial.variant.name for trial in trials]
@@ -363,18 +302,7 @@ def run_trial(
     progress: Callable | None = None,
     imagenet: Path | None = None,
 ) -> None:
-    """Make the data set, train and score, going on where an earlier call was cut off.
-
-    Parameters
-    ----------
-    trial : Trial
-    runs, data : Path
-        Folders of the study's runs and of data sets.
-    workers, progress
-        See `lf_flame.datasets.making.make_dataset`.
-    imagenet : Path, optional
-        Weights file, where the trial asks for ImageNet's.
-    """
+    """Make the data set, train and score, going on where an earlier call was cut off."""
     dataset, folder = data / trial.dataset_name, runs / trial.variant.folder
     if not dataset.exists():
         make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress)

@@ -6,13 +6,14 @@ own, whose peak memory is what it takes.
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from experiments.command_parts import step_bar
 from experiments.report import write_report
 from experiments.systems import report
 from experiments.systems.compared_sets import Scene, TestSet
@@ -33,13 +34,7 @@ COLUMNS = [
 def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
     """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
 
-    What one refuses shows as missing, with its own words.
-
-    Parameters
-    ----------
-    systems : dict of RefocusingSystem or InputError
-        By the name that the table calls it; an error says why it is not there.
-    test_set : TestSet
+    What one refuses shows as missing, with its own words; so does an InputError in its place.
     """
     refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
     truths, drawn = [], {name: [] for name in systems}
@@ -76,36 +71,16 @@ def _inner(stack: np.ndarray, border: int) -> np.ndarray:
     return stack[:, border:-border, border:-border] if border else stack
 
 
-def run_benchmark(
-    entries: Sequence[Entry],
-    test_sets: Sequence[TestSet],
-    out: Path,
-    progress: Callable[[Iterable, int, int], Iterable] | None = None,
-) -> Path:
+def run_benchmark(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: Path) -> Path:
     """Let systems refocus test sets, and write the report.
 
-    Parameters
-    ----------
-    entries : sequence of Entry
-    test_sets : sequence of TestSet
-        The first scene of the first one is the frame that systems are timed on.
-    out : Path
-        Folder for ``compare.csv``, ``systems.csv``, ``learning.csv``, ``compare.md``, ``.json`` and
-        pictures.
-    progress : callable, optional
-        ``progress(steps, done, total)`` wraps the iterable of steps.
-
-    Returns
-    -------
-    Path
-        ``compare.md``.
+    The first scene of the first test set is the frame that systems are timed on.
     """
     _refuse_same_names(entries, test_sets)
     started = time.perf_counter()
     frame = next(test_sets[0].scenes())
     results = _compete(entries, test_sets, frame)
-    steps = len(entries) + len(test_sets)
-    results = list(results if progress is None else progress(results, 0, steps))
+    results = list(step_bar(results, len(entries) + len(test_sets)))
     scores = pd.concat([x for x in results if isinstance(x, pd.DataFrame)], ignore_index=True)
     costs = pd.DataFrame([x for x in results if isinstance(x, dict)])
     record = {

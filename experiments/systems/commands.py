@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.beside_reference import set_beside
+from experiments.beside_reference import show
 from experiments.command_parts import quiet_tensorflow
 from experiments.paths import DATA_SETS, EXPERIMENTS
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange
@@ -72,7 +72,6 @@ def compare(
         raise InputError(f"light-fields must be 1 or more, got {light_fields}.")
     load_keras()
     quiet_tensorflow()
-    from experiments.command_parts import step_bar
     from experiments.systems import benchmark
     from experiments.systems import entries as systems
     from experiments.systems.compared_sets import paper_sets, photograph_sets
@@ -89,8 +88,7 @@ def compare(
     entries = systems.formula_entries()
     entries += systems.trained_entries(runs, refocusnet_weights)
     entries += [systems.variant_entry(path, configs, runs, light_fields) for path in variants]
-    path = benchmark.run_benchmark(entries, test_sets, out, step_bar)
-    click.echo(set_beside(path, "compare/compare.md"))
+    show(benchmark.run_benchmark(entries, test_sets, out), "compare")
 
 
 @cloup.command("system-scenes")
@@ -134,10 +132,9 @@ def system_scenes(config, systems, counts, held_out, scored, work, out) -> None:
     from experiments.systems.scene_counts import run_scene_counts
     from lf_flame.systems.training_config import read_systems_config
 
-    path = run_scene_counts(
-        read_systems_config(config), systems, counts, held_out, scored, work, out
-    )
-    click.echo(set_beside(path, "system_scenes/scene_counts.md"))
+    recipes = read_systems_config(config)
+    path = run_scene_counts(recipes, systems, counts, held_out, scored, work, out)
+    show(path, "system_scenes")
 
 
 def _as_numbers(text: str) -> list[float]:

@@ -40,18 +40,10 @@ WINDOW = 11
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A light field to be refocused.
+    """A light field [v, u, t, s(, channel)] to be refocused at slopes.
 
-    Attributes
-    ----------
-    views : ndarray of float32, shape (v, u, t, s) or (v, u, t, s, channels)
-    slopes : ndarray of float64, shape (n,)
-    block : (int, int)
-        Lenslets in a pixel of the images.
-    border : int
-        Pixels of the images that are not scored.
-    clean : ndarray, optional
-        The views without noise, where these have some.
+    A block are the lenslets in a pixel of the images; a border of their pixels is not scored;
+    `clean` are the views without noise, where these have some.
     """
 
     views: np.ndarray
@@ -68,21 +60,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class TestSet:
-    """Light fields that are refocused at the same planes.
+    """Light fields that are refocused at the same planes, whose names are listed.
 
-    Attributes
-    ----------
-    name : str
-    planes : list of str
-        What the planes are called.
-    scenes : callable
-        Takes nothing, yields scenes.
-    electrons : float
-        That a pixel at full scale holds; infinite: no noise.
-    truth : str
-        The reference: a key of `lf_flame.systems.formulas.REFERENCES`.
-    origin : str
-        Where the scenes come from, for the record.
+    Scenes come from a callable that takes nothing. A pixel at full scale holds so many electrons;
+    infinite: no noise. The truth is a key of `lf_flame.systems.formulas.REFERENCES`; the origin
+    says where the scenes come from, for the record.
     """
 
     __test__ = False  # for pytest, which would collect it
@@ -95,15 +77,7 @@ class TestSet:
     origin: str = ""
 
     def in_low_light(self, electrons: float, seed: int) -> "TestSet":
-        """Take the same scenes in less light: with shot noise, as in a short exposure.
-
-        Parameters
-        ----------
-        electrons : float
-            That a pixel at full scale holds.
-        seed : int
-            Of the noise.
-        """
+        """Take the same scenes in less light: with shot noise of electrons at full scale."""
         scenes = partial(_noisy, self.scenes, Sensor(exposure_e=electrons), seed)
         return replace(self, scenes=scenes, electrons=electrons)
 
@@ -118,20 +92,9 @@ def _noisy(scenes: Callable[[], Iterator[Scene]], sensor: Sensor, seed: int) -> 
 def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
     """Make the test sets of a data set: its own test split, and its objects at other depths.
 
-    Parameters
-    ----------
-    config : DatasetConfig
-        What light fields are drawn from where there is no run.
-    run : Path
-        Of the paper's network, whose test split it is, see
-        `experiments.costs.refocusing.find_scenes`.
-    count : int
-        Light fields of each set.
-
-    Raises
-    ------
-    InputError
-        If the run was trained on other scenes, or all objects of the data set stand at one depth.
+    Light fields are drawn from the configuration where there is no run of the paper's network,
+    whose test split it is. An InputError says that the run was trained on other scenes, or that all
+    objects of the data set stand at one depth.
     """
     held_out = find_scenes(config, run, count)
     if scene_settings(held_out.config) != scene_settings(config):
@@ -186,12 +149,7 @@ def photograph_sets(name: str, light_field: LightField, slopes: Sequence[float])
     """Make the test sets of a photographed light field, as bright as systems take them: up to 1.
 
     The reference of one is all views, a square aperture; that of the other the views in a round
-    one.
-
-    Raises
-    ------
-    InputError
-        If its images are too small to be scored at these slopes.
+    one. An InputError says that its images are too small to be scored at these slopes.
     """
     slopes, (rows, columns, height, width) = as_slopes(slopes), light_field.views.shape[:4]
     reach = np.abs(slopes).max() * (max(rows, columns) - 1) / 2

@@ -22,16 +22,10 @@ SECONDS = 1.0
 
 @dataclass(frozen=True)
 class Cost:
-    """What a system takes.
+    """What a system takes; NaN where its process died.
 
-    Attributes
-    ----------
-    milliseconds : float
-        For a frame, the fastest of 15, or of as many as a second holds.
-    memory_mb : float
-        Peak of its process, less the light field.
-
-    Both are NaN where the process died.
+    Milliseconds for a frame, the fastest of 15, or of as many as a second holds; peak memory of its
+    process, less the light field.
     """
 
     milliseconds: float
@@ -46,12 +40,7 @@ def measure_cost(
 ) -> Cost:
     """Time a system on a frame, in a process of its own that does nothing else.
 
-    Parameters
-    ----------
-    load : callable
-        Gives the system; can be pickled.
-    views, slopes, block
-        The frame, see `RefocusingSystem.refocus`.
+    What loads the system can be pickled; for the frame see `RefocusingSystem.refocus`.
     """
     with worker_pool(1, _shut_standard_error) as pool:
         try:

@@ -27,17 +27,10 @@ from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, sq
 
 @dataclass(frozen=True)
 class Entry:
-    """A system that can be loaded, here or in another process.
+    """A system that can be loaded, here or in another process, and how it was trained.
 
-    Attributes
-    ----------
-    name : str
-    load : callable
-        Takes nothing, gives the system; can be pickled. Raises InputError where it is missing.
-    about : dict
-        How it was trained, for the record.
-    only : str
-        Test sets whose name starts so; "": all.
+    What loads it takes nothing, can be pickled, and raises InputError where it is missing. It is
+    for test sets whose name starts with `only`; "": all.
     """
 
     name: str
@@ -98,13 +91,8 @@ def _denoised(name: str, system: Callable[[], ShiftAndSum], denoise: Callable) -
 def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
     """List the networks of a folder of runs; those that are not there will show as missing.
 
-    Parameters
-    ----------
-    runs : Path
-        With a run folder for each network, see `lf_flame.systems.registry`, and ``shapes`` and
-        ``flames``, those of the paper's.
-    official_refocusnet : Path, optional
-        The authors' trained weights, see `RefocusNet.of_weights`.
+    It holds a run folder for each network, see `lf_flame.systems.registry`, and ``shapes`` and
+    ``flames``, those of the paper's. `official_refocusnet` are the authors' trained weights.
     """
     found = []
     for name, network in NETWORKS.items():
@@ -123,32 +111,24 @@ def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list
 def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int) -> Entry:
     """Enter another run of the paper's network, such as one that is shown other views.
 
-    It shows as missing if there is no such run, or if it has seen light fields of the test sets.
-
-    Parameters
-    ----------
-    folder : Path
-        Its run folder.
-    configs : sequence of DatasetConfig
-        Data sets to be compared on.
-    runs, count
-        As for `experiments.systems.compared_sets.paper_sets`.
+    It shows as missing if there is no such run, or if it has seen light fields of the test sets,
+    which are made by `experiments.systems.compared_sets.paper_sets`.
     """
-    name = f"{by_recipe(folder)}, {_in_words(folder)}"
+    name = f"{by_recipe(folder)}, {folder.resolve().name.replace('-', ' ')}"
     try:
         run = open_run(folder)
         for config in configs:
             held_out = find_scenes(config, runs / config.kind, count)
-            if scene_settings(held_out.config) == scene_settings(run.config):
-                _refuse_seen(set(held_out.indices) - set(run.record["test_indices"]), folder)
+            seen = set(held_out.indices) - set(run.record["test_indices"])
+            if seen and scene_settings(held_out.config) == scene_settings(run.config):
+                raise InputError(
+                    f"{folder} has seen light fields that it would be tested on, such as "
+                    f"{min(seen)}."
+                )
     except InputError as error:
         return Entry(name, partial(_refuse, str(error)), {})
     load = partial(ResNet50.of_run, folder)
     return Entry(name, load, _about(folder), only=run.config.kind)
-
-
-def _in_words(folder: Path) -> str:
-    return folder.resolve().name.replace("-", " ")
 
 
 def by_recipe(folder: Path) -> str:
@@ -158,13 +138,6 @@ def by_recipe(folder: Path) -> str:
     paper = f"the paper's recipe, {about.get('epochs', 0):,} epochs"  # not always to the end
     recipes = {"paper": paper, None: "no run"}
     return f"{ResNet50.name}, {recipes.get(preset) or recipe_in_words(preset)}"
-
-
-def _refuse_seen(seen: set[int], folder: Path) -> None:
-    if seen:
-        raise InputError(
-            f"{folder} has seen light fields that it would be tested on, such as {min(seen)}."
-        )
 
 
 def _refuse(reason: str) -> None:

@@ -19,18 +19,8 @@ TITLES = {"lytro_2067": "photograph (Lytro)"}
 def figure(scores: pd.DataFrame, costs: pd.DataFrame):
     """Draw the accuracy of each system: one row a system, the fastest first, one panel a test set.
 
-    All test sets are in the table; the picture has those of `PANELS`, or the first four.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        Columns as in `experiments.systems.benchmark.COLUMNS`; without noise.
-    costs : DataFrame
-        See `experiments.systems.report.text`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    All test sets are in the table; the picture has those of `PANELS`, or the first four. Scores
+    have the columns of `experiments.systems.benchmark.COLUMNS`; without noise.
     """
     known = list(scores.test_set.unique())
     sets = [name for name in PANELS if name in known] or known[:4]
@@ -44,7 +34,7 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
         for row, name in enumerate(times.index):
             value = means.get(name, np.nan)
             marker = "<" if value < SHOWN_DB[0] else ">" if value > SHOWN_DB[1] else "o"
-            colour = "tab:orange" if _is_ours(name) else "tab:blue"
+            colour = "tab:orange" if "(ours)" in name else "tab:blue"
             axis.plot(np.clip(value, *SHOWN_DB), row, marker, color=colour, clip_on=False)
         axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB); triangle: beyond")
         axis.set_title(TITLES.get(test_set, test_set), fontsize=10)
@@ -56,17 +46,7 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
 
 
 def noise_figure(scores: pd.DataFrame):
-    """Draw PSNR by light: one row a system, the best in little light first, one panel a test set.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        Columns as in `experiments.systems.benchmark.COLUMNS`; with noise.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw PSNR by light: one row a system, the best in little light first, a panel a test set."""
     means = scores.pivot_table("psnr_db", "system", ["test_set", "electrons"], sort=False)
     sets, light = list(means.columns.unique(0)), sorted(means.columns.unique(1))
     means = means.loc[means.xs(light[0], axis=1, level=1).mean(axis=1).sort_values().index]
@@ -88,7 +68,3 @@ def noise_figure(scores: pd.DataFrame):
         title="electrons in a pixel at full scale", frameon=False,
     )  # fmt: skip
     return drawn
-
-
-def _is_ours(name: str) -> bool:
-    return "(ours)" in name

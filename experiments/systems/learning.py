@@ -11,16 +11,9 @@ AXES = {"seconds": "seconds of training", "steps": "steps of the optimiser"}
 def learning_table(about: dict[str, dict]) -> pd.DataFrame:
     """Compare systems where the quickest to stop had stopped, in seconds and in steps.
 
-    Parameters
-    ----------
-    about : dict
-        Of each system, as `experiments.systems.entries.Entry.about`; those with a ``curve`` count.
-
-    Returns
-    -------
-    DataFrame
-        One row a system: system, and PSNR on held-out samples after as many seconds, after as many
-        steps, and at the end; seconds, steps, and at_seconds and at_steps, what all have had.
+    One row for each system that has a ``curve``: PSNR on held-out samples after as many seconds,
+    after as many steps, and at the end; seconds, steps, and at_seconds and at_steps, what all have
+    had.
     """
     curves = {name: one["curve"] for name, one in about.items() if "curve" in one}
     common = {axis: min((c[axis][-1] for c in curves.values()), default=0) for axis in AXES}
@@ -75,12 +68,7 @@ aperture or on the Fourier slice are held against samples of their own kind.
 
 
 def learning_figure(about: dict[str, dict]):
-    """Draw PSNR on held-out samples against seconds and against steps.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw PSNR on held-out samples against seconds and against steps."""
     figure, axes = subplots(1, 2, figsize=(11, 5), sharey=True, layout="constrained")
     curves = {name: one["curve"] for name, one in about.items() if "curve" in one}
     for axis, (key, words) in zip(axes, AXES.items(), strict=True):

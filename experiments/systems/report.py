@@ -25,15 +25,7 @@ COSTS = {
 
 
 def body(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> list[str]:
-    """Write what came out as Markdown.
-
-    Parameters
-    ----------
-    scores, costs : DataFrame
-        Columns as in `experiments.systems.benchmark.COLUMNS`, and those of `COSTS`.
-    record : dict
-        As it is written.
-    """
+    """Write what came out as Markdown: scores, and costs with the columns of `COSTS`."""
     clean, frame = without_noise(scores), record["frame"]
     text = f"""The reference is shift-and-sum of all views, or of those in a round aperture where a
 test set is called so; networks have learnt the former where their name says nothing else. PSNR in

@@ -63,15 +63,9 @@ NOISE = {"1 %": gaussian, "100 electrons": photons}
 class Held:
     """What came of one draw of the noise.
 
-    Attributes
-    ----------
-    cells, profiles : float
-        Share of the cells, and of the profiles' places, whose truth lies within the bar.
-    error : float
-        Root-mean-square error of profiles, the mean over them, relative to the brightest one.
-    seconds : float
-        Time of the reconstruction.
-    emission, sigma : ndarray, shape (planes, rows, columns)
+    Shares of the cells, and of the profiles' places, whose truth lies within the bar;
+    root-mean-square error of profiles, the mean over them, relative to the brightest one; emission
+    and its standard deviation [plane, row, column].
     """
 
     cells: float

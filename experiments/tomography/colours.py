@@ -43,51 +43,64 @@ def in_green(scene: Scene) -> Scene:
     return Scene(layers)
 
 
+class Soot:
+    """The paper's four flames in both colours, and temperatures from reconstructions of them."""
+
+    def __init__(self):
+        red, self.camera = paper_flames()
+        self.scenes = in_green(red), red
+        self.grid = FrustumGrid(self.camera, DEPTHS_MM, BLOCK)
+        self.truths = [truth_on(self.grid, scene) for scene in self.scenes]
+        # Of the cells' own light, so that how temperature varies within a cell is no error.
+        self.wanted = two_colour_temperature(*self.truths, wavelengths_nm=WAVELENGTHS_NM).kelvin
+
+    def find(self, noise: str, rng: np.random.Generator):
+        """Emission in both colours, and the temperature, in a noise of `NOISE`."""
+        found = []
+        for scene in self.scenes:
+            light_field = NOISE[noise](Recorder(scene, self.camera), rng)
+            found.append(reconstruct(light_field, self.grid, bootstrap=BOOTSTRAP, rng=rng))
+        emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
+        return emissions, two_colour_temperature(
+            *emissions, wavelengths_nm=WAVELENGTHS_NM, sigmas=sigmas
+        )
+
+
 def two_colours(rng: np.random.Generator) -> Iterator[Row]:
     """Find temperatures of the paper's four flames from reconstructions at 550 and 650 nm."""
-    red, camera = paper_flames()
-    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
-    scenes = in_green(red), red
-    truths = [truth_on(grid, scene) for scene in scenes]
-    # Of the cells' own light, so that how temperature varies within a cell is no error.
-    wanted = two_colour_temperature(*truths, wavelengths_nm=WAVELENGTHS_NM).kelvin
-    bright = truths[1] > BRIGHT * truths[1].max(axis=(1, 2), keepdims=True)
+    flames = Soot()
+    bright = flames.truths[1] > BRIGHT * flames.truths[1].max(axis=(1, 2), keepdims=True)
     for noise in ("none", "1 %"):
         begin = time.perf_counter()
-        found = [
-            reconstruct(
-                NOISE[noise](Recorder(scene, camera), rng), grid, bootstrap=BOOTSTRAP, rng=rng
-            )
-            for scene in scenes
-        ]
-        emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
-        soot = two_colour_temperature(*emissions, wavelengths_nm=WAVELENGTHS_NM, sigmas=sigmas)
+        emissions, soot = flames.find(noise, rng)
         seconds = time.perf_counter() - begin
         known = bright & np.isfinite(soot.kelvin)
-        off = (soot.kelvin - wanted)[known]
+        off = (soot.kelvin - flames.wanted)[known]
         yield Row(TASK, noise, OURS, "temperature, rms error, K", _rms(off), None, seconds)
         yield Row(
             TASK, noise, OURS, "temperature, median error, K", float(np.median(np.abs(off))),
             1.0 if noise == "none" else None, seconds,
         )  # fmt: skip
-        worst = max(max(relative_errors(a, b)) for a, b in zip(emissions, truths, strict=True))
+        pairs = zip(emissions, flames.truths, strict=True)
+        worst = max(max(relative_errors(*pair)) for pair in pairs)
         yield Row(TASK, noise, OURS, "emission, worst plane's error", worst, None, seconds)
         if noise != "none":
             spread = _rms(off / soot.sigma[known])
             yield Row(TASK, noise, OURS, "errors over propagated ones", spread, None, seconds)
-            yield from _spread(scenes, camera, grid, known, soot.sigma, rng)
+            yield from _spread(flames, known, soot.sigma, rng)
 
 
 DRAWS = 8
 """Of the noise, whose scatter is held against the propagated error."""
 
 
-def _spread(scenes, camera, grid, known, sigma, rng) -> Iterator[Row]:
+def _spread(flames: Soot, known, sigma, rng) -> Iterator[Row]:
     """Scatter of temperatures from draw to draw, relative to the error that was propagated."""
-    recorders = [Recorder(scene, camera) for scene in scenes]
+    recorders = [Recorder(scene, flames.camera) for scene in flames.scenes]
     begin, drawn = time.perf_counter(), []
     for _ in range(DRAWS):
-        emissions = [reconstruct(one.with_noise(0.01, rng), grid).emission for one in recorders]
+        noisy = (one.with_noise(0.01, rng) for one in recorders)
+        emissions = [reconstruct(one, flames.grid).emission for one in noisy]
         drawn.append(two_colour_temperature(*emissions, wavelengths_nm=WAVELENGTHS_NM).kelvin)
     scatter = np.std(drawn, axis=0, ddof=1)[known]
     ratio = float(np.sqrt(np.nanmean(scatter**2) / np.mean(sigma[known] ** 2)))
@@ -102,20 +115,9 @@ def _rms(values: np.ndarray) -> float:
 
 def colours_figure():
     """Show temperatures of a flame at 1 % of noise: truth, found, error, and emission's error."""
-    rng = np.random.default_rng(0)
-    red, camera = paper_flames()
-    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
-    scenes = in_green(red), red
-    truths = [truth_on(grid, scene) for scene in scenes]
-    wanted = two_colour_temperature(*truths, wavelengths_nm=WAVELENGTHS_NM).kelvin
-    found = [
-        reconstruct(
-            Recorder(scene, camera).with_noise(0.01, rng), grid, bootstrap=BOOTSTRAP, rng=rng
-        )
-        for scene in scenes
-    ]
-    emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
-    soot = two_colour_temperature(*emissions, wavelengths_nm=WAVELENGTHS_NM, sigmas=sigmas)
+    flames = Soot()
+    emissions, soot = flames.find("1 %", np.random.default_rng(0))
+    wanted, truths = flames.wanted, flames.truths
     plane, (_, columns) = 1, np.nonzero(np.isfinite(soot.kelvin[1]))
     shown = slice(columns.min() - 3, columns.max() + 4)
     peak = truths[1][plane].max()

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.beside_reference import set_beside
+from experiments.beside_reference import show
 from lf_flame.commands.options import FOLDER, RUN
 
 
@@ -61,11 +61,10 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     name = BARS if bars else NETWORKS if networks else EMISSION
     if name != EMISSION:
         tasks = [partial(count_held, bars) if bars else partial(networks_as_sections, networks)]
-    for task in step_bar(tasks, 0, len(tasks)):
+    for task in step_bar(tasks):
         rows += list(task(rng))
     seconds = time.perf_counter() - begin
-    path = write(out, name, rows, seconds)
-    click.echo(set_beside(path, f"tomography/{path.name}"))
+    show(write(out, name, rows, seconds), "tomography")
 
 
 @cloup.command()
@@ -88,7 +87,7 @@ def soot(out: Path, seed: int, draws: int) -> None:
     """
     from experiments.tomography.soot import run_soot
 
-    click.echo(set_beside(run_soot(out, seed, draws), "tomography/soot.md"))
+    show(run_soot(out, seed, draws), "tomography")
 
 
 @cloup.command()
@@ -104,4 +103,4 @@ def rivals(out: Path, seed: int) -> None:
     """
     from experiments.tomography.rivals import run_rivals
 
-    click.echo(set_beside(run_rivals(out, seed), "tomography/rivals.md"))
+    show(run_rivals(out, seed), "tomography")

@@ -29,16 +29,9 @@ Glow = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Flame:
-    """A flame.
+    """A flame, by its glow, at depths from the plane in focus.
 
-    Attributes
-    ----------
-    glow : callable
-        Emission.
-    depths_mm : sequence of float
-        Depths of sheets, or of the middles of thin slabs, from the plane in focus.
-    step_mm : float
-        Thickness of the slabs; 1 for sheets.
+    Those of sheets, with a step of 1, or of the middles of thin slabs, as thick as the step.
     """
 
     glow: Glow

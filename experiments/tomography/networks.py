@@ -14,8 +14,7 @@ from experiments.tomography.tasks import (
     Row,
     by_focal_stack,
     by_reconstruction,
-    relative_errors,
-    timed,
+    worst_planes,
 )
 from lf_flame import LightField
 from lf_flame.learning.keras_loading import load_keras
@@ -23,14 +22,7 @@ from lf_flame.tomography import FrustumGrid
 
 
 def networks_as_sections(runs: Sequence[Path], rng: np.random.Generator) -> Iterator[Row]:
-    """Take the planes of the paper's network for emission, on a scene that it has not learnt from.
-
-    Parameters
-    ----------
-    runs : sequence of Path
-        Of the paper's network, on its flames.
-    rng : numpy.random.Generator
-    """
+    """Take the planes of the paper's network for emission, on a scene it has not learnt from."""
     load_keras()
     from lf_flame.learning.run_folders import open_run
     from lf_flame.systems.resnet50 import ResNet50
@@ -47,11 +39,8 @@ def networks_as_sections(runs: Sequence[Path], rng: np.random.Generator) -> Iter
             OURS: by_reconstruction,
             "focal stack as emission": by_focal_stack,
         }
-        for method, find in methods.items():
-            found, seconds = timed(find, light_field, grid)
-            worst = max(relative_errors(found, truth))
-            task = f"the paper's four flames, test sample {sample}"
-            yield Row(task, "1 %", method, "worst plane's error", worst, None, seconds)
+        task = f"the paper's four flames, test sample {sample}"
+        yield from worst_planes(task, "1 %", light_field, grid, truth, methods)
 
 
 def _by_network(system, light_field: LightField, grid: FrustumGrid) -> np.ndarray:

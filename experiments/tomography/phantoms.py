@@ -1,7 +1,7 @@
 """Flames whose emission by depth is known, and light fields of them with noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,12 +11,7 @@ from lf_flame.datasets.config import read_config
 from lf_flame.datasets.sampling import draw_sample
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor, expose
-from lf_flame.scenes.flames import (
-    HOLLOW_AT_BURNER,
-    flame_texture,
-    projected_glow,
-    radius_profile,
-)
+from lf_flame.scenes.flames import HOLLOW_AT_BURNER, flame_texture, projected_glow, radius_profile
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.tomography import FrustumGrid
 
@@ -97,16 +92,8 @@ def round_glow(h: np.ndarray, radius: np.ndarray, radius_mm: float) -> np.ndarra
     """Emission per mm of a round flame, ``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)`` by height.
 
     As `lf_flame.scenes.flames` projects it in closed form; scaled so that its projection along the
-    line of sight is 1 at its brightest.
-
-    Parameters
-    ----------
-    h : ndarray
-        Share of the flame's height; it is dark below 0 and from 1 on.
-    radius : ndarray
-        Distance from the axis, in mm.
-    radius_mm : float
-        Nominal radius of the flame.
+    line of sight is 1 at its brightest. Dark below 0 and from 1 on of the share h of its height;
+    radii in mm.
     """
     inside = (h >= 0) & (h < 1)
     held = np.where(inside, h, 0.5)
@@ -171,13 +158,7 @@ def two_blobs(radius_mm: float, distance_mm: float) -> Scene:
 
 
 def truth_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
-    """Emission of a scene's layers, each in the plane nearest to it.
-
-    Returns
-    -------
-    ndarray of float64, shape (planes, rows, columns)
-        On the pixels of the central view.
-    """
+    """Emission of layers, each in the plane nearest to it, on the pixels of the central view."""
     planes = np.zeros(grid.shape)
     for layer in scene.layers:
         nearest = int(np.argmin(np.abs(np.subtract(grid.depths_mm, layer.depth_mm))))
@@ -191,25 +172,14 @@ def thickness_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
     return truth_on(grid, Scene(matter))
 
 
-@dataclass(frozen=True)
 class Recorder:
-    """Records a scene once, then with as much noise as is asked for.
+    """Records a scene once, then with as much noise as is asked for."""
 
-    Parameters
-    ----------
-    scene : Scene
-    camera : PlenopticCamera
-    """
-
-    scene: Scene
-    camera: PlenopticCamera
-
-    def __post_init__(self):
-        rendered = render(self.scene, self.camera, tolerance=EXACT)
-        object.__setattr__(self, "clean", rendered)
-        views, (t, s) = rendered.views, self.camera.lenslets
+    def __init__(self, scene: Scene, camera: PlenopticCamera):
+        self.clean = render(scene, camera, tolerance=EXACT)
+        views, (t, s) = self.clean.views, camera.lenslets
         blocks = views.reshape(*views.shape[:2], t // BLOCK, BLOCK, s // BLOCK, BLOCK)
-        object.__setattr__(self, "peak", float(blocks.mean(axis=(3, 5)).max()))
+        self.peak = float(blocks.mean(axis=(3, 5)).max())
 
     def with_noise(self, share: float, rng: np.random.Generator) -> LightField:
         """Add Gaussian noise of a share of the brightest pixel of 90 x 180 to those pixels."""

@@ -19,7 +19,7 @@ from experiments.tomography.phantoms import (
 )
 from experiments.tomography.round_flames import round_figure
 from experiments.tomography.tasks import AGAINST_NOISE, DEPTHS_MM, Row, by_focal_stack
-from lf_flame import PAPER_CAMERA
+from lf_flame import PAPER_CAMERA, Scene
 from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct
 from lf_flame.tomography.frustum_grid import planes_between
@@ -67,24 +67,18 @@ TEXTS = {
         "profiles count where the truth exceeds 5 % of the plane's peak. Two successive draws are "
         "the two colours of a temperature. A bar is right that holds the truth in 93 to 97 %. "
         "Seconds are those of a reconstruction of 20 bootstrap draws on one thread, others beside "
-        "it.",
+        "it."
     ],
     NETWORKS: [
         "The network draws refocused images, from the photograph focused at 0 mm. Taken for "
         "emission, its planes are held against the truth on a scene that it has not learnt from, "
-        "beside `reconstruct` and the refocused images. All else as in [emission.md](emission.md).",
+        "beside `reconstruct` and the refocused images. All else as in [emission.md](emission.md)."
     ],
 }
 
 
 def write(out: Path, name: str, rows: Sequence[Row], wall_s: float) -> Path:
-    """Write ``NAME.csv``, ``.md`` and ``.json``; with `EMISSION` the pictures, too.
-
-    Returns
-    -------
-    Path
-        ``NAME.md``.
-    """
+    """Write ``NAME.csv``, ``.md`` and ``.json``; with `EMISSION` the pictures, too."""
     table = pd.DataFrame([asdict(row) for row in rows])
     pictures = {}
     if name == EMISSION:
@@ -106,16 +100,19 @@ def body(name: str, table: pd.DataFrame) -> list[str]:
     return [*TEXTS[name], markdown(table, COLUMNS)]
 
 
-def sheets_figure():
-    """Four flames behind each other at 1 % of noise: truth, reconstruction, refocused images."""
-    scene = overlapping_flames(DEPTHS_MM)
-    grid = FrustumGrid(PAPER_CAMERA, DEPTHS_MM, BLOCK)
+def _planes(scene: Scene, grid: FrustumGrid) -> dict[str, np.ndarray]:
+    """Truth, reconstruction and refocused images of a scene at 1 % of noise."""
     light_field = Recorder(scene, PAPER_CAMERA).with_noise(0.01, np.random.default_rng(0))
-    lines = {
+    return {
         "truth": truth_on(grid, scene),
         "reconstructed": reconstruct(light_field, grid).emission,
         "refocused": by_focal_stack(light_field, grid),
     }
+
+
+def sheets_figure():
+    """Four flames behind each other at 1 % of noise: truth, reconstruction, refocused images."""
+    lines = _planes(overlapping_flames(DEPTHS_MM), FrustumGrid(PAPER_CAMERA, DEPTHS_MM, BLOCK))
     columns = slice(55, 130)
     figure, axes = subplots(3, 4, figsize=(9, 8.4), layout="constrained")
     for axis_line, (word, planes) in zip(axes, lines.items(), strict=True):
@@ -132,12 +129,7 @@ def volume_figure():
     """Show a flame that is round in depth: sections across and along depth, at 1 % of noise."""
     scene = volume_flame(25.0, 4.0, slab_mm=0.5, reach_mm=12.0)
     grid = FrustumGrid(PAPER_CAMERA, planes_between(-12, 12, 2), BLOCK)
-    light_field = Recorder(scene, PAPER_CAMERA).with_noise(0.01, np.random.default_rng(0))
-    lines = {
-        "truth": truth_on(grid, scene),
-        "reconstructed": reconstruct(light_field, grid).emission,
-        "refocused": by_focal_stack(light_field, grid),
-    }
+    lines = _planes(scene, grid)
     middle, row = len(grid.depths_mm) // 2, 55
     half = grid.cell_mm(0.0) * grid.pixels[1] / 2
     figure, axes = subplots(

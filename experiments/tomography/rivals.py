@@ -5,7 +5,7 @@ The light fields are traced by `experiments.tomography.flame_rays`.
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -90,27 +90,11 @@ CASES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Row:
-    """Result of one method on one flame."""
-
-    flame: str
-    noise: float
-    method: str
-    error: float
-    best: float
-    light: float
-    iterations: float
-    seconds: float
-    said: str
-    wanted: str
-
-
 def _error(found: np.ndarray, truth: np.ndarray) -> float:
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
 
 
-def measure(case: Case, noise: float, rng: np.random.Generator) -> Iterator[Row]:
+def measure(case: Case, noise: float, rng: np.random.Generator) -> Iterator[dict]:
     """Errors of all methods on one draw of the noise."""
     light_field, truth = case.record(noise, rng), case.flame.truth(case.planes_mm)
     grid = FrustumGrid(CAMERA, case.planes_mm)
@@ -122,18 +106,18 @@ def measure(case: Case, noise: float, rng: np.random.Generator) -> Iterator[Row]
         if found.iterations is not None:
             followed = _followed(name, light_field, found)
             best = min(error, *(_error(grid.crop(one), truth) for one in followed))
-        yield Row(
-            case.name,
-            noise,
-            name,
-            error,
-            best,
-            float(found.emission.sum() / truth.sum() - 1),
-            np.nan if found.iterations is None else found.iterations,
-            seconds,
-            ", ".join(_kinds(found)),
-            ", ".join(case.wanted),
-        )
+        yield {
+            "flame": case.name,
+            "noise": noise,
+            "method": name,
+            "error": error,
+            "best": best,
+            "light": float(found.emission.sum() / truth.sum() - 1),
+            "iterations": np.nan if found.iterations is None else found.iterations,
+            "seconds": seconds,
+            "said": ", ".join(_kinds(found)),
+            "wanted": ", ".join(case.wanted),
+        }
 
 
 def _kinds(found: Reconstruction) -> Iterator[str]:
@@ -250,9 +234,9 @@ def body(record: dict) -> list[str]:
 def run_rivals(out: Path, seed: int) -> Path:
     """Measure all flames; writes ``rivals.md`` and more."""
     began, rng, rows = time.perf_counter(), np.random.default_rng(seed), []
-    for case in step_bar(CASES, 0, len(CASES)):
+    for case in step_bar(CASES):
         for noise in NOISES:
-            rows += [asdict(row) for row in measure(case, noise, rng)]
+            rows += measure(case, noise, rng)
     record = {"rows": rows, "printed": list(beside_print(rng)), "seed": seed}
     record["wall_s"] = time.perf_counter() - began
     return write_report(

@@ -74,23 +74,13 @@ def _errors(heights: np.ndarray, radii: np.ndarray, found: np.ndarray) -> tuple[
     return volume, section
 
 
-def _by_abel(light_field: LightField, which: str) -> Iterator[Section]:
+def _by_abel(light_field: LightField, pixel_mm: float, which: str) -> Iterator[Section]:
     axis = find_axis(light_field, PAPER_CAMERA)
     grid = AxisymmetricGrid(
         PAPER_CAMERA, axis.across_mm, axis.depth_mm, REACH_MM, BLOCK, which, -HEIGHT_MM / 2
     )
     found = reconstruct_axisymmetric(light_field, grid)
     yield grid.heights_mm, grid.radii_mm, found.emission
-
-
-def _by_all(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
-    """Ours, from all views."""
-    yield from _by_abel(light_field, "all")
-
-
-def _by_central(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
-    """Ours, from the middle view."""
-    yield from _by_abel(light_field, "central")
 
 
 def _halves(light_field: LightField, every: bool) -> np.ndarray:
@@ -107,6 +97,7 @@ def _halves(light_field: LightField, every: bool) -> np.ndarray:
 def _by_pyabel(
     light_field: LightField, pixel_mm: float, regularised: bool, every: bool
 ) -> Iterator[Section]:
+    """Take PyAbel's transform, by three points (Dasch 1992) or with a penalty (Daun 2006)."""
     try:
         from abel import dasch, daun
     except ImportError:  # also where a folder of results is called abel
@@ -127,18 +118,14 @@ def _by_pyabel(
         yield heights, radii[:count], one[:, :count]
 
 
-def _pyabel(regularised: bool, every: bool) -> Callable[[LightField, float], Iterator[Section]]:
-    """Choose PyAbel's transform, three points (Dasch 1992) or with a penalty (Daun 2006)."""
-    return partial(_by_pyabel, regularised=regularised, every=every)
-
-
 METHODS: dict[str, Callable[[LightField, float], Iterator[Section]]] = {
-    ALL: _by_all,
-    CENTRAL: _by_central,
-    "PyAbel, three points, the middle view": _pyabel(False, False),
-    "PyAbel, three points, the mean of all views": _pyabel(False, True),
-    "PyAbel, Daun, best of seven penalties, the middle view": _pyabel(True, False),
-    "PyAbel, Daun, best of seven penalties, the mean of all views": _pyabel(True, True),
+    ALL: partial(_by_abel, which="all"),
+    CENTRAL: partial(_by_abel, which="central"),
+    **{
+        f"PyAbel, {how}, the {seen}": partial(_by_pyabel, regularised=regularised, every=every)
+        for regularised, how in ((False, "three points"), (True, "Daun, best of seven penalties"))
+        for every, seen in ((False, "middle view"), (True, "mean of all views"))
+    },
 }
 
 
@@ -176,18 +163,13 @@ def _truth(heights: np.ndarray, radii: np.ndarray) -> np.ndarray:
 
 
 def _draw_half(axis, heights, radii, section, white: float):
-    edge = _half_step(radii)
+    edge = float(radii[1] - radii[0]) / 2
     extent = (0, radii[-1] + edge, heights[-1] - edge, heights[0] + edge)
     drawn = axis.imshow(section, cmap="inferno", vmin=0, vmax=white, extent=extent)
     axis.set_xlim(0, 9)
     axis.set_ylim(-14, 14)
     axis.set_xlabel("from the axis (mm)", fontsize=8)
     return drawn
-
-
-def _half_step(places: np.ndarray) -> float:
-    """Half the distance between neighbouring places."""
-    return float(places[1] - places[0]) / 2
 
 
 def _draw_errors(axis, sections: dict[str, Section], height: float, white: float) -> None:

@@ -7,7 +7,7 @@ furnace, and `reconstruct_axisymmetric_soot`.
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -80,21 +80,6 @@ METHODS = {
 }
 
 
-@dataclass(frozen=True)
-class Row:
-    """Errors of one method in one case."""
-
-    case: str
-    method: str
-    rms_K: float  # noqa: N815 - the unit's own letter
-    mean_K: float  # noqa: N815
-    within_25_K: float  # noqa: N815
-    held: float
-    thickness: float
-    warnings: int
-    seconds: float
-
-
 class Sensor:
     """A colour camera's raw images, its calibration, and its plan of decoding."""
 
@@ -141,7 +126,7 @@ def truth(flame: rays.SootFlame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return absorption, kelvin, red > LIT * red.max()
 
 
-def measure(case: Case, rng: np.random.Generator) -> Iterator[Row]:
+def measure(case: Case, rng: np.random.Generator) -> Iterator[dict]:
     """Errors of all methods on one draw of the noise."""
     sensor = Sensor(case.raw, case.noise, rng)
     light_field = sensor.decode(case.raw)
@@ -162,17 +147,17 @@ def measure(case: Case, rng: np.random.Generator) -> Iterator[Row]:
             )  # fmt: skip
         apart, sigma = (temperatures.kelvin - kelvin)[lit], temperatures.sigma[lit]
         amount = temperatures.amount[lit] / absorption[lit]
-        yield Row(
-            case.name,
-            METHODS[method],
-            float(np.sqrt(np.nanmean(apart**2))),
-            float(np.nanmean(apart)),
-            float(np.mean(np.abs(apart) < 25)),  # NaN is not
-            float(np.nanmean(np.abs(apart) < 1.96 * sigma)),
-            float(np.nanmedian(amount)),
-            len(set(found.warnings + sum((one.warnings for one in found.colours), ()))),
-            time.perf_counter() - began,
-        )
+        yield {
+            "case": case.name,
+            "method": METHODS[method],
+            "rms_K": float(np.sqrt(np.nanmean(apart**2))),
+            "mean_K": float(np.nanmean(apart)),
+            "within_25_K": float(np.mean(np.abs(apart) < 25)),  # NaN is not
+            "held": float(np.nanmean(np.abs(apart) < 1.96 * sigma)),
+            "thickness": float(np.nanmedian(amount)),
+            "warnings": len(set(found.warnings + sum((x.warnings for x in found.colours), ()))),
+            "seconds": time.perf_counter() - began,
+        }
 
 
 def count_held(draws: int, rng: np.random.Generator) -> dict[str, float]:
@@ -181,7 +166,7 @@ def count_held(draws: int, rng: np.random.Generator) -> dict[str, float]:
     sensor = Sensor(case.raw, case.noise, rng)
     _, kelvin, lit = truth(case.flame)
     held, errors = [], []
-    for draw in step_bar(range(draws), 0, draws):
+    for draw in step_bar(range(draws)):
         found = reconstruct_axisymmetric_soot(
             sensor.decode(case.raw), GRID, sensor.calibration, bootstrap=BARS, seed=10 * draw
         ).temperatures
@@ -230,8 +215,8 @@ def body(record: dict) -> list[str]:
 def run_soot(out: Path, seed: int, draws: int) -> Path:
     """Measure all cases and how often error bars hold the truth; writes ``soot.md`` and more."""
     began, rng, rows = time.perf_counter(), np.random.default_rng(seed), []
-    for case in step_bar(CASES, 0, len(CASES)):
-        rows += [asdict(row) for row in measure(case, rng)]
+    for case in step_bar(CASES):
+        rows += measure(case, rng)
     held = count_held(draws, rng)
     record = {"rows": rows, "bars": held, "seed": seed, "wall_s": time.perf_counter() - began}
     pictures = {"soot": soot_figure(seed)}

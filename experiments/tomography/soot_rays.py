@@ -31,15 +31,8 @@ STEPS, PARTS = 60, 2
 class SootFlame:
     """A hollow flame on a burner.
 
-    Attributes
-    ----------
-    thickness : float
-        Optical thickness at 600 nm through the axis, where it is largest.
-    radius_mm, height_mm : float
-    depth_ratio : float
-        Extent in depth relative to that across; 1 if the flame is round.
-    core : float
-        Soot on the axis, relative to that in the shell.
+    The thickness is optical, at 600 nm through the axis, where it is largest; the depth ratio the
+    extent in depth relative to that across; the core the soot on the axis, relative to the shell's.
     """
 
     thickness: float = 0.5

@@ -28,16 +28,8 @@ def bands(nm: np.ndarray) -> np.ndarray:
 class SootSheet:
     """Soot at one depth: its thickness is a Gaussian, and its temperature rises across it.
 
-    Attributes
-    ----------
-    depth_mm : float
-        Depth behind the plane in focus.
-    middle_mm, width_mm : tuple of float
-        Middle, and half width at 1 / e, along y and x.
-    thickness : float
-        Optical thickness at 600 nm in the middle.
-    hot : float
-        Temperature in K in the middle.
+    Middle and half width at 1 / e along y and x in mm; optical thickness at 600 nm, and temperature
+    in K, in the middle.
     """
 
     depth_mm: float

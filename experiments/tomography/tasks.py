@@ -22,7 +22,7 @@ from experiments.tomography.phantoms import (
     two_blobs,
     volume_flame,
 )
-from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
+from lf_flame import PAPER_CAMERA, LightField, render
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 from lf_flame.tomography.frustum_grid import planes_between
@@ -37,18 +37,7 @@ SEPARATIONS = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table.
-
-    Attributes
-    ----------
-    task, noise, method : str
-    measure : str
-        What `value` is.
-    value : float
-    accepted : float or None
-        What the project wants to reach, at most.
-    seconds : float
-    """
+    """A line of the table: a measure's value, and what the project wants to reach, at most."""
 
     task: str
     noise: str
@@ -97,6 +86,24 @@ METHODS: dict[str, Method] = {
     "linear fit, negative light cut off": by_clipping,
 }
 
+
+def worst_planes(
+    task: str,
+    noise: str,
+    light_field: LightField,
+    grid: FrustumGrid,
+    truth: np.ndarray,
+    methods: dict[str, Method] = METHODS,
+    wanted: float | None = None,
+) -> Iterator[Row]:
+    """Error of the worst plane by each method, and what is wanted of ours."""
+    for method, find in methods.items():
+        found, seconds = timed(find, light_field, grid)
+        worst = max(relative_errors(found, truth))
+        limit = wanted if method == OURS else None
+        yield Row(task, noise, method, "worst plane's error", worst, limit, seconds)
+
+
 Noise = dict[str, Callable[[Recorder, np.random.Generator], LightField]]
 
 NOISE: Noise = {
@@ -114,22 +121,16 @@ def planes_known(rng: np.random.Generator) -> Iterator[Row]:
     scenes = {
         "the paper's four flames": (scene, wanted, METHODS),
         "four flames behind each other": (overlapping_flames(DEPTHS_MM), {}, METHODS),
-        "the same, exchanged": (
-            overlapping_flames(EXCHANGED_MM),
-            {},
-            {OURS: by_reconstruction},
-        ),
+        "the same, exchanged": (overlapping_flames(EXCHANGED_MM), {}, {OURS: by_reconstruction}),
     }
     grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
     for task, (phantom, accepted, methods) in scenes.items():
         recorder, truth = Recorder(phantom, camera), truth_on(grid, phantom)
         for noise, record in NOISE.items():
             light_field = record(recorder, rng)
-            for method, find in methods.items():
-                found, seconds = timed(find, light_field, grid)
-                worst = max(relative_errors(found, truth))
-                limit = accepted.get(noise) if method == OURS else None
-                yield Row(task, noise, method, "worst plane's error", worst, limit, seconds)
+            yield from worst_planes(
+                task, noise, light_field, grid, truth, methods, accepted.get(noise)
+            )
 
 
 NOISE_SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
@@ -144,12 +145,7 @@ def against_noise(rng: np.random.Generator) -> Iterator[Row]:
     recorder, truth = Recorder(scene, camera), truth_on(grid, scene)
     for share in NOISE_SHARES:
         light_field = recorder.with_noise(share, rng)
-        for method, find in METHODS.items():
-            found, seconds = timed(find, light_field, grid)
-            worst = max(relative_errors(found, truth))
-            yield Row(
-                AGAINST_NOISE, f"{share:.1%}", method, "worst plane's error", worst, None, seconds
-            )
+        yield from worst_planes(AGAINST_NOISE, f"{share:.1%}", light_field, grid, truth)
 
 
 def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
@@ -158,8 +154,7 @@ def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
     recorder = Recorder(scene, camera)
     grid = FrustumGrid(camera, planes_between(-15, 23, 2), BLOCK)
     depths = np.array(grid.depths_mm)
-    known = FrustumGrid(camera, DEPTHS_MM, BLOCK)
-    truth = truth_on(known, scene)
+    truth = truth_on(FrustumGrid(camera, DEPTHS_MM, BLOCK), scene)
     for noise, limit in (("none", 0.1), ("1 %", 0.5)):
         light_field = NOISE[noise](recorder, rng)
         for method in (OURS, "focal stack as emission"):
@@ -168,11 +163,8 @@ def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
             for depth, plane in zip(DEPTHS_MM, truth, strict=True):
                 light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=np.float64)
                 off.append(abs(float(light @ depths / light.sum()) - depth))
-            accepted = limit if method == OURS else None
-            yield Row(
-                "depth unknown, 20 planes", noise, method, "worst centroid, mm", max(off),
-                accepted, seconds,
-            )  # fmt: skip
+            task, accepted = "depth unknown, 20 planes", limit if method == OURS else None
+            yield Row(task, noise, method, "worst centroid, mm", max(off), accepted, seconds)
 
 
 def thick_flame(rng: np.random.Generator) -> Iterator[Row]:
@@ -242,13 +234,7 @@ def separation(rng: np.random.Generator) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _are_two(
-    camera: PlenopticCamera,
-    radius_mm: float,
-    distance_mm: float,
-    step_mm: float,
-    rng: np.random.Generator,
-) -> bool:
+def _are_two(camera, radius_mm: float, distance_mm: float, step_mm: float, rng) -> bool:
     depths = step_mm * np.arange(-9, 10)
     grid = FrustumGrid(camera, depths.tolist())
     clean = render(two_blobs(radius_mm, distance_mm), camera, tolerance=EXACT)
@@ -272,25 +258,26 @@ def disturbances(rng: np.random.Generator) -> Iterator[Row]:
     bright = np.float32(recorder.peak)
     for share in (0.005, 0.02):
         gains = 1 + share * rng.standard_normal((*noisy.views.shape[:2], 1, 1), dtype=np.float32)
-        yield _disturbed(
-            f"gains of views {share:.1%}", LightField(noisy.views * gains), grid, truth
-        )
+        uneven = LightField(noisy.views * gains)
+        yield from _disturbed(f"gains of views {share:.1%}", uneven, grid, truth)
     for share in (0.02, 0.05):
         lit = LightField(noisy.views + np.float32(share) * bright)
-        yield _disturbed(f"background {share:.0%} of the peak", lit, grid, truth)
+        yield from _disturbed(f"background {share:.0%} of the peak", lit, grid, truth)
     for shift in (0.5, 2.0):
         moved = replace(grid, depths_mm=[depth + shift for depth in DEPTHS_MM])
-        yield _disturbed(f"depths {shift:g} mm off", noisy, moved, truth)
+        yield from _disturbed(f"depths {shift:g} mm off", noisy, moved, truth)
     for share in (0.01, 0.05):
         # Slopes wrong by a share: the depths that have them.
         wrong = [float(camera.slope_to_depth(slope * (1 + share))) for slope in grid.slopes]
-        yield _disturbed(f"slopes {share:.0%} off", noisy, replace(grid, depths_mm=wrong), truth)
+        moved = replace(grid, depths_mm=wrong)
+        yield from _disturbed(f"slopes {share:.0%} off", noisy, moved, truth)
 
 
-def _disturbed(what: str, light_field: LightField, grid: FrustumGrid, truth: np.ndarray) -> Row:
-    found, seconds = timed(by_reconstruction, light_field, grid)
-    worst = max(relative_errors(found, truth))
-    return Row("disturbed", f"1 %, {what}", OURS, "worst plane's error", worst, None, seconds)
+def _disturbed(
+    what: str, light_field: LightField, grid: FrustumGrid, truth: np.ndarray
+) -> Iterator[Row]:
+    ours = {OURS: by_reconstruction}
+    return worst_planes("disturbed", f"1 %, {what}", light_field, grid, truth, ours)
 
 
 def _width(planes: np.ndarray, depths: np.ndarray) -> float:

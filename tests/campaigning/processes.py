@@ -31,7 +31,7 @@ ENVIRONMENT = {
 }  # fmt: skip
 FOLDERS = "commands", "formats", "optics", "refocus", "scenes", "simulation", "tomography"
 PATHS = [path for x in FOLDERS for path in sorted((ROOT / "lf_flame" / x).glob("[!_]*.py"))]
-PATHS += sorted(ROOT.glob("experiments/*/commands.py"))
+PATHS += sorted(ROOT.glob("experiments/**/commands.py"))
 LOADED = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in PATHS]
 """Modules that each program finds loaded, as loading takes most of a small call's time."""
 

@@ -67,7 +67,7 @@ REMADE = {
     ),
     "bounds/bounds": lambda: body("bounds.report", "bounds/bounds"),
     "system_scenes/scene_counts": lambda: body(
-        "systems.scene_counts_report", "system_scenes/scene_counts"
+        "systems.scene_counts", "system_scenes/scene_counts"
     ),
     "compare/compare": compare,
     **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},

@@ -1,70 +1,77 @@
 """The benchmarks of refocusing and training run, and say how far the baselines' outputs are off."""
 
-import csv
 import json
 import resource
 import subprocess
 import sys
 import time
 
+import numba
 import numpy as np
 import pytest
+
+from experiments.benchmarks import busy, decoding, refocusing, report, speed, starting
+from experiments.timing import in_turn
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
-def refocusing(monkeypatch):
-    from experiments.benchmarks import refocusing
+@pytest.fixture(scope="module")
+def training():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OPENBLAS_NUM_THREADS", "1")  # which it sets, so that this is undone
+        from experiments.benchmarks import training
 
-    return refocusing
-
-
-@pytest.fixture
-def training(monkeypatch):
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # which it sets, so that this is undone
-    from experiments.benchmarks import training
-
-    return training
-
-
-def run(name, out):
-    """Rows of the CSV, and the record, that the program of this name writes."""
-    program = [sys.executable, "-m", f"experiments.benchmarks.{name}", "--small", "--out", out]
-    subprocess.run(program, check=True, capture_output=True)
-    record = json.loads((out / f"{name}.json").read_text())
-    with (out / f"{name}.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == len(record["rows"])
-    return rows, record
+        yield training
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory):
-    out = tmp_path_factory.mktemp("benchmarks")
-    rows, record = run("refocusing", out)
+def rows():
+    """Rows of all small cases, without programs in another Python."""
+    return [row for case in refocusing.cases(True) for row in refocusing.measure(case, True, None)]
+
+
+@pytest.fixture(scope="module")
+def steps(training):
+    (case,) = training.cases(small=True)
+    return {row["step"]: row for row in training.measure(case, 1)}
+
+
+def test_raw_images_are_decoded_beside_their_rivals(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["decoding", "--small", "--out", str(tmp_path)])
+    decoding.main()
+    record = json.loads((tmp_path / "decoding.json").read_text())
     assert record["baselines"] == {}
-    assert "not installed" in (out / "refocusing.md").read_text()
-    return rows
-
-
-def test_raw_images_are_decoded_beside_their_rivals(tmp_path):
-    rows, _ = run("decoding", tmp_path)
+    rows = record["rows"]
     assert [row["baseline"] for row in rows] == ["floor", "SciPy map_coordinates"]
     assert float(rows[1]["correlation"]) > 0.999
-    assert all(float(row["ratio"]) > 0 for row in rows)
+    assert all(row["ratio"] > 0 for row in rows)
+    assert (tmp_path / "decoding.csv").read_text().count("\n") == 1 + len(rows)
 
 
-@pytest.fixture(scope="module")
-def steps(tmp_path_factory):
-    rows, _ = run("training", tmp_path_factory.mktemp("benchmarks"))
-    return {row["step"]: row for row in rows}
+def test_another_python_is_handed_arrays_and_answers(tmp_path):
+    """A program that answers as `baselines.py` does: half the views, by its second call in 7 s."""
+    program = tmp_path / "baselines.py"
+    program.write_text(
+        "import json, sys, numpy as np\n"
+        "print(json.dumps({'plenpy': '1'}), flush=True)\n"
+        "for line in sys.stdin:\n"
+        "    asked = json.loads(line)\n"
+        "    if 'out' in asked: np.save(asked['out'], np.load(asked['views']) / 2)\n"
+        "    print(json.dumps({'seconds': 7}), flush=True)\n"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "__file__", str(tmp_path / "report.py"))
+        with report.OtherPython(sys.executable) as other:
+            assert other.versions == {"plenpy": "1"}
+            half = other.refocus("plenpy", np.arange(4.0), (1.0,))
+            assert other.seconds("plenpy") == 7
+    np.testing.assert_array_equal(half, [0, 0.5, 1, 1.5])
 
 
-def test_kernels_with_no_effect_kept_compute_what_bare_ones_do():
-    from experiments.benchmarks.speed import bare_rows
-
-    for row in bare_rows():
+def test_kernels_with_no_effect_kept_compute_what_bare_ones_do(monkeypatch):
+    monkeypatch.setattr(speed, "in_turn", lambda *calls, rounds: in_turn(*calls, rounds=1))
+    for row in speed.bare_rows():
         assert row["ratio"] > 0, row
         assert float(row["outputs differ by"]) < 1e-6, row
 
@@ -91,7 +98,8 @@ def test_another_interpolant_is_seen_in_the_differences(rows):
 def test_an_opponent_that_is_not_installed_is_shown_as_such(rows):
     missing = [row for row in rows if row["remarks"].startswith("not installed")]
     assert {row["baseline"] for row in missing} == {"plenpy", "PlenoptiCam"}
-    assert all(row["baseline ms"] == row["ratio"] == "" for row in missing)
+    assert all(row["baseline ms"] is row["ratio"] is None for row in missing)
+    assert "not installed" in report.table_of(rows, refocusing.COLUMNS)
 
 
 def test_every_target_has_a_row(rows):
@@ -104,14 +112,14 @@ def test_every_target_has_a_row(rows):
     }
 
 
-def test_images_that_differ_end_the_program(refocusing, rng):
+def test_images_that_differ_end_the_program(rng):
     image = rng.random((1, 6, 7))
     assert float(refocusing.compared(refocusing.SHIFT, image, image)) == 0
     with pytest.raises(SystemExit, match="differs by"):
         refocusing.compared(refocusing.SHIFT, image, 1.001 * image)
 
 
-def test_the_floor_reads_every_pixel(refocusing, rng):
+def test_the_floor_reads_every_pixel(rng):
     views = rng.random((3, 2, 9, 11)).astype(np.float32)
     assert refocusing.read_once(views, (0.0,)) == pytest.approx(views.sum(dtype=float), rel=1e-6)
 
@@ -150,17 +158,17 @@ def test_the_floor_counts_what_the_layers_multiply(training):
 
 
 @pytest.mark.jit
-def test_beside_busy_processes_both_ways_give_the_same_bits(tmp_path):
-    rows, record = run("busy", tmp_path)
-    assert [int(row["busy processes"]) for row in rows] == [0, 1] * 3
-    assert all(row["same bits"] == "True" for row in rows)
-    assert all(float(row["of idle"]) == 1 for row in rows[::2])
-    assert record["layer"]
+def test_beside_busy_processes_both_ways_give_the_same_bits(monkeypatch):
+    """Of the loops as they are written anew, here on one thread: Numba compiles these sooner."""
+    monkeypatch.setattr(busy, "njit", lambda parallel: numba.njit)
+    monkeypatch.setattr(busy, "TURN_S", 0.02)
+    rows = busy.measure((0, 1), 0.0)
+    assert [row["busy processes"] for row in rows] == [0, 1] * 3
+    assert all(row["same bits"] for row in rows)
+    assert all(row["of idle"] == 1 for row in rows[::2])
 
 
 def test_starting_tells_the_first_start_from_the_second(monkeypatch):
-    from experiments.benchmarks import starting
-
     compiling = (  # for as long as nothing is kept
         "import os, pathlib, time; kept = pathlib.Path(os.environ['NUMBA_CACHE_DIR'], 'kept')\n"
         "if not kept.exists(): time.sleep(2); kept.touch()"
@@ -171,12 +179,14 @@ def test_starting_tells_the_first_start_from_the_second(monkeypatch):
 
 
 def test_a_busy_process_keeps_a_core_busy():
-    from experiments.benchmarks.busy import beside
-
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    with beside(1):
-        time.sleep(1.0)
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before > 0.2
+    for patience in (1, 5, 20):  # longer where the machine does other things
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        with busy.beside(1):
+            time.sleep(patience)
+        used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        if used > 0.2:
+            break
+    assert used > 0.2
 
 
 def test_a_busy_process_ends_with_the_program_that_started_it():

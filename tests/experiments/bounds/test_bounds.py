@@ -15,24 +15,35 @@ from experiments.bounds.report import tabulate
 from lf_flame import InputError
 
 
-@pytest.mark.slow
 def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     here = nullcontext(SimpleNamespace(map=map))  # instead of processes, which take seconds each
     monkeypatch.setattr(report, "worker_pool", lambda *_: here)
-    monkeypatch.setattr(random_scenes, "RAY_COUNTS", (3, 6))
+    measured = []
 
-    def run(scenes):
+    def measure(seed, number):
+        measured.append((seed, number))
+        line = {"effect": "cos4", "bound": 0.2, "change": 0.1, "error": 0.0}
+        return {"scene": number, "refused": None, "effects": [line]}
+
+    monkeypatch.setattr(report, "measure_scene", measure)
+    for scenes in (1, 2):
         arguments = ["bounds", "--out", str(tmp_path), "--scenes", str(scenes), "--seed", "3"]
         CliRunner().invoke(commands, arguments, catch_exceptions=False)
-        return json.loads((tmp_path / "bounds.json").read_text())["scenes"]
+    assert measured == [(3, 0), (3, 1)]
+    record = json.loads((tmp_path / "bounds.json").read_text())
+    assert [scene["scene"] for scene in record["scenes"]] == [0, 1]
+    assert "2 random scenes" in (tmp_path / "bounds.md").read_text()
+    assert (tmp_path / "bounds.csv").read_text().splitlines()[1] == "cos4,2,2.0,2.0,2.0,0,0"
 
-    first = run(1)
-    again = run(2)
-    assert again[:1] == first
-    assert again[1] == measure_scene(3, 1)
-    table = (tmp_path / "bounds.md").read_text()
-    assert "2 random scenes" in table
-    assert (tmp_path / "bounds.csv").read_text().startswith("effect,number,smallest,median")
+
+@pytest.mark.slow
+def test_a_scene_is_held_against_its_bounds(monkeypatch):
+    monkeypatch.setattr(random_scenes, "RAY_COUNTS", (3, 6))
+    found = measure_scene(3, 1)
+    assert found["refused"] is None
+    assert len(found["effects"]) >= 3
+    for line in found["effects"]:
+        assert 0 <= line["change"] <= line["bound"] + line["error"] + random_scenes.ROUNDING
 
 
 def test_every_imperfection_is_drawn():

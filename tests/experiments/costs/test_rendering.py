@@ -12,8 +12,9 @@ from experiments import timing
 from experiments.costs import rendering, rendering_report
 from experiments.costs.integration_methods import METHODS
 from experiments.costs.rendering import measure_costs
-from experiments.costs.rendering_scenes import CONFIGS, Study, study_scenes
+from experiments.costs.rendering_scenes import Study, study_scenes
 from experiments.effects.absolute import effect_trials
+from experiments.paths import DATA_SETS
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene
 from lf_flame.simulation.rendering import render
 
@@ -42,24 +43,18 @@ def small_studies():
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory, coarse_data):
-    out, seen = tmp_path_factory.mktemp("costs"), []
-
-    def progress(steps, done, total):
-        seen.append((done, total))
-        for step in steps:
-            seen.append(step)
-            yield step
-
+    out = tmp_path_factory.mktemp("costs")
     patch = pytest.MonkeyPatch()
     patch.setattr(timing, "SHORT_S", 0.0)
     patch.setattr(timing, "ROUNDS", 1)
     patch.setattr(rendering, "METHODS", FEW_RAYS)
+    patch.setattr(rendering, "WHOLE", rendering.WHOLE[:2])
     threads = numba.get_num_threads()
-    record = measure_costs(progress, 1e9, small_studies(), TRIALS, coarse_data[:1])
+    record = measure_costs(1e9, small_studies(), TRIALS, coarse_data[:1])
     rendering_report.write_reports(out, record)
     patch.undo()
     assert numba.get_num_threads() == threads
-    return out, record, seen
+    return out, record
 
 
 def curve(record, scene, method):
@@ -68,22 +63,15 @@ def curve(record, scene, method):
 
 
 def test_all_files_are_there(measured):
-    out, record, _ = measured
+    out, record = measured
     written = {
-        "accuracy.csv",
-        "effects.csv",
-        "costs.md",
-        "light_field.md",
+        "accuracy.csv", "effects.csv", "costs.md", "costs.json", "costs.png", "light_field.md",
         "light_field.json",
-        "costs.json",
-        "costs.png",
-        "effects.png",
-    }
+    }  # fmt: skip
     assert {path.name for path in out.iterdir()} == written
-    for name in ("costs.png", "effects.png"):
-        pixels = imread(out / name)[..., :3]
-        assert min(pixels.shape[:2]) > 300
-        assert 0.005 < np.mean(pixels < 0.9) < 0.5  # neither empty nor covered
+    pixels = imread(out / "costs.png")[..., :3]
+    assert min(pixels.shape[:2]) > 300
+    assert 0.005 < np.mean(pixels < 0.9) < 0.5  # neither empty nor covered
     text = (out / "costs.json").read_text()
     stored = json.loads(text, parse_constant=pytest.fail)
     assert stored["accuracy"] == record["accuracy"]
@@ -92,12 +80,6 @@ def test_all_files_are_there(measured):
     for words in (stored["command"], stored["machine"], "numba", "finite-width rays", "shot_noise"):
         assert words in report
     assert "nan" not in report
-
-
-def test_progress_passes_every_step(measured):
-    (first, *steps) = measured[2]
-    assert first == (0, len(steps))
-    assert len(steps) == 2 * len(METHODS) + len(TRIALS) + 1
 
 
 @pytest.mark.parametrize("scene", ["open", "hidden"])
@@ -134,7 +116,7 @@ def test_effects_change_the_image_by_no_more_than_their_bound(measured):
 
 
 def test_the_study_keeps_the_optics_and_frames_all_light():
-    studies = study_scenes(*CONFIGS)
+    studies = study_scenes(*DATA_SETS)
     assert [study.name for study in studies] == ["shapes", "flame", "hidden"]
     for study in studies:
         assert study.camera.pixel_mm == pytest.approx(0.112 * (1 + 0.4 / 277.84) / 15, rel=1e-4)

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 
 from experiments.__main__ import commands
 from experiments.depth_scenarios import make_scenarios
+from experiments.depth_test import permutation
 from experiments.depth_test.permutation import run_depth_test, share_memorised
 from experiments.systems.entries import variant_entry
 from lf_flame import InputError, render
@@ -21,7 +23,7 @@ from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
-from lf_flame.learning.training import train
+from lf_flame.learning.training import _Training, train
 from lf_flame.learning.training_config import TrainingConfig
 from lf_flame.systems.resnet50 import ResNet50
 
@@ -175,14 +177,17 @@ def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
     assert "first and last exchanged" in result.output
 
 
-@pytest.mark.slow
-def test_networks_of_other_scenes_are_not_compared(config, runs, tmp_path):
-    other = replace(config, camera=replace(config.camera, views=3))
-    make_dataset(other, 24, tmp_path / "other.zarr")
-    training = build(TrainingConfig, TRAINING, "here")
-    train(training, "smoke", tmp_path / "other.zarr", tmp_path / "other")
+def test_networks_of_other_scenes_are_not_compared(config, tmp_path, monkeypatch):
+    views = {"one": 5, "two": 3}
+
+    def opened(run):
+        camera = replace(config.camera, views=views[run.name])
+        return SimpleNamespace(config=replace(config, camera=camera), record={"preset": "smoke"})
+
+    monkeypatch.setattr(permutation, "open_run", opened)
+    monkeypatch.setattr(permutation, "_network", lambda *_: None)
     with pytest.raises(InputError, match="trained on other scenes"):
-        run_depth_test([runs[0], tmp_path / "other"], tmp_path / "out", 1)
+        run_depth_test([Path("one"), Path("two")], tmp_path / "out", 1)
 
 
 def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
@@ -202,9 +207,10 @@ def test_a_picture_is_no_input_for_a_network_of_views(runs, tmp_path):
     assert "only networks of input kind 'raw' can be shown a picture" in str(result.exception)
 
 
-def test_bands_of_views_side_by_side_are_refused(config, tmp_path):
-    make_dataset(replace(config, input=InputEncoding("grid")), 24, tmp_path / "grid.zarr")
+def test_bands_of_views_side_by_side_are_refused(config):
+    """Before anything is read of the data set but its configuration and its size."""
+    grid = type("Grid", (list,), {"config": replace(config, input=InputEncoding("grid"))})
     recipe = {**TRAINING["presets"]["smoke"], "bands": 2}
     training = build(TrainingConfig, {**TRAINING, "presets": {"smoke": recipe}}, "here")
     with pytest.raises(InputError, match="bands must be 1 with a grid"):
-        train(training, "smoke", tmp_path / "grid.zarr", tmp_path / "run")
+        _Training(training, "smoke", grid(range(24)))

@@ -30,12 +30,14 @@ def test_the_library_stands_beside_its_reference(name):
     assert row["looseness"] == pytest.approx(row["bound"] / row["change"])
 
 
-@pytest.mark.slow
-def test_the_report_has_a_row_for_each_effect_and_camera(tmp_path):
+def test_the_report_has_a_row_for_each_effect_and_camera(tmp_path, monkeypatch):
+    names = ("defocus", "shot_noise", "quantisation")
+    some = {name: trial for name, trial in effect_trials(SMALL).items() if name in names}
+    monkeypatch.setattr(absolute, "effect_trials", lambda camera: some)
     path = report.write(tmp_path, measure_effects(cameras={"small": SMALL}, rays=2**6))
     text = path.read_text()
-    assert all(f"| {name} " in text for name in EFFECTS)
+    assert all(f"| {name} " in text for name in names)
     record = json.loads((tmp_path / "absolute.json").read_text())
-    assert len(record["rows"]) == len(EFFECTS)
+    assert [row["effect"] for row in record["rows"]] == list(names)
     assert record["cameras"]["small"]["views"] == 3
-    assert (tmp_path / "absolute.csv").read_text().count("\n") == len(EFFECTS) + 1
+    assert (tmp_path / "absolute.csv").read_text().count("\n") == len(names) + 1

@@ -25,29 +25,10 @@ def textured(rng):
 
 
 @pytest.mark.parametrize("skew", [{}, SKEWED])
-def test_a_white_field_is_white_through_both_square_apertures(small_camera, skew):
+def test_a_white_field_is_white(small_camera, skew):
     camera = replace(small_camera, **skew)
-    pixels = draw_pixels(camera, 12, 1)
-    ideal = trace_pixels(WHITE, camera, pixels, rays=256)
-    np.testing.assert_allclose(ideal.mean, 0.7, rtol=1e-12)
-    stopped = trace_pixels(WHITE, camera, pixels, rays=4096, real_square_stop=True)
-    assert np.all(np.abs(stopped.mean - 0.7) <= 5 * stopped.error + 1e-12)
-    assert stopped.error.max() < 2e-4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("skew", [{}, SKEWED])
-def test_a_real_square_stop_differs_by_its_ramp(small_camera, textured, skew):
-    """The lenslet's image is 0.7 % of an outermost pixel: a quarter of that goes next door."""
-    camera = replace(small_camera, views=3, **skew)
-    pixels = draw_pixels(camera, 30, 2)
-    pixels[:, :2] = np.random.default_rng(3).choice([0, 2], (30, 2))
-    ideal = trace_pixels(textured, camera, pixels, rays=2**13)
-    stopped = trace_pixels(textured, camera, pixels, rays=2**13, real_square_stop=True)
-    difference = np.abs(stopped.mean - ideal.mean)
-    allowed = 5 * np.hypot(stopped.error, ideal.error)
-    assert np.all(difference <= allowed + 0.0025)
-    assert difference.max() < 0.005
+    found = trace_pixels(WHITE, camera, draw_pixels(camera, 12, 1), rays=256)
+    np.testing.assert_allclose(found.mean, 0.7, rtol=1e-12)
 
 
 def test_a_lenslet_sees_its_own_place_of_the_focal_plane_upright(small_camera):

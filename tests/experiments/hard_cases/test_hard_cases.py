@@ -11,8 +11,14 @@ from experiments.hard_cases.case import CASES, HardCase, Values, measure
 from experiments.hard_cases.report import all_cases, run_hard_cases
 
 
+def marked(case):
+    """A case; slow where kernels have to be compiled, which `tests/stability` tests as well."""
+    slow = case.find.__module__.endswith((".light", ".refocusing", ".tomography"))
+    return pytest.param(case, id=case.find.__name__, marks=[pytest.mark.slow] * slow)
+
+
 @pytest.mark.jit
-@pytest.mark.parametrize("case", all_cases(), ids=lambda case: case.find.__name__)
+@pytest.mark.parametrize("case", [marked(case) for case in all_cases()])
 def test_the_package_is_right_where_the_obvious_formula_is_not(case):
     found = measure(case)
     assert found["our_error"] <= case.allowed
@@ -35,7 +41,7 @@ def test_errors_are_the_largest_of_all_places(values, obvious_error, our_error):
 
 def test_the_report_holds_every_case(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.hard_cases.report.all_cases", lambda: CASES[:3])
-    text = run_hard_cases(tmp_path, lambda steps, done, total: steps).read_text()
+    text = run_hard_cases(tmp_path).read_text()
     record = json.loads((tmp_path / "hard_cases.json").read_text())
     assert [case["case"] for case in record["cases"]] == [case.name for case in CASES[:3]]
     assert all(case.name in text for case in CASES[:3])

@@ -1,6 +1,7 @@
 import json
 import re
 import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +30,18 @@ RESULTS = Path(__file__).parents[3] / "experiments" / "results"
 PRINTED = read_paper_values(PAPER, "table1")
 
 
+@cache
+def scored(seed, error):
+    """Scores, and those by window, of images that are off by `error`."""
+    rng = np.random.default_rng(seed)
+    targets = rng.uniform(0.2, 0.8, size=(2, 4, 12, 12))
+    predictions = targets + error * rng.uniform(size=targets.shape)
+    return score(targets, predictions), score_windows(targets, predictions)
+
+
 def make_results(folder, seed=1, error=0.1, **changed):
     """Write Table I of a run whose images are off by `error`; return its scores."""
-    rng = np.random.default_rng(seed)
-    targets = rng.uniform(0.2, 0.8, size=(3, 4, 16, 20))
-    predictions = targets + error * rng.uniform(size=targets.shape)
-    scores = score(targets, predictions)
+    scores, windows = scored(seed, error)
     run = {
         "seed": seed, "preset": "paper", "split": [0.8, 0.1, 0.1], "epochs": 7, "best_epoch": 6,
         "model": {"dropout": 0.3}, "recipe": {"batch_size": 2}, "data_sha256": "c0ffee00" * 8,
@@ -43,7 +50,6 @@ def make_results(folder, seed=1, error=0.1, **changed):
     }  # fmt: skip
     baselines = scores.assign(baseline="the same", depth_mm=PRINTED["depth_mm"])
     table = compare_with_paper(scores, PRINTED)
-    windows = score_windows(targets, predictions)
     write_table(table, baselines, windows, PRINTED, run | changed, "table1", folder)
     return scores
 
@@ -180,7 +186,7 @@ def test_seeds_of_one_recipe_have_one_name_and_colour():
     assert sorted(words[1:]) == ["by Adam", "in closed form"]
 
 
-@pytest.mark.parametrize(("first", "last"), [(1.5, 9e3), (30, 4e3), (0.2, 3e4), (41, 44)])
+@pytest.mark.parametrize(("first", "last"), [(0.2, 3e4), (41, 44)])
 def test_labels_of_seconds_stand_apart(first, last):
     curve = pd.DataFrame({"seconds": np.geomspace(first, last, 9), "val_psnr_db": np.arange(9.0)})
     figure = learning_figure({"one": {"run": curve}, "two": {"run": curve}},

@@ -67,7 +67,7 @@ def test_scores_of_a_map_with_known_errors():
 
 @pytest.mark.slow
 def test_the_record_has_a_row_for_each_map_and_scene(tmp_path):
-    record, shown = measure(kinds={"slanted planes": Kind(planes)}, seeds=(1,))
+    record, shown = measure(kinds={"slanted planes": Kind(planes, views=5)}, seeds=(1,))
     table = pd.DataFrame(record["rows"])
     assert len(table) == 2 * len(WAYS)
     path = report.write(tmp_path, record, shown)

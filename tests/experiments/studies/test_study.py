@@ -291,6 +291,7 @@ def test_a_file_may_stand_in_for_keras_imagenet_weights(folder, monkeypatch):
     )
     _, trials = read_study(path)
     for trial in trials:
+        (folder / "data" / trial.dataset_name).mkdir(parents=True, exist_ok=True)  # made before
         with pytest.raises(InputError, match="no finished run"):
             run_trial(trial, folder / "runs", folder / "data", imagenet=Path("weights.npz"))
     assert asked == ["weights.npz", "random"]

@@ -61,8 +61,7 @@ def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
     for one in sets:
         scenes = list(one.scenes())
         assert len(scenes) == 2
-        size = (len(one.planes), 24, 48)
-        assert all(scene.truth(one.truth).shape == size for scene in scenes)
+        assert scenes[0].truth(one.truth).shape == (len(one.planes), 24, 48)
         assert np.any(scenes[0].views != scenes[1].views)
     np.testing.assert_allclose(
         next(sets[3].scenes()).slopes, flames.camera.depth_to_slope(np.array([15.0, 5, -5, -15]))
