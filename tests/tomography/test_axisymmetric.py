@@ -41,6 +41,11 @@ def slabs(thickness=0.1, cell=0.05, glow=glow, lean=0.0):
 
 
 @pytest.fixture(scope="module")
+def camera():
+    return replace(PAPER_CAMERA, views=7, lenslets=(72, 84))
+
+
+@pytest.fixture(scope="module")
 def seen(camera):
     return render(slabs(), camera, tolerance=1e-6)
 
