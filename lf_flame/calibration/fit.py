@@ -190,19 +190,14 @@ def fit_law(
         fall_off=fall_off,
         standard_deviations=deviations,
     )
-    depth_residuals, scale_residuals = _residuals(measured, solved.x)
-    left = _left_out(measured, solved.x, position)
-    freedom = 2 * len(measured.depths) - len(solved.x)
     return LawFit(
         law,
         covariance,
-        freedom,
+        2 * len(measured.depths) - len(solved.x),
         position,
-        depth_residuals,
-        scale_residuals,
-        left_out_mm=left[0],
-        left_out_scale=left[1],
-        notes=notes_on(position, solved.x),
+        *_residuals(measured, solved.x),
+        *_left_out(measured, solved.x, position),
+        notes_on(position, solved.x),
     )
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.frequency_gram import COPIES, depth_roughness
+from lf_flame.tomography.frequency_gram import COPIES
+from lf_flame.tomography.penalties import depth_roughness
 
 DEPTHS = [18.0, 4.0, 0.0, -9.0]
 
