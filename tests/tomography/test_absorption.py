@@ -142,7 +142,7 @@ def in_line(total):
     """Three flames behind each other that absorb where they glow."""
     layers = []
     for depth, x, height in ((3.0, 0.0, 4.8), (0.0, 0.2, 4.1), (-4.0, 0.1, 3.4)):
-        glow = flame_texture(height, 0.45, cell_mm=0.03)
+        glow = flame_texture(height, 0.45, cell_mm=0.06)
         tau = total / 3 * glow / glow.max()
         layers.append(Layer(glow, depth, (height, 2.88), (0.2, x), optical_thickness=tau))
     return Scene(layers)
