@@ -190,15 +190,10 @@ def fit_law(
         fall_off=fall_off,
         standard_deviations=deviations,
     )
-    return LawFit(
-        law,
-        covariance,
-        2 * len(measured.depths) - len(solved.x),
-        position,
-        *_residuals(measured, solved.x),
-        *_left_out(measured, solved.x, position),
-        notes_on(position, solved.x),
-    )
+    freedom = 2 * len(measured.depths) - len(solved.x)
+    off, left = _residuals(measured, solved.x), _left_out(measured, solved.x, position)
+    notes = notes_on(position, solved.x)
+    return LawFit(law, covariance, freedom, position, *off, left[0], left[1], notes)
 
 
 def _model(p: np.ndarray, depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
