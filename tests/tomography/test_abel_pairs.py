@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -175,6 +176,7 @@ def test_one_view_will_do(kind):
 LENS = replace(PAPER_CAMERA, views=5, lenslets=(40, 44))
 
 
+@cache
 def ray_traced(deep=1.0, lean=0.0, wander=0.0, solid=False):
     """A hollow or solid flame by rays of its own, each with the length of its path.
 
@@ -189,13 +191,13 @@ def ray_traced(deep=1.0, lean=0.0, wander=0.0, solid=False):
     y, x = rows * away / image, columns * away / image
     slopes = [(place - view[:, None]) / away for place in (y, x)]
     path = np.sqrt(1 + slopes[0][:, None, :, None] ** 2 + slopes[1][None, :, None, :] ** 2)
-    for depth in np.linspace(-4, 4, 121):
+    for depth in np.linspace(-4, 4, 61):
         share = (AXIS_DEPTH + depth) / away
         h = -(y + (y - view[:, None]) * share)[:, None, :, None]
         across = (x + (x - view[:, None]) * share)[None, :, None, :] - 0.3
         q = (across - wander * np.sin(2 * h)) ** 2 + ((depth - lean * h) / deep) ** 2
         profile = np.exp(-q / 0.64) if solid else (1 + 3 * q) * np.exp(-q / 0.64)
-        seen += 8 / 120 * np.exp(-((h / 1.0) ** 2)) * profile * path
+        seen += 8 / 60 * np.exp(-((h / 1.0) ** 2)) * profile * path
     noise = np.random.default_rng(0).standard_normal(seen.shape)
     return LightField((seen + 0.01 * seen.max() * noise).astype(np.float32))
 
