@@ -190,20 +190,10 @@ def fit_law(
         fall_off=fall_off,
         standard_deviations=deviations,
     )
-    depth_residuals, scale_residuals = _residuals(measured, solved.x)
-    left = _left_out(measured, solved.x, position)
     freedom = 2 * len(measured.depths) - len(solved.x)
-    return LawFit(
-        law,
-        covariance,
-        freedom,
-        position,
-        depth_residuals,
-        scale_residuals,
-        left_out_mm=left[0],
-        left_out_scale=left[1],
-        notes=notes_on(position, solved.x),
-    )
+    off, left = _residuals(measured, solved.x), _left_out(measured, solved.x, position)
+    notes = notes_on(position, solved.x)
+    return LawFit(law, covariance, freedom, position, *off, left[0], left[1], notes)
 
 
 def _model(p: np.ndarray, depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -224,17 +224,10 @@ def _track(views, chosen, offsets, middle, points, slope: float, pitch: float) -
 
 
 def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Regress each corner's position on the view's offset.
+    """Regress each corner's position on the view's offset; all pairs are down and right.
 
-    Returns
-    -------
-    points : ndarray, shape (n, 2)
-        Positions in the central view.
-    slopes : ndarray, shape (n, 2)
-        Slopes down and right.
-    crossed : ndarray, shape (n, 2)
-        Motion down with the column of the view, and right with its row.
-    residuals : ndarray, shape (views, n, 2)
+    Gives positions in the central view, slopes, motions down with the column of the view and right
+    with its row, each of shape (n, 2), and residuals, shape (views, n, 2).
     """
     design = np.column_stack([np.ones(len(offsets)), offsets])
     known = np.isfinite(tracks).all(axis=2)

@@ -181,7 +181,7 @@ def _calibration(
     import numpy as np
 
     from lf_flame.tomography.colour_calibration import ColourCalibration, read_colours
-    from lf_flame.tomography.soot_curves import LEAST_K, MOST_K
+    from lf_flame.tomography.pyrometry import LEAST_K, MOST_K
     from lf_flame.tomography.two_colours import two_wavelengths
 
     if wavelengths is None or file is not None:

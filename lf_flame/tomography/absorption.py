@@ -8,21 +8,24 @@ the equation of transfer; for thin planes this is ``exp(-tau / 2)``, half the th
 nearer to the camera, at a smaller depth, transmits ``exp(-tau)`` of the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 from pylops import Diagonal, LinearOperator
 from scipy import sparse
 
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.simulation.slabs import self_absorbed
+from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.projection_operator import ProjectionOperator, plane_bands
+from lf_flame.tomography.projection_operator import (
+    ProjectionOperator,
+    as_raw,
+    as_views,
+    plane_bands,
+)
 
 MOST_THICKNESS = 2.0
 """Largest total optical thickness along a ray of the central view. A seventh of the light from
@@ -98,31 +101,27 @@ class AbsorbingOperator(LinearOperator):
         one = views**2 * int(np.prod(grid.pixels)) * self.dtype.itemsize
         check_memory(planes * one, f"Transmissions of {planes} planes, as every view sees them,")
         exact = [(plane_bands(grid, p, 0), plane_bands(grid, p, 1)) for p in range(planes)]
-        self._seen = _seen_through(grid, exact, thickness, self.dtype)
         self._own = self_absorbed(thickness).astype(dtype)
-        self._bands = [(down.astype(dtype), across.astype(dtype)) for down, across in exact]
-        self._back = [(down.T.tocsr(), across.T.tocsr()) for down, across in self._bands]
+        self._slabs = [Slab(bands, self.dtype) for bands in exact]
+        through = np.ones(self._slabs[0].raw_shape)
+        for plane in np.argsort(grid.depths_mm):  # nearest to the main lens first
+            self._slabs[plane].seen = through.astype(dtype)
+            through = through * _apply(exact[plane], np.exp(-thickness[plane]))
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
         glow = self._own * x.reshape(self.dims).astype(self.dtype, copy=False)
-        views, (t, s) = self._grid.camera.views, self._grid.pixels
-        raw = np.zeros((views * t, views * s), self.dtype)
-        for bands, plane, seen in zip(self._bands, glow, self._seen, strict=True):
-            raw += seen * _apply(bands, plane)
-        return self._grid.pick(raw.reshape(views, t, views, s).transpose(0, 2, 1, 3)).ravel()
+        raw = sum(
+            slab.seen * slab.views(plane) for slab, plane in zip(self._slabs, glow, strict=True)
+        )
+        return self._grid.pick(as_views(np.asarray(raw), self._grid.pixels)).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
         raw = self._raw(y)
-        cells = [
-            _apply(back, seen * raw) for back, seen in zip(self._back, self._seen, strict=True)
-        ]
-        return (self._own * np.stack(cells)).ravel()
+        return (self._own * np.stack([slab.back(slab.seen * raw) for slab in self._slabs])).ravel()
 
     def _raw(self, y: np.ndarray) -> np.ndarray:
-        """Place fitted views in the layout (v, t) by (u, s), with 0 elsewhere."""
-        views = self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
-        v, u, t, s = views.shape
-        return views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        """Fitted views beside each other, with 0 elsewhere."""
+        return as_raw(self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False)))
 
     def mean_transmission(self) -> np.ndarray:
         """Fraction of each cell's light that leaves towards the camera, averaged over the views.
@@ -133,35 +132,42 @@ class AbsorbingOperator(LinearOperator):
             Mean transmission, above 0, at most 1; the plane's own factor where no view sees a cell.
         """
         means, counted = [], self._raw(np.ones(self.dimsd, self.dtype))
-        for back, seen in zip(self._back, self._seen, strict=True):
-            weight = _apply(back, counted).astype(np.float64)
-            through = _apply(back, seen * counted)
+        for slab in self._slabs:
+            weight = slab.back(counted).astype(np.float64)
+            through = slab.back(slab.seen * counted)
             means.append(np.divide(through, weight, out=np.ones_like(weight), where=weight > 0))
         return self._own * np.stack(means)
+
+
+class Slab:
+    """Cells at one depth, and their light in all views beside each other (`as_raw`).
+
+    Attributes
+    ----------
+    seen : ndarray, shape (views * rows, views * columns)
+        Transmission of everything nearer to the camera, for each pixel of each view.
+    """
+
+    seen: np.ndarray
+
+    def __init__(self, bands: Bands, dtype: DTypeLike):
+        down, across = (one.astype(dtype) for one in bands)
+        self._bands, self._back = (down, across), (down.T.tocsr(), across.T.tocsr())
+        self.raw_shape = down.shape[0], across.shape[0]
+
+    def views(self, cells: np.ndarray) -> np.ndarray:
+        """Light of the cells, if nothing attenuates it."""
+        return _apply(self._bands, cells)
+
+    def back(self, raw: np.ndarray) -> np.ndarray:
+        """Adjoint of `views`."""
+        return _apply(self._back, raw)
 
 
 def _apply(bands: Bands, plane: np.ndarray) -> np.ndarray:
     """Apply bands along both axes: ``down plane across'``."""
     down, across = bands
     return np.asarray(down @ np.ascontiguousarray((across @ plane.T).T))
-
-
-def _seen_through(
-    grid: FrustumGrid, bands: list[Bands], thickness: np.ndarray, dtype: np.dtype
-) -> list[np.ndarray]:
-    """Transmission of everything nearer than each depth plane, for each pixel of each view.
-
-    Returns
-    -------
-    list of ndarray, shape (views * rows, views * columns)
-        Transmission for each plane, in the grid's order.
-    """
-    seen: dict[int, np.ndarray] = {}
-    through = np.ones([pair.shape[0] for pair in bands[0]])
-    for plane in np.argsort(grid.depths_mm):  # nearest to the main lens first
-        seen[plane] = through.astype(dtype)
-        through = through * _apply(bands[plane], np.exp(-thickness[plane]))
-    return [seen[plane] for plane in range(len(bands))]
 
 
 def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
@@ -214,18 +220,6 @@ def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
     return np.pad(cells, ((0, 0), margin, margin), mode="edge")
 
 
-class Explained(Protocol):
-    """Result of a fit."""
-
-    @property
-    def cells(self) -> np.ndarray:
-        """Cells, shape (planes, rows, columns)."""
-        ...
-
-
-Found = TypeVar("Found", bound=Explained)
-
-
 class Absorption:
     """Effect of absorption on a light field, as a correction to a fit without absorption.
 
@@ -266,9 +260,9 @@ class Absorption:
     def settle(
         self,
         views: np.ndarray,
-        fit: Callable[[np.ndarray, Found | None], Found],
-        start: Explained | None = None,
-    ) -> tuple[Found, bool]:
+        fit: Callable[[np.ndarray, Explanation | None], Explanation],
+        start: Explanation | None = None,
+    ) -> tuple[Explanation, bool]:
         """Fit, correct the light field, and fit again until the correction converges.
 
         Parameters
@@ -277,12 +271,12 @@ class Absorption:
         fit : callable
             Function from a light field without absorption to the light that leaves each cell. Its
             second argument is None, or the last fit, to keep its strength.
-        start : object, optional
+        start : Explanation, optional
             Fit of a similar light field, from which the first correction follows.
 
         Returns
         -------
-        found : object
+        found : Explanation
             Result of the last fit.
         settled : bool
             Whether the correction converged.

@@ -1,15 +1,21 @@
-"""Model of a light field: emission, absorption, and a uniform background."""
+"""Model of a light field: emission, absorption, and a uniform background; and what it leaves."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from pylops import LinearOperator
 
+from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.tomography.absorption import Absorption
 from lf_flame.tomography.background import Level, fit_background, measure_edge
+from lf_flame.tomography.data_checks import check_data, check_overlap, check_spacing
+from lf_flame.tomography.error_bars import Expected, noise_variance, redraw
 from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.plane_fit import PlaneFit
+from lf_flame.tomography.reconstruction_result import Reconstruction
 
 BACKGROUND_FITS = 4
 """Largest number of fits, of background and emission in turn; two are usual."""
@@ -20,6 +26,11 @@ the values are tried in turn until enough pixels are dark."""
 
 LEAST_DARK = 0.02
 """Smallest fraction of dark pixels with which a background is fitted."""
+
+UNSETTLED = (
+    "The correction for absorption has not converged: emission and optical thickness are "
+    "inconsistent, or the thickness is too large."
+)
 
 
 class Explainer:
@@ -96,3 +107,92 @@ class Explainer:
             f"background='fit' needs a part of the field that no emission reaches, and "
             f"{lit.mean():.1%} of the pixels are lit."
         )
+
+
+class Fitted(NamedTuple):
+    """Views without background, and their fit.
+
+    Attributes
+    ----------
+    views : ndarray of float32, shape (v, u, t, s)
+        Views that were fitted, averaged over blocks.
+    level : Level
+        Background that was subtracted.
+    found : Explanation
+        Light that explains the views.
+    seen : ndarray of float32, shape of `views`
+        Views of that light.
+    valid : ndarray of bool, shape of `views`, or None
+        Whether each ray is known; None if all are.
+    """
+
+    views: np.ndarray
+    level: Level
+    found: Explanation
+    seen: np.ndarray
+    valid: np.ndarray | None
+
+    @property
+    def known(self) -> np.ndarray:
+        """Views, with the light of the fit for unknown rays."""
+        return self.views if self.valid is None else np.where(self.valid, self.views, self.seen)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Part of the views that the fit does not explain."""
+        return self.known - self.seen
+
+    @property
+    def chi_squared(self) -> np.ndarray:
+        """Mean squared residual of each fitted view, in units of the noise's variance."""
+        power = np.square(self.residual, dtype=np.float64).sum(axis=(2, 3))
+        rays = np.prod(self.views.shape[2:]) if self.valid is None else self.valid.sum(axis=(2, 3))
+        with np.errstate(invalid="ignore"):  # of a view of which nothing is known
+            return power / rays / noise_variance(self.found.noise)
+
+    def disagreements(self, result: Reconstruction, stated: bool) -> tuple[str, ...]:
+        """Sentences on disagreements of data and model; `stated`: whether the noise was."""
+        found = self.found
+        return (
+            *check_data(
+                self.known,
+                result.chi_squared,
+                found.noise,
+                found.measured,
+                stated,
+                residual=self.residual,
+                correlation=found.shared,
+            ),
+            *check_spacing(result.grid),
+            *(check_overlap(result.grid, result.emission) if len(result.draws) else ()),
+            *(() if found.settled else (UNSETTLED,)),
+        )
+
+
+def draw_again(
+    fit: PlaneFit,
+    fitted: Fitted,
+    correction: np.ndarray,
+    count: int,
+    rng: np.random.Generator,
+    prior_rng: np.random.Generator,
+) -> Iterator[np.ndarray]:
+    """Fit light fields with redrawn noise, each with a correction of its own (bootstrap)."""
+    if not count:
+        return
+    found, few = fitted.found, max(1, fit.options.iterations // 2)
+    expected = Expected(
+        fit.smooth(found.cells + correction),
+        found.pixel_noise,
+        fitted.level.error,
+        fit.prior(found, fitted.seen),
+    )
+    redrawn = redraw(fit.operator, fit.gram, expected, count, rng, prior_rng)
+    for problem in progress.steps(redrawn, "error bars", count, "draw"):
+        drawn = found.with_fit(fit.again(problem, found, few))
+        if not fit.options.penalty.corrects:
+            yield drawn.cells
+            continue
+        # The correction of each draw is multiplied by any number from 0 to 2 with equal probability
+        # (JCGM 100, 4.3.7), because the remaining error of the correction is unknown.
+        yield drawn.cells + prior_rng.uniform(0, 2) * fit.correct(drawn, few)

@@ -73,6 +73,11 @@ def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[fl
     return figure
 
 
+def shown_planes(count: int) -> np.ndarray:
+    """Choose at most `MOST_SHOWN` of so many planes, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
+
+
 def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
     """Depth planes of the emission above refocused images at the same depths, on separate scales.
 
@@ -86,8 +91,7 @@ def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
     -------
     matplotlib.figure.Figure
     """
-    count = len(found.emission)
-    shown = np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
+    shown = shown_planes(len(found.emission))
     rows, columns = found.grid.pixels
     width = min(3.2, 14 / len(shown))
     size = (width * len(shown), 2 * width * rows / columns + 1.2)
@@ -214,8 +218,7 @@ def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float
     -------
     matplotlib.figure.Figure
     """
-    count = len(depths_mm)
-    shown = np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
+    shown = shown_planes(len(depths_mm))
     figure, axes = subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     places = (("axial", "height (mm)"), ("radial", "across (mm)"))
     for axis, (name, label) in zip(axes, places, strict=True):

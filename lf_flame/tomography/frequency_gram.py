@@ -17,28 +17,15 @@ from numba import get_num_threads
 from scipy import fft
 
 from lf_flame._common.memory import check_memory
-from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
+from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.penalties import ROUGHNESS_ORDER, depth_roughness
 from lf_flame.tomography.projection_operator import plane_bands
-from lf_flame.tomography.resolution import depth_blur, finest_period
 
 Result = TypeVar("Result")
-
-ROUGHNESS_ORDER = 3
-"""Order of the differences that are penalised: third, quadratic in the third derivatives of the
-emission. It hardly changes flames of millimetres; first or second differences shift light from
-plane to plane at strengths too low to help against noise."""
-
-
-DEPTH_WEIGHT, DEPTH_LENGTH = 1e-4, 0.5
-"""Weight of a penalty on third differences along depth, relative to the square of the number of
-views, for planes at a distance of this fraction of the finest depth blur. The light field hardly
-distinguishes the light of many planes; without this penalty one plane has too much and the next too
-little."""
 
 COPIES = 12
 """Number of arrays of the matrices' size that a reconstruction holds at once; fewer planes, or
 larger blocks, take less."""
-
 
 KEPT = 4
 """Number of inverse matrices that are kept; a strength has two, one for each step."""
@@ -195,9 +182,7 @@ class FrequencyGram:
     def inverse(self, step: float, strength: float) -> np.ndarray:
         """Inverse of the unit matrix plus a step times the penalised matrices; kept for later.
 
-        Returns
-        -------
-        ndarray of float32, shape (fy, planes, planes, fx)
+        float32, shape (fy, planes, planes, fx).
         """
         asked = step, strength
         if asked not in self._inverses:
@@ -295,43 +280,13 @@ def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
     return product.reshape(*spectrum.shape[:-1], -1).view(spectrum.dtype)
 
 
-def depth_roughness(grid: FrustumGrid) -> np.ndarray:
-    """Penalty along depth for many evenly spaced planes; zeros otherwise.
-
-    It is the integral of the squared third derivative of the emission per mm, so that it does not
-    depend on the spacing of planes in a volume: for planes with light x at a distance d, it is
-    ``sum (D3 x)^2 / d^7``.
-
-    Returns
-    -------
-    ndarray of float64, shape (planes, planes)
-        Penalty relative to `FrequencyGram.scale`.
-    """
-    count, steps = len(grid.depths_mm), np.diff(grid.depths_mm)
-    if count <= FEW_PLANES or np.ptp(steps) > 1e-6 * abs(steps[0]):
-        return np.zeros((count, count))
-    length = DEPTH_LENGTH * depth_blur(grid.camera, finest_period(grid.camera, grid.block))
-    differences = np.diff(np.eye(count), 3, axis=0)
-    return DEPTH_WEIGHT * (length / abs(steps[0])) ** 7 * (differences.T @ differences)
-
-
 def _products(functions: np.ndarray) -> np.ndarray:
-    """Sum the products of transfer functions of two depth planes over views.
-
-    Returns
-    -------
-    ndarray of complex128, shape (frequencies, planes, planes)
-    """
+    """Sum the products of planes' transfer functions over views, (frequencies, planes, planes)."""
     return np.einsum("vfp,vfq->fpq", functions.conj(), functions)
 
 
 def _transfer(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
-    """Transfer functions of the depth planes for the views along an axis.
-
-    Returns
-    -------
-    ndarray of complex128, shape (views, frequencies, planes)
-    """
+    """Transfer functions of the depth planes along an axis, (views, frequencies, planes)."""
     lenslets = list(grid.camera.lenslets)
     lenslets[axis] = length * grid.block
     wide = replace(grid, camera=replace(grid.camera, lenslets=(lenslets[0], lenslets[1])))

@@ -1,6 +1,7 @@
 """Output files of emission by depth."""
 
 import csv
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,7 +75,12 @@ def write_reconstruction(
         write_focal_stack(found.sigma.astype(np.float32), found.grid.slopes, folder.path(SIGMA))
         tifffile.imwrite(folder.path(DRAWS), found.draws)
     light, error = light_by_depth(found)
-    _write_depths(folder.path("depth.csv"), found, light, error)
+    errors = [""] * len(light) if error is None else error
+    write_table(
+        folder.path("depth.csv"),
+        ["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"],
+        zip(found.grid.depths_mm, found.grid.slopes, light, errors, strict=True),
+    )
     figures.save(depth_figure(found, light, error), folder.path("depth.png"))
     figures.save(trust_figure(found), folder.path("trust.png"))
     figures.save(slices_figure(found, _focal_stack(found, light_field)), folder.path("slices.png"))
@@ -111,14 +117,12 @@ def light_by_depth(found: "Reconstruction") -> tuple[np.ndarray, np.ndarray | No
     return light, None if found.light_sigma is None else found.light_sigma * areas
 
 
-def _write_depths(path: Path, found: "Reconstruction", light: np.ndarray, error) -> None:
+def write_table(path: Path, names: Sequence[str], rows: Iterable[Iterable]) -> None:
+    """Write a CSV file with a heading."""
     with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"])
-        for k, depth in enumerate(found.grid.depths_mm):
-            writer.writerow(
-                [depth, found.grid.slopes[k], light[k], "" if error is None else error[k]]
-            )
+        writer.writerow(names)
+        writer.writerows(rows)
 
 
 def _focal_stack(found: "Reconstruction", light_field: LightField) -> np.ndarray:

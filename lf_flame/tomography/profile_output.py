@@ -1,16 +1,15 @@
 """Output files of emission profiles."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.tomography.emission_folder import DRAWS, EmissionFolder
 from lf_flame.tomography.figures import profiles_figure
+from lf_flame.tomography.output import write_table
 from lf_flame.tomography.profiles import Profile, axial, radial
 
 RECORD = "profiles.json"
@@ -78,12 +77,9 @@ def write_profiles(
     """Write ``axial.csv``, ``radial.csv`` and ``profiles.png``."""
     for name, place in (("axial", "height_mm"), ("radial", "across_mm")):
         columns = ["depth_mm", place, "emission", "standard_deviation", "low_95", "high_95"]
-        path = folder.path(f"{name}.csv")
-        with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            for depth, profile in zip(depths_mm, found[name], strict=True):
-                writer.writerows([depth, *row] for row in _rows(profile))
+        both = zip(depths_mm, found[name], strict=True)
+        rows = ([depth, *row] for depth, profile in both for row in _rows(profile))
+        write_table(folder.path(f"{name}.csv"), columns, rows)
     figures.save(profiles_figure(found, depths_mm), folder.path("profiles.png"))
     folder.facts["depths_mm"] = depths_mm
 

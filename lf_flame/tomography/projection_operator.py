@@ -73,21 +73,30 @@ class ProjectionOperator(LinearOperator):
     def _matvec(self, x: np.ndarray) -> np.ndarray:
         cells = x.reshape(self.dims).astype(self.dtype, copy=False)
         lines = [(bands @ plane.T).T for bands, plane in zip(self._across, cells, strict=True)]
-        views, (t, s) = self.grid.camera.views, self.grid.pixels
         raw = self._down @ np.ascontiguousarray(np.concatenate(lines))
-        return self.grid.pick(raw.reshape(views, t, views, s).transpose(0, 2, 1, 3)).ravel()
+        return self.grid.pick(as_views(raw, self.grid.pixels)).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        views = self.grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
-        v, u, t, s = views.shape
-        raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
-        planes, rows, columns = self.dims
-        lines = (self._up @ raw).reshape(planes, rows, u * s)
+        raw = as_raw(self.grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False)))
+        planes, rows, _ = self.dims
+        lines = (self._up @ raw).reshape(planes, rows, -1)
         cells = [
             (bands @ np.ascontiguousarray(line.T)).T
             for bands, line in zip(self._back, lines, strict=True)
         ]
         return np.stack(cells).ravel()
+
+
+def as_raw(views: np.ndarray) -> np.ndarray:
+    """Lay views (v, u, t, s) beside each other: one array with rows (v, t) and columns (u, s)."""
+    v, u, t, s = views.shape
+    return views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
+
+
+def as_views(raw: np.ndarray, pixels: tuple[int, ...]) -> np.ndarray:
+    """Take the views (v, u, t, s) of such an array; `pixels` is (t, s)."""
+    t, s = pixels
+    return raw.reshape(-1, t, raw.shape[1] // s, s).transpose(0, 2, 1, 3)
 
 
 def plane_bands(grid: FrustumGrid, plane: int, axis: int) -> sparse.csr_array:

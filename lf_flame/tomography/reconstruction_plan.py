@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.background import Level
-from lf_flame.tomography.counted_views import fitted_views
-from lf_flame.tomography.data_checks import (
-    check_data,
-    check_overlap,
-    check_range,
-    check_spacing,
-    check_unknown,
-)
-from lf_flame.tomography.error_bars import (
-    Expected,
-    check_bootstrap,
-    noise_variance,
-    redraw,
-)
-from lf_flame.tomography.explainer import Explainer
+from lf_flame.tomography.data_checks import check_range, check_unknown
+from lf_flame.tomography.error_bars import check_bootstrap
+from lf_flame.tomography.explainer import Explainer, Fitted, draw_again
 from lf_flame.tomography.explanation import Explanation
+from lf_flame.tomography.fitted_views import average_blocks, fitted_views, known_blocks
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.iterative_methods import (
     MOST,
@@ -43,7 +29,6 @@ from lf_flame.tomography.operators import Operators
 from lf_flame.tomography.penalties import ROUGHNESS, Penalty, Roughness, as_penalty
 from lf_flame.tomography.plane_fit import FitOptions, PlaneFit
 from lf_flame.tomography.reconstruction_result import Reconstruction
-from lf_flame.tomography.view_blocks import average_blocks, known_blocks
 
 ITERATIONS = 80
 """Largest number of iterations of the splitting for the solution, in two fits. Each strength that
@@ -51,11 +36,6 @@ is tried, and each draw, takes at most half, starting from the nearest solution.
 
 FIT = "fit"
 """Value of `background` with which a background is fitted."""
-
-UNSETTLED = (
-    "The correction for absorption has not converged: emission and optical thickness are "
-    "inconsistent, or the thickness is too large."
-)
 
 
 class ReconstructionPlan:
@@ -188,12 +168,12 @@ class ReconstructionPlan:
         level = explain.level(views) if self._background == FIT else Level(0.0, 0.0)
         views = views - np.float32(level.mean) if level.mean else views
         found = explain(views)
-        fitted = _Fitted(views, level, found, explain.seen(found.cells), valid)
+        fitted = Fitted(views, level, found, explain.seen(found.cells), valid)
         # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
         # does not change; `Explainer.emission` turns it into emission.
         correction = fit.correct(found, max(1, self._options.iterations // 2))
         emission = explain.emission(found.cells + correction)
-        drawn = _draw_again(fit, fitted, correction, bootstrap, rng, prior_rng or rng)
+        drawn = draw_again(fit, fitted, correction, bootstrap, rng, prior_rng or rng)
         draws = np.array([explain.emission(cells) for cells in drawn], np.float32)
         result = Reconstruction(
             grid=grid,
@@ -210,7 +190,7 @@ class ReconstructionPlan:
             background_sigma=level.error,
             fit=found,
         )
-        said = _disagreements(result, fitted, stated=self._options.noise is not None)
+        said = fitted.disagreements(result, stated=self._options.noise is not None)
         result = replace(result, warnings=(*left_out, *said))
         return result if self._method == PENALISED else self._iterated(result, fitted, explain)
 
@@ -227,7 +207,7 @@ class ReconstructionPlan:
         return grid, views, valid, (*left_out, *check_unknown(valid))
 
     def _iterated(
-        self, result: Reconstruction, fitted: _Fitted, explain: Explainer
+        self, result: Reconstruction, fitted: Fitted, explain: Explainer
     ) -> Reconstruction:
         """Find the emission by another method, with what a fit tells of noise and background."""
         done = iterate(
@@ -265,93 +245,3 @@ def _checked_start(start: Reconstruction, grid: FrustumGrid) -> Explanation:
             f"{start.grid.view_count} views at the depths {list(start.grid.depths_mm)}."
         )
     return start.fit
-
-
-class _Fitted(NamedTuple):
-    """Views without background, and their fit.
-
-    Attributes
-    ----------
-    views : ndarray of float32, shape (v, u, t, s)
-        Views that were fitted, averaged over blocks.
-    level : Level
-        Background that was subtracted.
-    found : Explanation
-        Light that explains the views.
-    seen : ndarray of float32, shape of `views`
-        Views of that light.
-    valid : ndarray of bool, shape of `views`, or None
-        Whether each ray is known; None if all are.
-    """
-
-    views: np.ndarray
-    level: Level
-    found: Explanation
-    seen: np.ndarray
-    valid: np.ndarray | None
-
-    @property
-    def known(self) -> np.ndarray:
-        """Views, with the light of the fit for unknown rays."""
-        return self.views if self.valid is None else np.where(self.valid, self.views, self.seen)
-
-    @property
-    def residual(self) -> np.ndarray:
-        """Part of the views that the fit does not explain."""
-        return self.known - self.seen
-
-    @property
-    def chi_squared(self) -> np.ndarray:
-        """Mean squared residual of each fitted view, in units of the noise's variance."""
-        power = np.square(self.residual, dtype=np.float64).sum(axis=(2, 3))
-        rays = np.prod(self.views.shape[2:]) if self.valid is None else self.valid.sum(axis=(2, 3))
-        with np.errstate(invalid="ignore"):  # of a view of which nothing is known
-            return power / rays / noise_variance(self.found.noise)
-
-
-def _draw_again(
-    fit: PlaneFit,
-    fitted: _Fitted,
-    correction: np.ndarray,
-    count: int,
-    rng: np.random.Generator,
-    prior_rng: np.random.Generator,
-) -> Iterator[np.ndarray]:
-    """Fit light fields with redrawn noise, each with a correction of its own (bootstrap)."""
-    if not count:
-        return
-    found, few = fitted.found, max(1, fit.options.iterations // 2)
-    expected = Expected(
-        fit.smooth(found.cells + correction),
-        found.pixel_noise,
-        fitted.level.error,
-        fit.prior(found, fitted.seen),
-    )
-    redrawn = redraw(fit.operator, fit.gram, expected, count, rng, prior_rng)
-    for problem in progress.steps(redrawn, "error bars", count, "draw"):
-        drawn = found.with_fit(fit.again(problem, found, few))
-        if not fit.options.penalty.corrects:
-            yield drawn.cells
-            continue
-        # The correction of each draw is multiplied by any number from 0 to 2 with equal probability
-        # (JCGM 100, 4.3.7), because the remaining error of the correction is unknown.
-        yield drawn.cells + prior_rng.uniform(0, 2) * fit.correct(drawn, few)
-
-
-def _disagreements(result: Reconstruction, fitted: _Fitted, stated: bool) -> tuple[str, ...]:
-    """Sentences on disagreements of data and model; `stated`: whether the user gave the noise."""
-    found = fitted.found
-    return (
-        *check_data(
-            fitted.known,
-            result.chi_squared,
-            found.noise,
-            found.measured,
-            stated,
-            residual=fitted.residual,
-            correlation=found.shared,
-        ),
-        *check_spacing(result.grid),
-        *(check_overlap(result.grid, result.emission) if len(result.draws) else ()),
-        *(() if found.settled else (UNSETTLED,)),
-    )

@@ -86,12 +86,6 @@ class Reconstruction:
         return scatter(*sums)
 
     @property
-    def spacing_mm(self) -> float | None:
-        """Distance between neighbouring planes in mm, if it is the same for all; else None."""
-        steps = np.abs(np.diff(self.grid.depths_mm))
-        return float(steps[0]) if steps.size and np.ptp(steps) <= 1e-6 * steps[0] else None
-
-    @property
     def per_mm(self) -> np.ndarray:
         """Emission per length of the line of sight: a plane's emission over the planes' distance.
 
@@ -103,9 +97,10 @@ class Reconstruction:
         InputError
             If the planes are not evenly spaced.
         """
-        if self.spacing_mm is None:
+        steps = np.abs(np.diff(self.grid.depths_mm))
+        if not steps.size or np.ptp(steps) > 1e-6 * steps[0]:
             raise InputError(
                 f"Emission by volume needs two or more evenly spaced planes, got the depths "
                 f"{list(self.grid.depths_mm)}."
             )
-        return self.emission / np.float32(self.spacing_mm)
+        return self.emission / np.float32(steps[0])

@@ -18,8 +18,10 @@ from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import MOST_THICKNESS
+from lf_flame.tomography.axisymmetric.reconstruction import AxisymmetricFlame
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.pyrometry import Temperatures, soot_temperature
+from lf_flame.tomography.reconstruction_result import Reconstruction
 
 MOST_ROUNDS = 20
 """Largest number of rounds; at a total thickness of 1, each leaves two fifths of the change."""
@@ -45,21 +47,8 @@ class Emission(Protocol):
         ...
 
 
-class Measured(Emission, Protocol):
-    """Emission in one colour with error bars."""
-
-    @property
-    def draws(self) -> np.ndarray:
-        """Bootstrap draws of the emission, shape (draws, ...)."""
-        ...
-
-    @property
-    def sigma(self) -> np.ndarray | None:
-        """Standard deviation of the emission, None without error bars."""
-        ...
-
-
-Found = TypeVar("Found", bound=Measured)
+Found = TypeVar("Found", bound=Reconstruction | AxisymmetricFlame)
+"""Emission in one colour with error bars."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +181,7 @@ def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightFi
 
 
 def temperatures_of(
-    colours: Sequence[Measured], calibration: ColourCalibration, soot_exponent: float = 1.0
+    colours: Sequence[Found], calibration: ColourCalibration, soot_exponent: float = 1.0
 ) -> Temperatures:
     """Find the temperature of soot from its emission in the colours of a calibration."""
     sigmas = [one.sigma for one in colours]

@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator
 
 from lf_flame._common.figures import subplots
 from lf_flame.tomography.emission_folder import Place
-from lf_flame.tomography.figures import MOST_SHOWN
+from lf_flame.tomography.figures import shown_planes
 
 WIDTH_IN, FONT = 3.5, 6.5
 """Width of a column of a paper in inches, and size of letters in points."""
@@ -40,8 +40,7 @@ def temperature_figure(
     -------
     matplotlib.figure.Figure
     """
-    shown = np.unique(np.linspace(0, len(kelvin) - 1, min(len(kelvin), MOST_SHOWN)).round())
-    shown = shown.astype(int)
+    shown = shown_planes(len(kelvin))
     columns = (
         ("emission", "relative to the peak", emission / max(float(np.max(emission)), 1e-30)),
         ("temperature", "K", kelvin),

@@ -102,11 +102,11 @@ def test_parts_of_a_long_series_make_one_spectrum(monkeypatch):
 def test_noise_alone_is_claimed_as_rarely_as_is_said():
     rng = np.random.default_rng(5)
     found = [
-        find_flicker(np.arange(64) / 50, rng.standard_normal(64)).false_alarm for _ in range(200)
+        find_flicker(np.arange(64) / 50, rng.standard_normal(64)).false_alarm for _ in range(100)
     ]
     for probability in (0.01, 0.03, 0.1, 0.2):
         claimed = np.mean(np.array(found) < probability)
-        assert claimed == pytest.approx(probability, abs=2.5 * np.sqrt(probability / 200))
+        assert claimed == pytest.approx(probability, abs=2.5 * np.sqrt(probability / 100))
 
 
 def red_noise(rng, count, kept):
@@ -119,11 +119,11 @@ def red_noise(rng, count, kept):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [0.0, 0.4, 0.9])
+@pytest.mark.parametrize("kept", [0.4, 0.9])
 def test_noise_that_wanders_is_no_flicker_and_hides_none(kept):
-    """40 draws each; at 12 Hz the sine's amplitude is the noise's standard deviation."""
+    """25 draws each; at 12 Hz the sine's amplitude is the noise's standard deviation."""
     rng, times = np.random.default_rng(21), np.arange(100) / 100
-    noise = [red_noise(rng, 100, kept) for _ in range(40)]
+    noise = [red_noise(rng, 100, kept) for _ in range(25)]
     claimed = [bool(find_flicker(times, 30 + one).lines) for one in noise]
     assert np.mean(claimed) <= 0.05
     found = [find_flicker(times, one + sine(times, 12.0, amplitude=1.0)) for one in noise]

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from concurrent.futures import Executor, Future
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import times_by_names, with_gaps
 from lf_flame.datasets.hashes import set_attributes
 from lf_flame.flame_video import find_steps, look_at, process_frames
+from lf_flame.flame_video.processing import jobs
 from lf_flame.flame_video.processing.steps import Frame
 from lf_flame.tomography import FrustumGrid, reconstruct
 
@@ -117,39 +119,55 @@ def test_a_frame_of_another_exposure_is_a_gap(tmp_path):
     assert said[2].said[0].endswith("2.png was exposed for 0.002 s, the first frame for 0.004 s")
 
 
-def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path):
-    paths = [tmp_path / f"{number}.npy" for number in range(20)]
+@pytest.fixture
+def two_together(monkeypatch):
+    """Tasks of two frames each."""
+    monkeypatch.setattr("lf_flame.flame_video.processing.frames.LEAST_TOGETHER", 2)
+
+
+def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path, two_together):
+    paths = [tmp_path / f"{number}.npy" for number in range(6)]
     for number, path in enumerate(paths):
         np.save(path, bar(4 + number % 6))
-    process = partial(process_frames, paths, times_s=np.arange(20) / 50)
+    process = partial(process_frames, paths, times_s=np.arange(6) / 50)
     steps = find_steps("refocus@1,height")
     process(tmp_path / "whole", steps)
 
     def cut(done):
-        if done.frame == 9:
+        if done.frame == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         process(tmp_path / "cut", steps, tell=cut)
-    assert look_at(tmp_path / "cut").counts["to_do"] == 4
+    assert look_at(tmp_path / "cut").counts["to_do"] == 2
     with pytest.raises(InputError, match=r"cut\.part was made by other steps; remove it"):
         process(tmp_path / "cut", find_steps("refocus@0,height"))
     times = []
     process(tmp_path / "cut", steps, tell=lambda done: times.append(done.frame))
-    assert times == [16, 17, 18, 19]
+    assert times == [4, 5]
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
 
 
-@pytest.mark.slow
-def test_processes_make_the_same_bytes(tmp_path):
-    paths = [tmp_path / f"{number}.npy" for number in range(18)]
+class Processes(Executor):
+    """Carries out each task as a process of its own would: unpacked, on one thread, anew."""
+
+    def submit(self, call, task):
+        jobs._load.cache_clear()
+        done = Future()
+        done.set_result(call(pickle.loads(pickle.dumps(task))))
+        return done
+
+
+def test_processes_make_the_same_bytes(tmp_path, two_together):
+    """The second of two tasks begins anew in the same process too."""
+    paths = [tmp_path / f"{number}.npy" for number in range(4)]
     for number, path in enumerate(paths):
         np.save(path, bar(4 + number % 6))
     emission = {"camera": CAMERA, "depths_mm": DEPTHS, "noise": 0.01, "strength": 0.1}
     steps = find_steps("refocus@1,height,contour,emission", **emission)
-    for workers in (1, 2):
-        process_frames(paths, tmp_path / f"by{workers}", steps, times_s=range(18), workers=workers)
-    assert files(tmp_path / "by1") == files(tmp_path / "by2")
+    for name, executor in (("by one", None), ("by two", Processes())):
+        process_frames(paths, tmp_path / name, steps, times_s=range(4), executor=executor)
+    assert files(tmp_path / "by one") == files(tmp_path / "by two")
 
 
 @pytest.fixture

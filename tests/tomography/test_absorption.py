@@ -17,11 +17,6 @@ LEAVES = -np.expm1(-TOTAL) / TOTAL
 """Of an even mixture, by the equation of transfer: 0.787."""
 
 
-@pytest.fixture(scope="module")
-def grid(camera):
-    return FrustumGrid(camera, DEPTHS)
-
-
 def operator_of(grid, thickness, dtype="float64"):
     return AbsorbingOperator(grid, spread_thickness(grid, thickness), dtype)
 
@@ -143,32 +138,11 @@ def test_views_that_are_not_fitted_neither_see_nor_count(camera, rng):
     assert worst(found, every.mean_transmission().ravel()[even > 0]) > 1e-4
 
 
-@pytest.mark.slow
-def test_the_bias_of_an_even_mixture_is_taken_off(camera):
-    """Six equal flames behind each other in matter that is even, and wider than the field."""
-    canvas = np.zeros((120, 140))
-    flame = flame_texture(6.0, 0.45, cell_mm=0.2)
-    rows, columns = flame.shape
-    canvas[45 : 45 + rows, 62 : 62 + columns] = flame
-    depths = [7.5, 4.5, 1.5, -1.5, -4.5, -7.5]
-    layers = [
-        Layer(canvas / 6, depth, (24.0, 28.0), optical_thickness=TOTAL / 6) for depth in depths
-    ]
-    grid = FrustumGrid(camera, depths)
-    truth = np.stack([grid.crop(grid.average(one, p)) for p, one in enumerate(layers)])
-    light_field = render(Scene(layers), camera, tolerance=1e-6)
-    ignored = reconstruct(light_field, grid).emission.sum() / truth.sum()
-    assert ignored == pytest.approx(LEAVES, abs=0.01)
-    given = reconstruct(light_field, grid, optical_thickness=TOTAL)
-    assert given.emission.sum() / truth.sum() == pytest.approx(1, abs=0.01)
-    assert given.warnings == ()
-
-
 def in_line(total):
     """Three flames behind each other that absorb where they glow."""
     layers = []
-    for depth, x, height in ((3.0, 0.0, 6.5), (0.0, 0.2, 5.5), (-4.0, 0.1, 4.5)):
-        glow = flame_texture(height, 0.45, cell_mm=0.03)
+    for depth, x, height in ((3.0, 0.0, 4.8), (0.0, 0.2, 4.1), (-4.0, 0.1, 3.4)):
+        glow = flame_texture(height, 0.45, cell_mm=0.06)
         tau = total / 3 * glow / glow.max()
         layers.append(Layer(glow, depth, (height, 2.88), (0.2, x), optical_thickness=tau))
     return Scene(layers)
@@ -211,7 +185,6 @@ def test_flames_that_absorb_where_they_glow_are_found(grid, flames_in_line):
     assert found.noise == pytest.approx(0.01 * flames_in_line.clean.max(), rel=0.01)
     assert found.chi_squared.mean() == pytest.approx(1, abs=0.03)
     assert found.warnings == ()
-    assert worst_error(reconstruct(light_field, grid).emission, truth) > 0.15
 
 
 @pytest.mark.slow
@@ -226,7 +199,7 @@ def test_flames_are_found_at_much_thickness_too(grid):
 def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     """Of even matter: emission, error bars and covariance are each plane's, over its share."""
     thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng
-    options = {"strength": 0.01, "bootstrap": 2}
+    options = {"strength": 0.01, "iterations": 16, "bootstrap": 2}
     plain = reconstruct(noisy(0.05), grid, rng=rng(1), **options)
     found = reconstruct(noisy(0.05), grid, rng=rng(1), optical_thickness=thickness, **options)
     share = np.array([-np.expm1(-0.2) / 0.2 * np.exp(-0.6), np.exp(-0.6), -np.expm1(-0.6) / 0.6])
@@ -238,14 +211,13 @@ def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     assert found.chi_squared == pytest.approx(plain.chi_squared, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy):
     before, *others = (
         reconstruct(
-            noisy(0.01), grid, strength=0.01, bootstrap=2, rng=np.random.default_rng(0),
-            optical_thickness=nothing,
+            noisy(0.01), grid, strength=0.01, iterations=8, bootstrap=2,
+            rng=np.random.default_rng(0), optical_thickness=nothing,
         )
-        for nothing in (None, 0, np.zeros((3, 72, 84)))
+        for nothing in (None, 0, np.zeros((3, 54, 60)))
     )  # fmt: skip
     for after in others:
         for name in ("emission", "sigma", "light_sigma", "sigma_linear", "chi_squared"):
@@ -294,7 +266,7 @@ def test_an_unsettled_correction_is_said(grid, flames_in_line, monkeypatch):
 
 
 def test_a_strength_that_is_given_is_kept(grid, flames_in_line):
-    options = {"strength": 0.02, "optical_thickness": flames_in_line.tau}
+    options = {"strength": 0.02, "iterations": 8, "optical_thickness": flames_in_line.tau}
     found = reconstruct(flames_in_line.with_noise(0.01), grid, **options)
     assert found.strength == 0.02
     assert found.tried == ()
@@ -305,7 +277,7 @@ def test_thickness_is_laid_on_the_cells(grid):
     by_plane = spread_thickness(grid, [0.1, 0.2, 0.3])
     assert by_plane.shape == grid.shape
     assert by_plane[:, 5, 7] == pytest.approx([0.1, 0.2, 0.3])
-    given = np.random.default_rng(0).random((3, 72, 84)) / 3
+    given = np.random.default_rng(0).random((3, 54, 60)) / 3
     cells = spread_thickness(grid, given)
     assert np.array_equal(grid.crop(cells), given)
     assert cells[2, 0, 0] == given[2, 0, 0]
@@ -322,7 +294,7 @@ def test_thickness_is_laid_on_the_cells(grid):
         (2.1, "at most 2 in total, got 2.1"),
         ([1.0, 0.5, 0.6], "at most 2 in total"),
         ([0.1, 0.1], "numbers for 3 planes"),
-        (np.zeros((3, 72, 83)), "72 x 84 pixels, got shape"),
+        (np.zeros((3, 54, 59)), "54 x 60 pixels, got shape"),
         ("0.5", "must be a number"),
         (1j, "must be a number"),
         (True, "must be a number"),

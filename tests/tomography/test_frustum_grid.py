@@ -64,7 +64,7 @@ def test_a_constant_stays_constant_under_averaging(camera):
         ([float("nan")], 1, "finite"),
         ([], 1, "1 to 200"),
         ([-400.0], 1, "main lens"),
-        ([0.0], 5, "divide the 72 x 84"),
+        ([0.0], 5, "divide the 54 x 60"),
         ([0.0], 0, "block"),
     ],
 )

@@ -41,7 +41,7 @@ def test_the_factor_is_that_of_a_mean_over_views(rng):
     # Noise of the mean over a disc of views, beside that of as many views of white noise.
     disc = np.hypot(*np.mgrid[-4:5, -4:5]) < 4
     for counted in (EVERY, disc):
-        draws = shared_noise(np.random.default_rng(5), (9, 9, 300, 300))[counted]
+        draws = shared_noise(np.random.default_rng(5), (9, 9, 150, 150))[counted]
         wanted = draws.mean(axis=0).std() * np.sqrt(counted.sum())
         found = correlation_factor(FLAME + shared_noise(rng, shape), counted)
         assert found == pytest.approx(wanted, rel=0.06)
@@ -103,8 +103,7 @@ def test_bars_of_planes_are_wider_by_the_factor(rng):
     assert errors[1] / errors[0] == pytest.approx(of_a_mean(5), rel=0.08)
 
 
-@pytest.mark.parametrize("views", [5, 9])
-@pytest.mark.parametrize("is_shared", [False, True])
+@pytest.mark.parametrize(("views", "is_shared"), [(5, False), (9, True)])
 def test_photon_noise_is_measured_where_there_is_light(views, is_shared, rng):
     """In the dark there is no noise that could tell, and light of two sheets is in the way."""
     lens = Lens(views=views, lenslets=(48, 56))

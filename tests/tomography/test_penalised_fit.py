@@ -40,7 +40,7 @@ def test_a_solution_stays_where_it_is(flames):
     views = render(flames, CAMERA).views
     stack = operators.projection.rmatvec(views.ravel()).reshape(operators.projection.dims)
     problem = RangeFit(operators.gram, stack, float(np.sum(views**2)), views.size)
-    solved = problem.solve(0.1, True, 3000)
+    solved = problem.solve(0.1, True, 1500)
     again = problem.solve(0.1, True, 8, solved.state)
     assert (solved.cells == 0).mean() > 0.1
     np.testing.assert_allclose(again.cells, solved.cells, atol=3e-4 * solved.cells.max())

@@ -68,12 +68,12 @@ def test_no_cell_alone_makes_the_sum_smaller(camera, sharp):
         return np.sum(seen.astype(np.float64) ** 2) / 2 + weight * np.hypot(*steps).sum()
 
     dark = np.zeros(grid.shape, np.float32)
-    found = fit_total_variation(problem, weight, 600, dark)
+    found = fit_total_variation(problem, weight, 300, dark)
     least = total(found)
     for other in (0.98 * found, 1.02 * found, ndimage.uniform_filter(found, (1, 3, 3))):
         assert total(other) > least
     for wrong in (0.5, 2.0):
-        assert total(fit_total_variation(problem, wrong * weight, 600, dark)) > least
+        assert total(fit_total_variation(problem, wrong * weight, 300, dark)) > least
 
 
 def test_what_cannot_be_is_refused(camera, clean):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from lf_flame.errors import InputError
+from lf_flame.flame_video.flame_series import Measures
 from lf_flame.flame_video.flame_shape import (
     APART,
     CEILING,
@@ -17,7 +18,6 @@ from lf_flame.flame_video.flame_shape import (
     check_measures,
     measure_flame,
 )
-from lf_flame.flame_video.output import Measures
 from lf_flame.lightfield import AXES, LightField
 from lf_flame.refocus import farthest_slope, shift_and_sum
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 from pylops import LinearOperator
-from scipy import sparse
 
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.simulation.slabs import self_absorbed
+from lf_flame.tomography.absorption import Slab
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
+from lf_flame.tomography.projection_operator import as_raw, as_views
 
 
 class AbsorbingSection(LinearOperator):
@@ -70,7 +71,7 @@ class AbsorbingSection(LinearOperator):
             tau = self._spread(absorption, slab)
             slab.own = self_absorbed(tau)
             # Beside the cells nothing absorbs.
-            through = through * (1 + slab.seen_from(np.expm1(-tau)))
+            through = through * (1 + slab.views(np.expm1(-tau)))
 
     def _spread(self, section: np.ndarray, slab: "_Slab") -> np.ndarray:
         """Integrate nodes over a slab, shape (rows, columns) of its cells."""
@@ -79,12 +80,9 @@ class AbsorbingSection(LinearOperator):
     def _matvec(self, x: np.ndarray) -> np.ndarray:
         section = x.reshape(self.dims)
         raw = sum(
-            slab.seen * slab.seen_from(slab.own * self._spread(section, slab))
-            for slab in self._slabs
+            slab.seen * slab.views(slab.own * self._spread(section, slab)) for slab in self._slabs
         )
-        t, s = self.dimsd[2:]
-        views = np.reshape(raw, (-1, t, np.shape(raw)[1] // s, s)).transpose(0, 2, 1, 3)
-        return self._grid.pick(views).ravel()
+        return self._grid.pick(as_views(np.asarray(raw), self.dimsd[2:])).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
         raw = self._raw(y)
@@ -95,10 +93,8 @@ class AbsorbingSection(LinearOperator):
         return section.ravel()
 
     def _raw(self, y: np.ndarray) -> np.ndarray:
-        """Place fitted views in the layout (v, t) by (u, s), with 0 elsewhere."""
-        views = self._grid.place(y.reshape(self.dimsd))
-        v, u, t, s = views.shape
-        return views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        """Fitted views beside each other, with 0 elsewhere."""
+        return as_raw(self._grid.place(y.reshape(self.dimsd)))
 
     def mean_transmission(self) -> np.ndarray:
         """Fraction of each node's light that leaves towards the camera, averaged over its rays.
@@ -116,24 +112,11 @@ class AbsorbingSection(LinearOperator):
         return np.divide(through, thin, out=np.ones(self.dims), where=thin > 0)
 
 
-class _Slab:
-    """Cells of a slab, with the bands by which views see them."""
+class _Slab(Slab):
+    """Cells of a slab of a flame."""
 
-    seen: np.ndarray
     own: np.ndarray
 
     def __init__(self, grid: AxisymmetricGrid, depth: float):
-        self._down = grid.bands(depth, 0)
-        self._across = grid.bands(depth, 1)
-        self._down_back = sparse.csr_array(self._down.T)
-        self._across_back = sparse.csr_array(self._across.T)
+        super().__init__((grid.bands(depth, 0), grid.bands(depth, 1)), float)
         self.radii = grid.cells_by_radius(depth)
-        self.raw_shape = self._down.shape[0], self._across.shape[0]
-
-    def seen_from(self, cells: np.ndarray) -> np.ndarray:
-        """Image of the cells in all views, ``down cells across'``."""
-        return self._down @ np.ascontiguousarray((self._across @ cells.T).T)
-
-    def back(self, raw: np.ndarray) -> np.ndarray:
-        """Adjoint of `seen_from`."""
-        return self._down_back @ np.ascontiguousarray((self._across_back @ raw.T).T)

@@ -10,7 +10,7 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography.counted_views import inner_views
+from lf_flame.tomography.fitted_views import inner_views
 
 EDGE_SHARE = 0.01
 """Light of a column, relative to the brightest, at which a flame is taken to end."""

@@ -11,8 +11,9 @@ from scipy.linalg.blas import dsbmv
 
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric.operator import gram_bands
-from lf_flame.tomography.frequency_gram import RIDGE, ROUGHNESS_ORDER
+from lf_flame.tomography.frequency_gram import RIDGE
 from lf_flame.tomography.penalised_fit import Fit
+from lf_flame.tomography.penalties import ROUGHNESS_ORDER
 
 STEP = 10.0
 """Step of the splitting (ADMM), for a Gram matrix with its diagonal scaled to 1."""

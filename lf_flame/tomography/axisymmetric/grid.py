@@ -232,9 +232,7 @@ class AxisymmetricGrid:
     def by_height(self) -> list[sparse.csr_array]:
         """Contribution of each node's height to a pixel row of a view row, for each slab.
 
-        Returns
-        -------
-        list of scipy.sparse.csr_array of float64, shape (views * rows, heights)
+        Each of float64, shape (views * rows, heights).
         """
         return [self.bands(depth, 0) @ self.cells_by_height for depth in self.slab_depths_mm]
 
@@ -248,10 +246,7 @@ class AxisymmetricGrid:
     def by_radius(self) -> np.ndarray:
         """Contribution of each node's radius to a pixel column of a view column, for each slab.
 
-        Returns
-        -------
-        ndarray of float64, shape (slabs, views * columns, radii)
-            Lengths in mm along the line of sight.
+        Lengths in mm along the line of sight, float64, shape (slabs, views * columns, radii).
         """
         return np.stack(
             [self.bands(depth, 1) @ self.cells_by_radius(depth) for depth in self.slab_depths_mm]
@@ -290,10 +285,7 @@ class AxisymmetricGrid:
 def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
     """Integrate cones max(0, k - r) along depth, starting at the axis, at positions across.
 
-    Returns
-    -------
-    ndarray of float64, shape (places, nodes + 2)
-        Integrals for k from -1 to `nodes`; a cone is never below 0.
+    For k from -1 to `nodes`, float64, shape (places, nodes + 2); a cone is never below 0.
     """
     x = np.abs(across)[:, None]
     edge = np.arange(-1.0, nodes + 1)
@@ -303,24 +295,14 @@ def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
 
 
 def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
-    """Average functions that are linear between nodes 0, 1, 2, ... and fall to 0 past the ends.
+    """Functions that are linear between nodes 0, 1, 2, ... and fall to 0 past the ends, at places.
 
-    Parameters
-    ----------
-    places : ndarray, shape (cells,) or (cells, points)
-        Positions in nodes; a cell is averaged over its points.
-    nodes : int
-
-    Returns
-    -------
-    scipy.sparse.csr_array of float64, shape (cells, nodes)
+    float64, shape (places, nodes).
     """
-    places = places.reshape(len(places), -1)
     low = np.floor(places).astype(int)
-    cell = np.broadcast_to(np.arange(len(places))[:, None], places.shape)
     entries = []
     for node, share in ((low, low + 1 - places), (low + 1, places - low)):
         inside = (node >= 0) & (node < nodes)
-        entries.append((share[inside] / places.shape[1], cell[inside], node[inside]))
+        entries.append((share[inside], np.flatnonzero(inside), node[inside]))
     values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     return sparse.coo_array((values, (rows, columns)), shape=(len(places), nodes)).tocsr()

@@ -5,6 +5,7 @@ from pylops import LinearOperator
 from scipy import sparse
 
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
+from lf_flame.tomography.projection_operator import as_raw, as_views
 
 
 class AxisymmetricOperator(LinearOperator):
@@ -37,16 +38,12 @@ class AxisymmetricOperator(LinearOperator):
         self._across = np.concatenate(list(grid.by_radius), axis=1)
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
-        section, (t, s) = x.reshape(self.dims), self.dimsd[2:]
+        section = x.reshape(self.dims)
         lines = np.concatenate([one @ section for one in self.grid.by_height], axis=1)
-        raw = lines @ self._across.T
-        views = raw.reshape(len(raw) // t, t, raw.shape[1] // s, s).transpose(0, 2, 1, 3)
-        return self.grid.pick(views).ravel()
+        return self.grid.pick(as_views(lines @ self._across.T, self.dimsd[2:])).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        views = self.grid.place(y.reshape(self.dimsd))
-        v, u, t, s = views.shape
-        raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        raw = as_raw(self.grid.place(y.reshape(self.dimsd)))
         heights, radii = self.dims
         slabs = len(self.grid.by_radius)
         lines = (self._down @ (raw @ self._across)).reshape(slabs, heights, slabs, radii)

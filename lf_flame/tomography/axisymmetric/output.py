@@ -1,7 +1,5 @@
 """Output files of an axisymmetric flame's emission."""
 
-import csv
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,11 +7,11 @@ import numpy as np
 import tifffile
 
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import to_json
 from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.tomography.axisymmetric.axis import FlameAxis
 from lf_flame.tomography.axisymmetric.figure import section_figure
+from lf_flame.tomography.output import write_table
 
 if TYPE_CHECKING:
     from lf_flame.tomography.axisymmetric.reconstruction import AxisymmetricFlame
@@ -49,7 +47,7 @@ def write_flame(
             write_flame(found, axis, opened)
         return
     grid, sigma, bar = found.grid, found.sigma, found.bar
-    _write_table(
+    write_table(
         folder.path("radial.csv"),
         ["height_mm", "radius_mm", "emission_per_mm", "standard_deviation", "low_95", "high_95"],
         (
@@ -58,7 +56,7 @@ def write_flame(
             for j, radius in enumerate(grid.radii_mm)
         ),
     )
-    _write_table(
+    write_table(
         folder.path("axial.csv"),
         ["height_mm", "emission_per_mm", "standard_deviation", "low_95", "high_95"],
         (
@@ -94,10 +92,3 @@ def _bar(emission, sigma, bar, height: int, radius: int) -> tuple:
         return "", "", ""
     value, half = emission[height, radius], bar[height, radius]
     return sigma[height, radius], max(value - half, 0), value + half
-
-
-def _write_table(path: Path, names: Sequence[str], rows: Iterable[Sequence]) -> None:
-    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows(rows)

@@ -23,11 +23,10 @@ from lf_flame.tomography.axisymmetric.roundness import (
     name_unseen,
 )
 from lf_flame.tomography.axisymmetric.section_fit import SectionFit
-from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import bar_times, check_bootstrap, noise_variance
+from lf_flame.tomography.fitted_views import average_blocks, fitted_views
 from lf_flame.tomography.strength_search import check_noise_and_strength
-from lf_flame.tomography.view_blocks import average_blocks
 
 
 @dataclass(frozen=True, eq=False)

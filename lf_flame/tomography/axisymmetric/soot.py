@@ -124,10 +124,12 @@ class _SectionSteps(Steps[AxisymmetricFlame]):
         return self._fits[c].again(thickness, last)
 
     def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[AxisymmetricFlame, ...]:
-        if thickness is None:
-            return tuple(one.finish(None, None, self._bootstrap) for one in self._fits)
-        every = zip(self._fits, thickness, last, strict=True)
-        return tuple(one.finish(by_mm, before, self._bootstrap) for one, by_mm, before in every)
+        nothing = [None] * len(self._fits)
+        every = (nothing, nothing) if thickness is None else (thickness, last)
+        return tuple(
+            one.finish(by_mm, before, self._bootstrap)
+            for one, by_mm, before in zip(self._fits, *every, strict=True)
+        )
 
     def total(self, thickness: np.ndarray) -> float:
         return float(2 * thickness.sum(axis=1).max() * self._step_mm)
@@ -149,24 +151,12 @@ def reconstruct_axisymmetric_soot(
 
     Parameters
     ----------
-    light_field : LightField
-        Light field of the grid's camera with a channel for each colour, linear in light, black
-        subtracted, divided by the white image with which the colours were calibrated.
+    light_field, calibration, absorbing, soot_exponent, bootstrap, seed
+        As for `reconstruct_soot`.
     grid : AxisymmetricGrid
         Nodes of the half section, the same for all colours.
-    calibration : ColourCalibration
-        Gains and spectral responses of the channels.
-    absorbing : bool, optional
-        Whether the soot's own absorption is found and corrected. It needs gains that turn signals
-        into absolute radiance, as of a furnace's pictures with stated exposures.
-    soot_exponent : float, optional
-        Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
     noise, strength : float, optional
         As for `reconstruct_axisymmetric`, for every colour.
-    bootstrap : int, optional
-        Number of bootstrap draws of each colour, for errors: 0, or 2 and more.
-    seed : int, optional
-        Seed of the draws.
 
     Returns
     -------
