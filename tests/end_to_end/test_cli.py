@@ -273,15 +273,9 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
 
 
 @pytest.mark.slow
-def test_from_data_set_to_table(tmp_path):
+def test_from_data_set_to_table(tmp_path, coarse_data):
     """Every step that make runs, on a data set of twelve samples."""
-    text = (ROOT / "data_gen" / "flames.toml").read_text()
-    text = text.replace("smoke = 20", "smoke = 12").replace(
-        "lenslets = [270, 540]", "lenslets = [90, 180]"
-    )
-    text = text.replace("lenslet_focal_mm = 0.4", "lenslet_focal_mm = 1.2").replace(
-        "= 0.112", "= 0.336"
-    )
+    text = coarse_data[1].read_text().replace("smoke = 20", "smoke = 12")
     (tmp_path / "flames.toml").write_text(text)
     shutil.copytree(
         ROOT / "experiments", tmp_path / "experiments", ignore=shutil.ignore_patterns("results")
@@ -338,15 +332,14 @@ def test_from_data_set_to_table(tmp_path):
     assert copied[2]["psnr_db"] > 80  # at 0 mm the input is the ground truth (deviation 5)
 
 
-@pytest.mark.slow
-def test_who_waits_for_the_compiler_is_told_so_once(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
-    np.save(tmp_path / "field.npy", np.ones((2, 2, 4, 4), np.float32))
-    refocus = ("refocus", "field.npy", "--slope", "0.5", "--out")
-    first, second = (run(*refocus, out, cwd=tmp_path) for out in ("one", "two"))
-    assert first.stderr.count(f"{COMPILING}\n") == 1
-    assert COMPILING not in second.stderr
-    code = "import numpy; from lf_flame.refocus import refocus; refocus(numpy.ones((2,) * 4), 0.5)"
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "library"))
-    library = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (library.returncode, library.stderr) == (0, "")
+@pytest.mark.parametrize("program", [True, False])
+def test_a_user_who_waits_for_the_compiler_is_told_so_once(program):
+    """By the program, whatever is compiled; the library alone is silent."""
+    code = (
+        "import numba, lf_flame._common.threads\n"
+        "double = numba.njit(lambda x: 2 * x); assert double(1) + double(1.5) == 5"
+    )
+    prepare = "from lf_flame.commands.program import prepare_process; prepare_process()\n"
+    words = [sys.executable, "-c", prepare * program + code]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, f"{COMPILING}\n" * program)
