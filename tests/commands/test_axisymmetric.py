@@ -19,6 +19,9 @@ CAMERA = camera_toml(5, (48, 60))
 ACROSS, DEPTH, WIDTH, PEAK = -0.6, 3.0, 0.9, 0.5
 
 
+COARSE = ("--block", 2, "--bootstrap", 0)
+
+
 def run(*words):
     return CliRunner().invoke(commands, [str(word) for word in words])
 
@@ -89,7 +92,7 @@ def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_pat
 
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
-    assert run("abel", *source, "--central", "--bootstrap", 0, "--out", out).exit_code == 0
+    assert run("abel", *source, "--central", *COARSE, "--out", out).exit_code == 0
     section = tifffile.imread(out / "section.tif")
     assert section.max() == pytest.approx(PEAK, rel=0.2)
     assert json.loads((out / "abel.json").read_text())["views"] == "central"
@@ -99,7 +102,7 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     lopsided = views.copy()
     lopsided[..., 26:] *= 1.5
     np.save(tmp_path / "lopsided.npy", lopsided)
-    result = run("abel", tmp_path / "lopsided.npy", *source[1:], "--bootstrap", 0)
+    result = run("abel", tmp_path / "lopsided.npy", *source[1:], *COARSE)
     assert "not axisymmetric" in result.output
 
 

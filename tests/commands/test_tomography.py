@@ -73,7 +73,7 @@ def test_half_the_views_blur_twice_as_far(camera_file):
 def test_emission_is_found_and_written(source, camera_file, tmp_path):
     out = tmp_path / "found"
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--out", out]
-    result = run("reconstruct", source, *words, "--bootstrap", 3)
+    result = run("reconstruct", source, *words, "--bootstrap", 2)
     assert result.exit_code == 0, result.output
     emission = tifffile.imread(out / "emission.tif")
     assert emission.shape == (2, 48, 60)
