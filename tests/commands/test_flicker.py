@@ -101,7 +101,7 @@ def record_of(folder):
     return json.loads((folder / "flicker.json").read_text())
 
 
-def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_path):
+def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_path, drawn):
     folder, truth = video
     words = ["--frames-per-second", RATE_HZ, "--camera", camera_file, "--depth-mm", DEPTH_MM]
     out = tmp_path / "out"
@@ -205,7 +205,7 @@ def test_level_pixel_and_burner_are_heeded(video, tmp_path):
     assert found["width_mm"] > 0.5 * plain.width
 
 
-def test_a_flame_that_stands_still_has_no_frequency(still, tmp_path):
+def test_a_flame_that_stands_still_has_no_frequency(still, tmp_path, drawn):
     result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "There is no flicker: the heights are constant" in result.output
@@ -234,7 +234,7 @@ def test_a_dark_frame_is_told_and_the_rest_measured(video, tmp_path):
     assert any(DARK in warning for warning in record["warnings"])
 
 
-def test_a_dark_video_is_told(still, tmp_path):
+def test_a_dark_video_is_told(still, tmp_path, drawn):
     for number in range(16):
         replace(still, number, np.zeros((5, 5, 48, 40), np.float32))
     result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")

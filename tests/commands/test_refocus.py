@@ -94,7 +94,7 @@ def test_slopes_and_depths(folder, light_field, camera, tmp_path):
     assert written["views"] == [5, 5]
 
 
-def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_path):
+def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_path, drawn):
     result = run(folder, "--out", tmp_path / "out")
     written = json.loads((tmp_path / "out" / "refocus.json").read_text())
     assert written["slopes"][0] == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.02)
@@ -127,7 +127,7 @@ def test_apertures_and_interpolations(folder, light_field, tmp_path):
     np.testing.assert_allclose(stack, expected, atol=1e-6)
 
 
-def test_sweep_and_map(folder, camera, tmp_path):
+def test_sweep_and_map(folder, camera, tmp_path, drawn):
     result = run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
     assert "the range is too narrow" not in result.output
     with Image.open(tmp_path / "out" / "sweep.gif") as movie:
@@ -261,7 +261,7 @@ def test_what_a_network_cannot_do_is_one_sentence(folder, system_runs, tmp_path,
 
 
 @pytest.mark.parametrize("how", ["dense", "cross", "network"])
-def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
+def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
     options = {"dense": [], "cross": ["--cross"],
                "network": ["--network", system_runs / "volumetric"]}[how]  # fmt: skip
     regions = ["--region", 16, 44, 10, 50, "--region", 16, 44, 70, 110]
@@ -503,7 +503,7 @@ def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, ca
         assert "\nfocal_stack.tif is in" not in text
 
 
-def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path):
+def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path, drawn):
     known = ["--camera", written_camera(camera, tmp_path)]
     result = run(
         folder, *known, "--search", "--map", -1, 2, "--sweep", -1, 2, "--out", tmp_path / "o"

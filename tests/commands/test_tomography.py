@@ -52,7 +52,7 @@ def source(flames, tmp_path):
     return tmp_path / "flames.npy"
 
 
-def test_resolution_is_told_as_a_table_and_a_picture(tmp_path):
+def test_resolution_is_told_as_a_table_and_a_picture(tmp_path, drawn):
     figure = tmp_path / "resolution.png"
     result = run("resolution", "--period", 1, "--period", 10, "--figure", figure)
     assert result.exit_code == 0, result.output
@@ -70,7 +70,7 @@ def test_half_the_views_blur_twice_as_far(camera_file):
     assert re.search(r"^1 +4\.18 ", result.output, re.MULTILINE)
 
 
-def test_emission_is_found_and_written(source, camera_file, tmp_path):
+def test_emission_is_found_and_written(source, camera_file, tmp_path, drawn):
     out = tmp_path / "found"
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--out", out]
     result = run("reconstruct", source, *words, "--bootstrap", 2)
