@@ -85,7 +85,7 @@ def test_simulate_writes_what_it_says(tmp_path):
     extra = '[[layers]]\nimage = "card.png"\ndepth_mm = -10.0\nsize_mm = [1.0, 1.0]\n'
     extra += "centre_mm = [0.0, 1.5]\n"
     (tmp_path / "scene.toml").write_text(SCENE + extra)
-    result = run("simulate", "scene.toml", cwd=tmp_path)
+    result = run_here("simulate", "scene.toml", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     out = tmp_path / "simulated" / "scene"
     with np.load(out / "light_field.npz", allow_pickle=False) as arrays:
@@ -173,7 +173,7 @@ def test_an_interruption_has_status_130(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_missing_files_and_runs_are_one_sentence(tmp_path):
-    result = run("simulate", tmp_path / "none.toml")
+    result = run_here("simulate", tmp_path / "none.toml")
     assert result.returncode == 2
     assert "does not exist" in result.stderr
     assert_one_sentence(
@@ -273,9 +273,15 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
 
 
 @pytest.mark.slow
-def test_from_data_set_to_table(tmp_path, coarse_data):
+def test_from_data_set_to_table(tmp_path):
     """Every step that make runs, on a data set of twelve samples."""
-    text = coarse_data[1].read_text().replace("smoke = 20", "smoke = 12")
+    text = (ROOT / "data_gen" / "flames.toml").read_text()
+    text = text.replace("smoke = 20", "smoke = 12").replace(
+        "lenslets = [270, 540]", "lenslets = [90, 180]"
+    )
+    text = text.replace("lenslet_focal_mm = 0.4", "lenslet_focal_mm = 1.2").replace(
+        "= 0.112", "= 0.336"
+    )
     (tmp_path / "flames.toml").write_text(text)
     shutil.copytree(
         ROOT / "experiments", tmp_path / "experiments", ignore=shutil.ignore_patterns("results")
