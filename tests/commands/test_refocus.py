@@ -16,7 +16,6 @@ from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.locks import exclusive
 from lf_flame._common.output_folders import verify_outputs
 from lf_flame.commands import cli, refocus_output
-from lf_flame.commands.refocus_job import Aperture
 from lf_flame.commands.refocus_options import SLOPE_CONVENTIONS
 from lf_flame.formats import (
     read_focal_stack,
@@ -406,11 +405,6 @@ def test_the_range_of_a_slope_map_is_found(folder, light_field, tmp_path):
 def test_two_ranges_of_a_slope_map_are_refused(folder, tmp_path):
     with pytest.raises(InputError, match="cannot both be given"):
         run(folder, "--map=auto", "--map", -1, 1, "--out", tmp_path / "out")
-
-
-def test_an_f_number_without_a_camera_is_refused():
-    with pytest.raises(InputError, match="needs the camera"):
-        Aperture(f_number=4.0).weights((5, 5))
 
 
 def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_path):
