@@ -16,9 +16,9 @@ from scipy import ndimage
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.formats import read_light_field, read_raw, write_view_folder
 from lf_flame.formats.images import write_image
-from lf_flame.formats.raw.decoding import decode_raw
 from lf_flame.formats.raw.grid_fit import _peaks, flattened
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.raw.reading import decode_raw
 from lf_flame.formats.raw.resampling import MOVE, _weights
 from lf_flame.formats.raw.white_image import estimate_grid
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
