@@ -9,6 +9,7 @@ blurs it has a closed form.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.special import j1
@@ -93,6 +94,7 @@ class Camera:
         """Places of the main lens's picture over those in the raw picture."""
         return depth / self.apparent(depth)
 
+    @cache  # noqa: B019 - there are few cameras
     def record(self, depth, texture, sub=2):
         """Raw picture of a texture at a virtual depth a / B: a number, or a function of places."""
         y, x = ((np.arange(n * sub) + 0.5) / sub - n / 2 for n in self.shape)
@@ -104,6 +106,7 @@ class Camera:
         light = texture.at(*seen, radius=np.array(self.blur)[kind] * np.abs(here))
         return self._pixels(light * self._lit(y - down, x - right), sub)
 
+    @cache  # noqa: B019
     def white(self, sub=2):
         """Raw picture of uniform light."""
         y, x = ((np.arange(n * sub) + 0.5) / sub - n / 2 for n in self.shape)

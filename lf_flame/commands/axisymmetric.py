@@ -10,15 +10,16 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import (
-    COLOURS_HELP,
-    EXPONENT_HELP,
-    THIN_HELP,
-    read_exposed_colours,
-    soot_options,
-    write_soot,
+from lf_flame.commands.colour_fits import SOOT, read_exposed_colours, soot_options, write_soot
+from lf_flame.commands.options import (
+    FOLDER,
+    PATH,
+    SEED,
+    FiniteRange,
+    camera_option,
+    pick,
+    tell_all,
 )
-from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
 
 FLAME = cloup.option_group(
     "Where the flame is",
-    cloup.option(
-        "--camera", type=FILE, required=True, help="Calibration, TOML file, or a simulation.json."
-    ),
+    camera_option(required=True),
     cloup.option(
         "--axis-mm",
         type=float,
@@ -84,9 +83,7 @@ FITTING = cloup.option_group(
         help="Number of bootstrap draws (of noise and prior) for the error bars; 0: none.",
     ),
     cloup.option("--seed", type=SEED, default=0, show_default=True, help="Seed of those draws."),
-    cloup.option("--colours", type=FILE, help=COLOURS_HELP),
-    cloup.option("--thin", is_flag=True, help=THIN_HELP),
-    cloup.option("--soot-exponent", type=float, help=EXPONENT_HELP),
+    *SOOT,
 )
 
 
@@ -136,7 +133,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
             f"--radius must be above 0 and at most the camera's focus distance, "
             f"{lens.focus_distance_mm:g} mm, got {radius:g}."
         )
-    reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    reading = pick(Reading, options)
     out, seed = options.pop("out"), options.pop("seed")
     colours, thin = options.pop("colours"), options.pop("thin")
     of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
@@ -197,10 +194,8 @@ def _fit_grey(
         notes = [*facts["notes"], *found.unseen]
         source = recorded_path(facts["source"], folder.folder)
         folder.facts |= facts | {"source": source, "warnings": found.warnings, "notes": notes}
-    for warning in found.warnings:
-        click.echo(f"Warning: {warning}", err=True)
-    for note in notes:
-        click.echo(f"Note: {note}", err=True)
+    tell_all("Warning", found.warnings)
+    tell_all("Note", notes)
     click.echo(
         f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; noise "
         f"{found.noise:.3g} a pixel; radial.csv, axial.csv, section.tif, section.png and {RECORD} "

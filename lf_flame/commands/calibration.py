@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, FiniteRange, PlacedFile
+from lf_flame.commands.options import FOLDER, FiniteRange, PlacedFile, tell_all
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -71,10 +71,11 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, **options) -> N
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.calibration import fit_targets, measure_target, output
+    from lf_flame.calibration.fit import refuse_few_depths
 
     placed = _with_depths(placed, step_mm)
     depths = [depth for _, depth in placed]
-    _refuse_few(depths)
+    refuse_few_depths(depths)  # before any picture is read
     reading = Reading(**options)
     with output_folder(out or Path("calibration"), output.RECORD) as folder:
         targets = []
@@ -96,8 +97,7 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, **options) -> N
         }
     click.echo(output.table(fit, depths, targets))
     click.echo(output.summary(fit))
-    for note in [*output.notes(fit, depths, targets), *([why] if why else [])]:
-        click.echo(f"Note: {note}", err=True)
+    tell_all("Note", [*output.notes(fit, depths, targets), *([why] if why else [])])
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 
 
@@ -118,10 +118,3 @@ def _with_depths(
         (path, number * (step_mm or 0.0) if depth is None else depth)
         for number, (path, depth) in enumerate(placed)
     ]
-
-
-def _refuse_few(depths: list[float]) -> None:
-    """Refuse too few depths before any picture is read."""
-    from lf_flame.calibration.fit import refuse_few_depths
-
-    refuse_few_depths(depths)

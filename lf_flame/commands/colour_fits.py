@@ -1,4 +1,4 @@
-"""Writing fits of each colour to folders, for `lf-flame reconstruct` and `lf-flame abel`."""
+"""Fits of each colour of a sooty flame, for `lf-flame reconstruct` and `lf-flame abel`."""
 
 import secrets
 from collections.abc import Callable
@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import cloup
 
 from lf_flame._common.printable import printable
+from lf_flame.commands.options import FILE, tell_all
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,20 +18,28 @@ if TYPE_CHECKING:
     from lf_flame.tomography.colour_calibration import ColourCalibration
     from lf_flame.tomography.soot_rounds import Soot
 
-COLOURS_HELP = (
-    "Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours. SOURCE is in "
-    "colour then; each colour is fitted, the soot's own absorption is corrected, and FOLDER gets a "
-    "folder for each."
+SOOT = (
+    cloup.option(
+        "--colours",
+        type=FILE,
+        help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours. "
+        "SOURCE is in colour then; each colour is fitted, the soot's own absorption is corrected, "
+        "and FOLDER gets a folder for each.",
+    ),
+    cloup.option(
+        "--thin",
+        is_flag=True,
+        help="With --colours: take the flame for optically thin, as with a calibration whose gains "
+        "are not absolute.",
+    ),
+    cloup.option(
+        "--soot-exponent",
+        type=float,
+        help="With --colours: exponent a of soot's absorption, wavelength^-a, from -1 to 5 "
+        "(default: 1).",
+    ),
 )
-
-EXPONENT_HELP = (
-    "With --colours: exponent a of soot's absorption, wavelength^-a, from -1 to 5 (default: 1)."
-)
-
-THIN_HELP = (
-    "With --colours: take the flame for optically thin, as with a calibration whose gains are not "
-    "absolute."
-)
+"""Options for the soot of a flame, seen in colour."""
 
 
 def soot_options(colours: Path | None, thin: bool, exponent: float | None) -> dict[str, Any]:
@@ -98,12 +108,9 @@ def write_soot(
                 "warnings": list(found.warnings),
                 "greatest_optical_thickness": float(soot.total_thickness[number]),
             }
-        for warning in found.warnings:
-            click.echo(f"Warning: {name}: {warning}", err=True)
-    for note in facts["notes"]:
-        click.echo(f"Note: {note}", err=True)
-    for warning in soot.warnings:
-        click.echo(f"Warning: {warning}", err=True)
+        tell_all(f"Warning: {name}", found.warnings)
+    tell_all("Note", facts["notes"])
+    tell_all("Warning", soot.warnings)
     thick = ", ".join(
         f"{name} {total:.2g}" for name, total in zip(names, soot.total_thickness, strict=True)
     )

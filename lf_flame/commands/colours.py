@@ -11,7 +11,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, FiniteRange, PlacedFile
+from lf_flame.commands.options import FILE, FOLDER, FiniteRange, PlacedFile, tell_all
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -124,8 +124,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             "is; if not, say so by --exposure, or its absorption comes out wrong.",
             err=True,
         )
-    for warning in fit.warnings:
-        click.echo(f"Warning: {warning}", err=True)
+    tell_all("Warning", fit.warnings)
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 
 

@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH, FiniteRange
+from lf_flame.commands.options import FILE, FOLDER, PATH, FiniteRange, camera_option, tell_all
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -58,12 +58,7 @@ MEASURES = cloup.option_group(
     cloup.option(
         "--depth-mm", type=float, help="Refocus each frame at this depth; needs --camera."
     ),
-    cloup.option(
-        "--camera",
-        type=FILE,
-        help="Calibration, TOML file with a [camera] table, or simulation.json; lengths are then "
-        "in mm.",
-    ),
+    camera_option("; lengths are then in mm"),
     *SHAPE,
 )
 
@@ -137,10 +132,8 @@ def flicker(
             "last": recorded_path(paths[-1], folder.folder),
             "reading": reading.given(),
         }
-    for note in notes:
-        click.echo(f"Note: {note}", err=True)
-    for warning in warnings:
-        click.echo(f"Warning: {warning}", err=True)
+    tell_all("Note", notes)
+    tell_all("Warning", warnings)
     if found:
         click.echo(found.describe())
     click.echo(

@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, PATH
+from lf_flame.commands.options import PATH, camera_option
 from lf_flame.errors import InputError
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -20,11 +20,7 @@ PICTURES = (".png", ".jpg", ".jpeg")
 @cloup.command()
 @click.argument("source", type=PATH)
 @click.option("--thumbnail", type=PATH, help="Write a preview: .png or .jpg.")
-@click.option(
-    "--camera",
-    type=FILE,
-    help="Calibration, TOML file with a [camera] table, or simulation.json: says what mm it gives.",
-)
+@camera_option("; says what mm it gives")
 def info(source: Path, thumbnail: Path | None, camera: Path | None) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 

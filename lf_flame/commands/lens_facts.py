@@ -1,16 +1,22 @@
-"""Millimetres of a camera, for `lf-flame info --camera`."""
+"""Millimetres of a camera, and whether they hold for a light field."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lf_flame.calibration.camera_law import CameraLaw
+from lf_flame.commands.options import tell
+from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
+    from lf_flame.optics.camera import PlenopticCamera
     from lf_flame.optics.lens import Lens
 
 APART = 1.0
 """Largest slope at which detail of one pixel is seen by neighbouring views without gaps."""
+
+FILLING = 0.99
+"""Smallest share of a micro-image that a camera's views fill, if they divide the whole of it."""
 
 PERIOD = 10
 """Period of coarse detail, in periods of the finest: two pixels."""
@@ -61,6 +67,34 @@ def note_on_pixels(lens: "Lens", shape: tuple[int, ...]) -> list[str]:
         f"The camera file is for views of {lens.lenslets[0]} x {lens.lenslets[1]} pixels, "
         f"got {shape[2]} x {shape[3]}: mm hold if the pixels are the same, cut out."
     ]
+
+
+def check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
+    """Compare a camera's step between views with micro-image / views, that of decoded ones.
+
+    Raises
+    ------
+    InputError
+        If it is smaller, and the views are decoded from a raw image. For views that are stored it
+        is a note, as those of a simulated raw image have gaps.
+    """
+    filling = camera.micro_image_pitch_mm / camera.views
+    if camera.pixel_mm >= FILLING * filling:
+        return
+    stated = (
+        f"the {camera.views} views of a decoded raw image divide the whole micro-image, so one "
+        f"step between them is {filling:.6g} mm on the sensor, got {camera.pixel_mm:.6g}."
+    )
+    if is_raw:
+        raise InputError(
+            f"Leave pixel_pitch_mm out of the camera file: {stated} (A simulated raw image is read "
+            f"by --views.)"
+        )
+    tell(
+        f"If these views were decoded with a white image or --pitch, depths in mm are wrong by "
+        f"about {filling / camera.pixel_mm - 1:.1%}: leave pixel_pitch_mm out of the camera file; "
+        f"{stated}"
+    )
 
 
 def _span(lens: "Lens", slope: float) -> str:

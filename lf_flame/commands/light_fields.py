@@ -10,19 +10,14 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, PATH, UsablePath
-from lf_flame.commands.reading_options import READING, Reading, tell
+from lf_flame.commands.options import FOLDER, PATH, UsablePath, pick, tell
+from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
 UNSURE = 0.3
 """Confidence below which a search is said to be uncertain."""
-
-
-def _pick(kind, options: dict):
-    """Make an options record from those of a command's options that belong to it."""
-    return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
 
 
 class MapCommand(cloup.Command):
@@ -71,7 +66,7 @@ def refocus(source, camera, out, **options):
     from lf_flame.formats.movie import check_movie
     from lf_flame.lightfield import refuse_placed
 
-    focus, look, reading = (_pick(kind, options) for kind in (Focus, Appearance, Reading))
+    focus, look, reading = (pick(kind, options) for kind in (Focus, Appearance, Reading))
     lens = read_lens(camera) if camera else None
     if lens is None and (focus.depths or look.f_number is not None):
         raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")

@@ -5,7 +5,9 @@ import math
 import stat
 import sys
 import threading
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import click
 import cloup
@@ -80,11 +82,37 @@ class PlacedFile(click.ParamType):
         return Path(path), number
 
 
+def pick(kind: Any, options: dict[str, Any]) -> Any:
+    """Take those of a command's options that belong to a record of options, and make the record."""
+    return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
+
+
+def tell(words: str) -> None:
+    """Print a line to standard error, above the progress bars that are shown."""
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(file=sys.stderr):
+        click.echo(words, err=True)
+
+
+def tell_all(kind: str, sentences: Iterable[str]) -> None:
+    """Print notes or warnings, as ``Warning: ...``, a line each."""
+    for sentence in sentences:
+        tell(f"{kind}: {sentence}")
+
+
 SEED = click.IntRange(min=0)
 FILE = UsablePath(exists=True, dir_okay=False, path_type=Path)
 FOLDER = UsablePath(file_okay=False, path_type=Path)
 RUN = UsablePath(exists=True, file_okay=False, path_type=Path)
 PATH = UsablePath(path_type=Path)
+
+
+def camera_option(purpose: str = "", *, required: bool = False):
+    """Option --camera; `purpose` ends the sentence of its help."""
+    kinds = "Calibration by `lf-flame calibrate`, TOML file with a [camera] table, or"
+    help = f"{kinds} simulation.json{purpose}."
+    return cloup.option("--camera", type=FILE, required=required, help=help)
 
 
 class Program(cloup.Group):

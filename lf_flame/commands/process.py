@@ -12,8 +12,17 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.flicker import SHAPE, TIMES
-from lf_flame.commands.options import FILE, FOLDER, PATH, FiniteRange
-from lf_flame.commands.reading_options import READING, Reading, tell
+from lf_flame.commands.options import (
+    FILE,
+    FOLDER,
+    PATH,
+    FiniteRange,
+    camera_option,
+    pick,
+    tell,
+    tell_all,
+)
+from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.tomography import DEPTHS
 from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
@@ -30,11 +39,7 @@ STEPS = cloup.option_group(
         "slope), emission, temperature (of soot, from the emission before it), height, "
         "contour. The last two measure the image refocused before them, or the central view.",
     ),
-    cloup.option(
-        "--camera",
-        type=FILE,
-        help="Calibration, TOML file with a [camera] table, or simulation.json; needed for depths.",
-    ),
+    camera_option("; needed for depths"),
     cloup.option(
         "--noise",
         type=FiniteRange(min=0),
@@ -109,8 +114,7 @@ def process(
     from lf_flame.flame_video.processing.frames import TRIED
     from lf_flame.tomography.frustum_grid import planes_between
 
-    crew = Crew(*(options.pop(name) for name in Crew.__dataclass_fields__))
-    reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    crew, reading = pick(Crew, options), pick(Reading, options)
     lens = read_lens(camera) if camera else None
     planes = planes_between(*depths) if depths else planes
     calibration = _read_colours(colours, steps) if colours else None
@@ -170,8 +174,7 @@ def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path 
     times = times_by_names(paths, frames_per_second or 1.0)
     if frames_per_second is None:  # by the numbers in the names
         return *with_gaps(paths, times, 1.0), "frame"
-    for note in times.notes:
-        tell(f"Note: {note}")
+    tell_all("Note", times.notes)
     return *with_gaps(paths, times, frames_per_second), "s"
 
 

@@ -3,7 +3,6 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import PATH, UsablePath
+from lf_flame.commands.options import PATH, UsablePath, tell
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,11 +22,7 @@ if TYPE_CHECKING:
     from lf_flame.formats.view_files.parallax_order import FoundOrder
     from lf_flame.lazy_light_field import LazyLightField
     from lf_flame.lightfield import LightField
-    from lf_flame.optics.camera import PlenopticCamera
     from lf_flame.optics.lens import Lens
-
-FILLING = 0.99
-"""Smallest share of a micro-image that a camera's views fill, if they divide the whole of it."""
 
 READING = cloup.option_group(
     "How the light field is read",
@@ -90,47 +85,11 @@ READING = cloup.option_group(
 """Options for reading a light field."""
 
 
-def tell(words: str) -> None:
-    """Print a line to standard error, above the progress bars that are shown."""
-    from tqdm import tqdm
-
-    with tqdm.external_write_mode(file=sys.stderr):
-        click.echo(words, err=True)
-
-
 def refuse_options(what: str, **options: Any) -> None:
     """Refuse options that are given, by their names."""
     for name, value in options.items():
         if value is not None:
             raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
-
-
-def _check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
-    """Compare a camera's step between views with micro-image / views, that of decoded ones.
-
-    Raises
-    ------
-    InputError
-        If it is smaller, and the views are decoded from a raw image. For views that are stored it
-        is a note, as those of a simulated raw image have gaps.
-    """
-    filling = camera.micro_image_pitch_mm / camera.views
-    if camera.pixel_mm >= FILLING * filling:
-        return
-    stated = (
-        f"the {camera.views} views of a decoded raw image divide the whole micro-image, so one "
-        f"step between them is {filling:.6g} mm on the sensor, got {camera.pixel_mm:.6g}."
-    )
-    if is_raw:
-        raise InputError(
-            f"Leave pixel_pitch_mm out of the camera file: {stated} (A simulated raw image is read "
-            f"by --views.)"
-        )
-    tell(
-        f"If these views were decoded with a white image or --pitch, depths in mm are wrong by "
-        f"about {filling / camera.pixel_mm - 1:.1%}: leave pixel_pitch_mm out of the camera file; "
-        f"{stated}"
-    )
 
 
 @dataclass(frozen=True)
@@ -161,6 +120,7 @@ class Reading:
             camera's views do not fill the micro-images, as those of a decoded raw image do.
         """
         from lf_flame.calibration import CameraLaw
+        from lf_flame.commands.lens_facts import check_gaps
         from lf_flame.formats.view_files.sources import is_view_folder
         from lf_flame.optics.camera import PlenopticCamera
 
@@ -171,7 +131,7 @@ class Reading:
             )
 
         if isinstance(lens, PlenopticCamera) and (self.is_raw or self.views is None):
-            _check_gaps(lens, self.is_raw)
+            check_gaps(lens, self.is_raw)
         stated = self.views is not None or self.mosaic is not None
         if lens is None or stated or is_view_folder(source):
             return self
@@ -238,14 +198,14 @@ class Reading:
 
     def _read_ordered(self, source: Path) -> "tuple[LightField, FoundOrder | None]":
         """Read a light field from any other file, and the order of its views if it was found."""
-        from lf_flame.formats.reading import read_ordered
+        from lf_flame.formats.reading import Stated, read_ordered
 
         refuse_options(f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer)
         refuse_options(f"{source} without --focused", virtual_depth=self.virtual_depth)
         if self.mosaic is not None:
             refuse_options("a mosaic of views", views=self.views)
-        names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
-        return read_ordered(source, **{name: getattr(self, name) for name in names})
+        stated = Stated(*(getattr(self, name) for name in Stated._fields))
+        return read_ordered(source, self.dark, stated)
 
     def read_or_open(self, source: Path) -> "LightField | LazyLightField":
         """Read a light field, or open one that exceeds the memory limit, and say so."""
@@ -286,7 +246,7 @@ class Reading:
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found."""
         from lf_flame.formats.coding import notes_on_values
-        from lf_flame.formats.reading import note_on_order, subtract_dark
+        from lf_flame.formats.reading import Stated, note_on_order, subtract_dark
         from lf_flame.formats.view_files.sources import is_view_folder
 
         if self.is_raw:
@@ -294,10 +254,8 @@ class Reading:
             light_field = plan.decode(image)
         elif is_view_folder(source):
             folder = self.scan(source)
-            light_field = folder.read()
-            light_field = subtract_dark(
-                light_field, self.dark, order=folder.found.order, grid=folder.counted
-            )
+            stated = Stated(order=folder.found.order, grid=folder.counted)
+            light_field = subtract_dark(folder.read(), self.dark, stated)
         else:
             light_field, found = self._read_ordered(source)
             for line in () if found is None else found.describe():

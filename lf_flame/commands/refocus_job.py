@@ -13,7 +13,7 @@ from lf_flame.formats.images import to_levels, white_level
 from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField, refuse_placed
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus import aperture_weights, f_number_aperture, farthest_slope, refocus
+from lf_flame.refocus import farthest_slope, refocus
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,60 +111,3 @@ def check_job(
         )
     if job.network is not None:
         job.network.check(job.light_field, [*slopes, *sweep])
-
-
-@dataclass(frozen=True)
-class Aperture:
-    """An aperture as a user gives it; with nothing given, all views count alike.
-
-    Attributes
-    ----------
-    width : float, optional
-        Width, relative to the full aperture. Default: 1.
-    ring : float, optional
-        Width of a covered disc in the middle, relative to the full aperture.
-    square : bool
-        Whether the aperture is square; otherwise it is round.
-    viewpoint : (float, float), optional
-        Centre of the aperture, in views from the central view.
-    f_number : float, optional
-        F-number, in place of a width; needs the camera.
-    """
-
-    width: float | None = None
-    ring: float | None = None
-    square: bool = False
-    viewpoint: tuple[float, float] | None = None
-    f_number: float | None = None
-
-    def weights(
-        self, views: tuple[int, int], camera: PlenopticCamera | CameraLaw | None = None
-    ) -> np.ndarray | None:
-        """Give the weights of views, shape (v, u), or None if all views count alike."""
-        if self.f_number is not None:
-            return f_number_aperture(self._camera_of(views, camera), self.f_number)
-        if self == Aperture():
-            return None
-        return aperture_weights(
-            views,
-            1.0 if self.width is None else self.width,
-            self.ring or 0.0,
-            "square" if self.square else "round",
-            self.viewpoint or (0.0, 0.0),
-        )
-
-    def _camera_of(
-        self, views: tuple[int, int], camera: PlenopticCamera | CameraLaw | None
-    ) -> PlenopticCamera:
-        """Give the camera, after checks of the options that go with an f-number."""
-        if self != Aperture(f_number=self.f_number):
-            raise InputError("An f-number and another aperture cannot both be given.")
-        if camera is None:
-            raise InputError(f"An f-number needs the camera, got f_number={self.f_number} alone.")
-        if isinstance(camera, CameraLaw):
-            raise InputError(
-                "An f-number needs the thin-lens camera: camera.toml, which `lf-flame calibrate "
-                "--lenslet-mm` writes; --aperture needs none."
-            )
-        camera.check_views(views)
-        return camera

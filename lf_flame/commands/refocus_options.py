@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 import cloup
 
-from lf_flame.commands.options import FILE, UsablePath
+from lf_flame.commands.options import UsablePath, camera_option
 from lf_flame.commands.reading_options import refuse_options
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from lf_flame.calibration import CameraLaw
     from lf_flame.lightfield import LightField
     from lf_flame.optics.camera import PlenopticCamera
@@ -73,12 +75,7 @@ SLOPES = cloup.option_group(
         "flame before others, have no one slope: lf-flame reconstruct finds emission by depth.",
     ),
     cloup.option("--map-auto", is_flag=True, hidden=True),
-    cloup.option(
-        "--camera",
-        type=FILE,
-        help="Calibration by `lf-flame calibrate`, TOML file with a [camera] table, or "
-        "simulation.json.",
-    ),
+    camera_option(),
 )
 """Options for the slopes to refocus at."""
 
@@ -215,19 +212,11 @@ class Appearance:
 
     def refuse_for_network(self, slope_map: bool) -> None:
         """Refuse what a network cannot do: it has its own aperture, and interpolates linearly."""
-        plain = Appearance()
+        plain, others = Appearance(), ("gain", "gamma", "movie", "network")
         changed = {
             name: getattr(self, name)
-            for name in (
-                "interpolation",
-                "method",
-                "aperture",
-                "ring",
-                "square",
-                "viewpoint",
-                "f_number",
-            )
-            if getattr(self, name) != getattr(plain, name)
+            for name in self.__dataclass_fields__
+            if name not in others and getattr(self, name) != getattr(plain, name)
         }
         refuse_options("a network", **changed, map=slope_map or None)
 
@@ -235,13 +224,36 @@ class Appearance:
         self, views: tuple[int, int], lens: "PlenopticCamera | CameraLaw | None"
     ) -> dict[str, Any]:
         """Give `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`."""
-        from lf_flame.commands.refocus_job import Aperture
-
-        aperture = Aperture(
-            self.aperture, self.ring, bool(self.square), self.viewpoint, self.f_number
-        )
-        weights = aperture.weights(views, lens)
+        weights = self._weights(views, lens)
         return {"interpolation": self.interpolation, "method": self.method, "weights": weights}
+
+    def _weights(
+        self, views: tuple[int, int], lens: "PlenopticCamera | CameraLaw | None"
+    ) -> "np.ndarray | None":
+        """Give the weights of views, shape (v, u), or None if all views count alike."""
+        from lf_flame.calibration import CameraLaw
+        from lf_flame.refocus import aperture_weights, f_number_aperture
+
+        stated = (self.aperture, self.ring, self.square, self.viewpoint) != (None,) * 4
+        if self.f_number is None:
+            if not stated:
+                return None
+            return aperture_weights(
+                views,
+                1.0 if self.aperture is None else self.aperture,
+                self.ring or 0.0,
+                "square" if self.square else "round",
+                self.viewpoint or (0.0, 0.0),
+            )
+        if stated:
+            raise InputError("An f-number and another aperture cannot both be given.")
+        if isinstance(lens, CameraLaw):
+            raise InputError(
+                "An f-number needs the thin-lens camera: camera.toml, which `lf-flame calibrate "
+                "--lenslet-mm` writes; --aperture needs none."
+            )
+        assert lens is not None  # or the command has refused the f-number
+        return f_number_aperture(lens, self.f_number)
 
     @property
     def brightness(self) -> dict[str, float]:

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from lf_flame._common import figures, progress
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.output_folders import OutputFolder, output_folder
-from lf_flame.commands.view_sheet import view_sheet
 from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, white_level, write_image
 from lf_flame.lightfield import LightField
@@ -19,6 +19,9 @@ from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.rendering import render_plan
+
+PER_SIDE = 5
+"""Largest number of views along each axis of a sheet."""
 
 
 def simulate(
@@ -98,4 +101,28 @@ def _write_images(
     write_focal_stack(stack, slopes, out.path("refocused.tif"))
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
         write_image(out.path(f"refocused_{number}_{depth:+g}mm.png"), to_preview(image, white))
-    figures.save(view_sheet(light_field.views), out.path("views.png"))
+    figures.save(_view_sheet(light_field.views), out.path("views.png"))
+
+
+def _view_sheet(views: np.ndarray) -> Figure:
+    """Draw sub-aperture views, shape (v, u, t, s), spread evenly over the aperture."""
+    rows, columns = (
+        np.unique(np.linspace(0, n - 1, min(n, PER_SIDE)).round().astype(int))
+        for n in views.shape[:2]
+    )
+    height, width = views.shape[2:]
+    aspect = np.clip(height / width, 0.1, 10)  # a line of lenslets would make an endless sheet
+    figure, axes = figures.subplots(
+        len(rows),
+        len(columns),
+        figsize=(2 * len(columns), 2 * len(rows) * aspect + 0.8),
+        squeeze=False,
+        layout="constrained",
+    )
+    for v, line in zip(rows, axes, strict=True):
+        for u, axis in zip(columns, line, strict=True):
+            axis.imshow(views[v, u], cmap="gray", vmin=0, vmax=max(views.max(), 1e-9))
+            axis.set_title(f"v = {v}, u = {u}", fontsize=7, pad=2)
+            axis.axis("off")
+    figure.suptitle("Sub-aperture views", fontsize=10)
+    return figure

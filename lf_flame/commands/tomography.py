@@ -10,15 +10,16 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import (
-    COLOURS_HELP,
-    EXPONENT_HELP,
-    THIN_HELP,
-    read_exposed_colours,
-    soot_options,
-    write_soot,
+from lf_flame.commands.colour_fits import SOOT, read_exposed_colours, soot_options, write_soot
+from lf_flame.commands.options import (
+    FOLDER,
+    PATH,
+    SEED,
+    FiniteRange,
+    camera_option,
+    pick,
+    tell_all,
 )
-from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -40,11 +41,7 @@ def _read_camera(path: Path | None):
 
 
 @cloup.command()
-@click.option(
-    "--camera",
-    type=FILE,
-    help="Calibration, TOML file with a [camera] table, or a simulation.json.",
-)
+@camera_option()
 @click.option(
     "--thickness",
     "thickness_mm",
@@ -112,11 +109,7 @@ DEPTHS = cloup.option_group(
 
 FITTING = cloup.option_group(
     "How it is fitted",
-    cloup.option(
-        "--camera",
-        type=FILE,
-        help="Calibration, TOML file with a [camera] table, or simulation.json.",
-    ),
+    camera_option(),
     cloup.option(
         "--noise",
         type=FiniteRange(min=0),
@@ -168,9 +161,7 @@ FITTING = cloup.option_group(
     cloup.option(
         "--seed", type=SEED, default=0, show_default=True, help="Seed of the bootstrap draws."
     ),
-    cloup.option("--colours", type=FILE, help=COLOURS_HELP),
-    cloup.option("--thin", is_flag=True, help=THIN_HELP),
-    cloup.option("--soot-exponent", type=float, help=EXPONENT_HELP),
+    *SOOT,
 )
 
 
@@ -233,7 +224,7 @@ def reconstruct(
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
-    reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    reading = pick(Reading, options)
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     facts = {"seed": seed, "bootstrap": options["bootstrap"]}
     facts["notes"] = [*notes, *notes_on_coding(source)]
@@ -281,10 +272,8 @@ def _write_emission(fit: _Fit, thickness: "float | np.ndarray | None", given: st
         folder.facts |= {"source": recorded_path(fit.source, folder.folder)} | fit.facts
         folder.facts |= {"method": fit.options["method"]}
         folder.facts |= thickness_facts(given, thickness)
-    for note in fit.facts["notes"]:
-        click.echo(f"Note: {note}", err=True)
-    for warning in found.warnings:
-        click.echo(f"Warning: {warning}", err=True)
+    tell_all("Note", fit.facts["notes"])
+    tell_all("Warning", found.warnings)
     click.echo(
         f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
         f"trust.png and {RECORD} are in {printable(folder.folder)}"

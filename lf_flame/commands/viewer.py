@@ -13,8 +13,8 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, PATH, FiniteRange, UsablePath
-from lf_flame.commands.reading_options import READING, Reading, tell
+from lf_flame.commands.options import PATH, FiniteRange, UsablePath, camera_option, pick, tell
+from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.refocus_options import open_network
 from lf_flame.errors import InputError
 
@@ -76,12 +76,7 @@ MAKING = cloup.option_group(
 @click.argument("source", type=PATH)
 @SHOWING
 @MAKING
-@cloup.option(
-    "--camera",
-    type=FILE,
-    help="Calibration by `lf-flame calibrate`, TOML file with a [camera] table, or "
-    "simulation.json.",
-)
+@camera_option()
 @READING
 def view(source, slopes, no_map, title, camera, interpolation, network, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
@@ -103,7 +98,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     beside = (options[name] for name in ("white", "dark", "focused"))
     _check_single_file(options["single_file"], (source, camera, *beside))
     _check_making(options["single_file"], network, interpolation)
-    reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    reading = pick(Reading, options)
     if is_emission(source):
         _refuse_given(reading.given() | {"slopes": slopes, "camera": camera, "network": network})
         show(emission_exhibit(source, title), **options)

@@ -17,9 +17,9 @@ from .lytro.white import find_white as find_white
 from .movie import write_movie as write_movie
 from .opening import open_light_field as open_light_field
 from .raw.decode_plan import DecodePlan as DecodePlan
-from .raw.decoding import decode_raw as decode_raw
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch
+from .raw.reading import decode_raw as decode_raw
 from .raw.reading import read_raw as read_raw
 from .raw.white_image import estimate_grid as estimate_grid
 from .reading import read_light_field as read_light_field

@@ -15,7 +15,7 @@ from lf_flame._common.tiff_files import FLOAT
 from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views
-from lf_flame.formats.view_files.orders import Grid, as_grid
+from lf_flame.formats.view_files.orders import Grid, as_grid, check_grid
 from lf_flame.formats.view_files.parallax_order import fold
 from lf_flame.lightfield import LightField
 
@@ -184,11 +184,7 @@ def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None)
     ours = array.transpose([axes.index(letter) for letter in wanted])
     if "n" in axes:
         return fold(ours, path, shape)
-    if shape not in (None, ours.shape[:2]):
-        raise InputError(
-            f"A grid of {shape[0]} x {shape[1]} views does not fit {path}, of {ours.shape[0]} x "
-            f"{ours.shape[1]}."
-        )
+    check_grid(shape, ours.shape[:2], path)
     return ours
 
 

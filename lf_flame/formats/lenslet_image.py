@@ -96,10 +96,8 @@ def write_lenslet_image(
     light_field : LightField
         Values from 0 to 1, unless written as floats; grey, or with 1 or 3 channels.
     path : str or Path
-    bits : int, optional
-        Number of bits: 8 or 16; 32 for floats, in TIFF files.
-    linear : bool, optional
-        Whether values are linear in radiance; an 8-bit PNG then states it.
+    bits, linear : optional
+        As in `write_light_field`.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from lf_flame.formats.arrays import (
     open_file,
 )
 from lf_flame.formats.hci_files import find_hci_order, is_hci
-from lf_flame.formats.view_files.orders import Grid, arranged, as_grid
+from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_grid
 from lf_flame.formats.view_files.parallax_order import fold
 from lf_flame.formats.view_files.scan import scan_view_folder
 from lf_flame.formats.view_files.sources import is_view_folder
@@ -132,12 +132,8 @@ def _numbers(
 
     if axes is not None and "n" in axes.lower():
         numbers = fold(numbers, path, grid, read)
-    elif grid not in (None, shape):
-        raise InputError(
-            f"A grid of {grid[0]} x {grid[1]} views does not fit {path}, of {shape[0]} x "
-            f"{shape[1]}."
-        )
     else:
+        check_grid(grid, shape, path)
         numbers = numbers.reshape(shape)
     if order is None and axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
         order = find_hci_order(path, numbers, read).order

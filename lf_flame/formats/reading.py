@@ -87,29 +87,35 @@ def read_light_field(
     >>> formats.read_light_field("views.npy")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
-    path = Path(path)
+    path, stated = Path(path), Stated(views, order, grid, axes, mosaic, array)
     if path.exists() and not is_lytro(path) and is_view_folder(path):
-        stated = _Stated(views, order, grid, axes, mosaic, array)
         return _read_folder(path, dark, stated)
-    return read_ordered(
-        path, views, order, grid=grid, axes=axes, dark=dark, mosaic=mosaic, array=array
-    )[0]
+    return read_ordered(path, dark, stated)[0]
+
+
+class Stated(NamedTuple):
+    """Arguments of `read_light_field` on the form of a file; None for those left out."""
+
+    views: int | None = None
+    order: str | None = None
+    grid: Grid | str | None = None
+    axes: str | None = None
+    mosaic: Grid | str | None = None
+    array: str | None = None
+
+    def refuse(self, path: Path, *names: str) -> None:
+        """Refuse the named arguments, which fit light fields of another form."""
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(f"{MEANT_FOR[name]}, not in {path}.")
 
 
 def read_ordered(
-    path: str | Path,
-    views: int | None = None,
-    order: str | None = None,
-    *,
-    grid: Grid | str | None = None,
-    axes: str | None = None,
-    dark: str | Path | None = None,
-    mosaic: Grid | str | None = None,
-    array: str | None = None,
+    path: str | Path, dark: str | Path | None, stated: Stated
 ) -> tuple[LightField, FoundOrder | None]:
     """Read a light field from one file, and the order of its views if the parallax shows it.
 
-    Parameters and errors are those of `read_light_field`.
+    Arguments and errors are those of `read_light_field`.
 
     Returns
     -------
@@ -120,34 +126,16 @@ def read_ordered(
     path = Path(path)
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
-    stated = _Stated(views, order, grid, axes, mosaic, array)
     if is_lytro(path):
         return _read_lytro(path, dark, stated), None
     stored = _read_stored(path, stated)
     if dark is not None:
-        counted = stored.light_field.views.shape[:2] if stored.has_pages else grid
+        counted = stored.light_field.views.shape[:2] if stored.has_pages else stated.grid
         # A dark image has no parallax that would show its grid and order.
-        of_dark = stated._replace(order="row,col", grid=counted)._asdict()
-        stored = stored._replace(light_field=subtract_dark(stored.light_field, dark, **of_dark))
-    found = None if order is not None else _find_order(path, stored, stated)
-    return _arranged(stored.light_field, order if found is None else found.order), found
-
-
-class _Stated(NamedTuple):
-    """Arguments of `read_light_field` on the form of a file; None for those left out."""
-
-    views: int | None
-    order: str | None
-    grid: Grid | str | None
-    axes: str | None
-    mosaic: Grid | str | None
-    array: str | None
-
-    def refuse(self, path: Path, *names: str) -> None:
-        """Refuse the named arguments, which fit light fields of another form."""
-        for name in names:
-            if getattr(self, name) is not None:
-                raise InputError(f"{MEANT_FOR[name]}, not in {path}.")
+        of_dark = stated._replace(order="row,col", grid=counted)
+        stored = stored._replace(light_field=subtract_dark(stored.light_field, dark, of_dark))
+    found = None if stated.order is not None else _find_order(path, stored, stated)
+    return _arranged(stored.light_field, stated.order if found is None else found.order), found
 
 
 class _Stored(NamedTuple):
@@ -166,7 +154,7 @@ MEANT_FOR = {
 """Purpose of each argument that fits some files only, for messages."""
 
 
-def _read_lytro(path: Path, dark: str | Path | None, stated: _Stated) -> LightField:
+def _read_lytro(path: Path, dark: str | Path | None, stated: Stated) -> LightField:
     stated.refuse(path, "axes", "array", "mosaic")
     if stated.order is not None or stated.grid is not None:
         raise InputError(f"order and grid do not apply to the Lytro picture {path}.")
@@ -174,15 +162,15 @@ def _read_lytro(path: Path, dark: str | Path | None, stated: _Stated) -> LightFi
     return plan.decode(image)
 
 
-def _read_folder(path: Path, dark: str | Path | None, stated: _Stated) -> LightField:
+def _read_folder(path: Path, dark: str | Path | None, stated: Stated) -> LightField:
     stated.refuse(path, "axes", "array", "mosaic")
     folder = scan_view_folder(path, stated.order, grid=stated.grid)
-    light_field = folder.read()
     # A dark image has no parallax from which its order could be found.
-    return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
+    found = Stated(order=folder.found.order, grid=folder.counted)
+    return subtract_dark(folder.read(), dark, found)
 
 
-def _read_stored(path: Path, stated: _Stated) -> _Stored:
+def _read_stored(path: Path, stated: Stated) -> _Stored:
     """Read an array, pages, a mosaic or a lenslet image."""
     suffix = path.suffix.lower()
     views, grid, mosaic = stated.views, stated.grid, stated.mosaic
@@ -206,7 +194,7 @@ def _read_stored(path: Path, stated: _Stated) -> _Stored:
     )
 
 
-def _find_order(path: Path, stored: _Stored, stated: _Stated) -> FoundOrder | None:
+def _find_order(path: Path, stored: _Stored, stated: Stated) -> FoundOrder | None:
     """Order of the views as the parallax shows it; None if they are used as stored."""
     if stored.has_pages or stated.mosaic is not None:
         return find_order(stored.light_field.views)
@@ -248,17 +236,7 @@ def _arranged(light_field: LightField, order: str | None) -> LightField:
     )
 
 
-def subtract_dark(
-    light_field: LightField,
-    dark: str | Path | None,
-    views: int | None = None,
-    order: str | None = None,
-    *,
-    grid: Grid | str | None = None,
-    axes: str | None = None,
-    mosaic: Grid | str | None = None,
-    array: str | None = None,
-) -> LightField:
+def subtract_dark(light_field: LightField, dark: str | Path | None, stated: Stated) -> LightField:
     """Subtract a light field without light, read from a file or folder of the same form.
 
     Parameters
@@ -266,8 +244,8 @@ def subtract_dark(
     light_field : LightField
     dark : str or Path or None
         Light field without light; None subtracts nothing.
-    views, order, grid, axes, mosaic, array : optional
-        As in `read_light_field`; order and grid are those found for the light field itself.
+    stated : Stated
+        As for `read_light_field`; order and grid are those found for the light field itself.
 
     Returns
     -------
@@ -281,7 +259,7 @@ def subtract_dark(
     """
     if dark is None:
         return light_field
-    black = read_light_field(dark, views, order, grid=grid, axes=axes, mosaic=mosaic, array=array)
+    black = read_light_field(dark, **stated._asdict())
     if black.views.shape != light_field.views.shape:
         raise InputError(
             f"The dark light field {dark} must have the light field's shape "

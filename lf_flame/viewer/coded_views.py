@@ -1,5 +1,6 @@
 """Views as integers of 8 or 16 bits (codes), the form in which graphics processors read them."""
 
+import zlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from lf_flame.refocus._arguments import as_weights
 
 MOST_BYTES = 256 * 2**20
 """Largest size of the codes in bytes that browsers and graphics processors hold without trouble."""
+
+PIECE_BYTES = 4 * 2**20
+"""Largest size of one answer in bytes, so that a page can show progress."""
 
 DARKEST = 1e-30
 """Smallest radiance shown as white, so that codes of a black light field are finite in float32."""
@@ -112,3 +116,41 @@ def _codes(views: np.ndarray, low: float, high: float, kind: type) -> np.ndarray
     codes = views - np.float32(low)
     codes *= np.float32(levels / (high - low))
     return np.clip(np.rint(codes, out=codes), 0, levels, out=codes).astype(kind)
+
+
+def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tuple[int, int]]:
+    """Cut views, counted row by row, into runs of bounded size, the central view first.
+
+    Parameters
+    ----------
+    coded : CodedViews
+    most_bytes : int, optional
+        Largest size of a piece in bytes; a single view may exceed it.
+
+    Returns
+    -------
+    list of (int, int)
+        First view and number of views of each run, nearer runs first.
+    """
+    rows, columns = coded.codes.shape[:2]
+    middle = (rows - 1) // 2 * columns + (columns - 1) // 2
+    length = max(most_bytes // coded.codes[0, 0].nbytes, 1)
+    runs = [(0, middle), (middle + 1, rows * columns)]
+    cut = [
+        (first, min(length, end - first))
+        for begin, end in runs
+        for first in range(begin, end, length)
+    ]
+    return [(middle, 1), *sorted(cut, key=lambda run: abs(run[0] + run[1] / 2 - middle))]
+
+
+def piece_bytes(coded: CodedViews, piece: tuple[int, int]) -> bytes:
+    """Codes of a run of views, little-endian, in the form that pages read."""
+    first, count = piece
+    views = coded.codes.reshape(-1, *coded.codes.shape[2:])[first : first + count]
+    return views.astype(views.dtype.newbyteorder("<"), copy=False).tobytes()
+
+
+def deflated(data: bytes) -> bytes:
+    """Compress data for a page, which inflates them with the browser's own functions."""
+    return zlib.compress(data, 6)

@@ -1,6 +1,5 @@
 """Content of a viewer: coded views in pieces, a slope map, and the metadata of its page."""
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,13 +26,11 @@ from lf_flame.viewer.coded_views import (
     MOST_BYTES,
     CodedViews,
     check_channels,
+    cut_into_pieces,
     encode_views,
     shown_white,
 )
 from lf_flame.viewer.planes import PlaneMaker
-
-PIECE_BYTES = 4 * 2**20
-"""Largest size of one answer in bytes, so that a page can show progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,41 +268,3 @@ def _describe_camera(camera: PlenopticCamera | CameraLaw | None) -> dict[str, An
         "shift_per_slope": per_slope / camera.image_distance_mm,
         "f_number": camera.lenslet_focal_mm / (camera.views * camera.pixel_mm),
     }
-
-
-def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tuple[int, int]]:
-    """Cut views, counted row by row, into runs of bounded size, the central view first.
-
-    Parameters
-    ----------
-    coded : CodedViews
-    most_bytes : int, optional
-        Largest size of a piece in bytes; a single view may exceed it.
-
-    Returns
-    -------
-    list of (int, int)
-        First view and number of views of each run, nearer runs first.
-    """
-    rows, columns = coded.codes.shape[:2]
-    middle = (rows - 1) // 2 * columns + (columns - 1) // 2
-    length = max(most_bytes // coded.codes[0, 0].nbytes, 1)
-    runs = [(0, middle), (middle + 1, rows * columns)]
-    cut = [
-        (first, min(length, end - first))
-        for begin, end in runs
-        for first in range(begin, end, length)
-    ]
-    return [(middle, 1), *sorted(cut, key=lambda run: abs(run[0] + run[1] / 2 - middle))]
-
-
-def piece_bytes(coded: CodedViews, piece: tuple[int, int]) -> bytes:
-    """Codes of a run of views, little-endian, in the form that pages read."""
-    first, count = piece
-    views = coded.codes.reshape(-1, *coded.codes.shape[2:])[first : first + count]
-    return views.astype(views.dtype.newbyteorder("<"), copy=False).tobytes()
-
-
-def deflated(data: bytes) -> bytes:
-    """Compress data for a page, which inflates them with the browser's own functions."""
-    return zlib.compress(data, 6)

@@ -5,7 +5,8 @@ import html
 import json
 
 from lf_flame.errors import InputError
-from lf_flame.viewer.exhibit import Exhibit, deflated
+from lf_flame.viewer.coded_views import deflated
+from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.preview import shrink
 from lf_flame.viewer.scripts import page_frame, read_static, script_url
 

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from functools import partial
 from threading import Lock
 
-from lf_flame.viewer.exhibit import Exhibit, cut_into_pieces, piece_bytes
+from lf_flame.viewer.coded_views import cut_into_pieces, piece_bytes
+from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.planes import parse_place, parse_plane
 
 

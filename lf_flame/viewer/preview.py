@@ -10,8 +10,7 @@ import numpy as np
 from PIL import Image
 
 from lf_flame.errors import InputError
-from lf_flame.viewer.coded_views import CodedViews
-from lf_flame.viewer.exhibit import cut_into_pieces, deflated, piece_bytes
+from lf_flame.viewer.coded_views import CodedViews, cut_into_pieces, deflated, piece_bytes
 
 JPEG_QUALITIES = (92, 85, 75)
 """JPEG qualities that are tried in turn, with colours at full resolution."""

@@ -19,6 +19,9 @@ CAMERA = camera_toml(5, (48, 60))
 ACROSS, DEPTH, WIDTH, PEAK = -0.6, 3.0, 0.9, 0.5
 
 
+COARSE = ("--block", 2, "--bootstrap", 0)
+
+
 def run(*words):
     return CliRunner().invoke(commands, [str(word) for word in words])
 
@@ -48,7 +51,7 @@ def source(views, tmp_path):
     return tmp_path / "ball.npy", "--camera", tmp_path / "camera.toml"
 
 
-def test_ball_is_found_with_its_axis_and_written(source, tmp_path):
+def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     result = run("abel", *source, "--bootstrap", 3, "--out", tmp_path / "found")
     assert result.exit_code == 0, result.output
     record = json.loads((tmp_path / "found" / "abel.json").read_text())
@@ -89,7 +92,7 @@ def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_pat
 
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
-    assert run("abel", *source, "--central", "--bootstrap", 0, "--out", out).exit_code == 0
+    assert run("abel", *source, "--central", *COARSE, "--out", out).exit_code == 0
     section = tifffile.imread(out / "section.tif")
     assert section.max() == pytest.approx(PEAK, rel=0.2)
     assert json.loads((out / "abel.json").read_text())["views"] == "central"
@@ -99,7 +102,7 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     lopsided = views.copy()
     lopsided[..., 26:] *= 1.5
     np.save(tmp_path / "lopsided.npy", lopsided)
-    result = run("abel", tmp_path / "lopsided.npy", *source[1:], "--bootstrap", 0)
+    result = run("abel", tmp_path / "lopsided.npy", *source[1:], *COARSE)
     assert "not axisymmetric" in result.output
 
 
@@ -128,7 +131,7 @@ def test_bad_values_are_refused(source, tmp_path, words, said):
 ONE_VIEW = CAMERA.replace("views = 5", "views = 1").replace("0.4", "2.0")
 
 
-def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path):
+def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path, drawn):
     (tmp_path / "one.toml").write_text(ONE_VIEW)
     picture = views[2, 2].clip(0) / views.max()
     Image.fromarray(np.rint(picture * 65535).astype(np.uint16)).save(tmp_path / "one.png")

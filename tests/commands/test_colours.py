@@ -121,7 +121,7 @@ def test_calibrations_that_cannot_be_are_one_sentence(furnace, tmp_path):
     assert not Path("colours").exists()
 
 
-def test_what_does_not_go_with_colours_is_refused(furnace, tmp_path):
+def test_what_does_not_go_with_colours_is_refused(furnace, tmp_path, drawn):
     run("calibrate-colours", *furnace, "--responses", "camera.csv")
     np.savez("grey.npz", views=np.ones((3, 3, 36, 32)))
     words = ["abel", "grey.npz", "--camera", "camera.toml", "--axis-depth", 0]

@@ -42,7 +42,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
+def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
     out = tmp_path / "out"
     result = run("profiles", folder, "--across", 0.25, "--height", -0.25, "--out", out)
     assert result.exit_code == 0, result.output
@@ -63,7 +63,7 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
     assert run("verify", out).exit_code == 0
 
 
-def test_without_draws_there_are_no_errors(folder, tmp_path):
+def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
     (folder / "draws.tif").unlink()
     missing = run("profiles", folder, "--out", tmp_path / "out")
     assert "draws.tif cannot be read: there is no such file" in str(missing.exception)

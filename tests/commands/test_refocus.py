@@ -16,7 +16,6 @@ from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.locks import exclusive
 from lf_flame._common.output_folders import verify_outputs
 from lf_flame.commands import cli, refocus_output
-from lf_flame.commands.refocus_job import Aperture
 from lf_flame.commands.refocus_options import SLOPE_CONVENTIONS
 from lf_flame.formats import (
     read_focal_stack,
@@ -94,7 +93,7 @@ def test_slopes_and_depths(folder, light_field, camera, tmp_path):
     assert written["views"] == [5, 5]
 
 
-def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_path):
+def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_path, drawn):
     result = run(folder, "--out", tmp_path / "out")
     written = json.loads((tmp_path / "out" / "refocus.json").read_text())
     assert written["slopes"][0] == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.02)
@@ -106,9 +105,8 @@ def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_pat
 def test_a_map_over_too_narrow_a_range_says_so(folder, camera, tmp_path):
     """Two steps off the centre, the views distinguish slopes half a pixel apart."""
     slope = camera.depth_to_slope(DEPTH)
-    for reach, said in ((0.2, True), (1.5, False)):
-        result = run(folder, "--map", slope - reach, slope + reach, "--out", tmp_path / "out")
-        assert ("the range is too narrow" in result.output) is said
+    result = run(folder, "--map", slope - 0.2, slope + 0.2, "--out", tmp_path / "out")
+    assert "the range is too narrow" in result.output
 
 
 def test_numbers_of_other_programs(folder, light_field, tmp_path):
@@ -128,8 +126,9 @@ def test_apertures_and_interpolations(folder, light_field, tmp_path):
     np.testing.assert_allclose(stack, expected, atol=1e-6)
 
 
-def test_sweep_and_map(folder, camera, tmp_path):
-    run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
+def test_sweep_and_map(folder, camera, tmp_path, drawn):
+    result = run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
+    assert "the range is too narrow" not in result.output
     with Image.open(tmp_path / "out" / "sweep.gif") as movie:
         assert movie.n_frames == 80
         assert movie.size == (48, 40)
@@ -261,7 +260,7 @@ def test_what_a_network_cannot_do_is_one_sentence(folder, system_runs, tmp_path,
 
 
 @pytest.mark.parametrize("how", ["dense", "cross", "network"])
-def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
+def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
     options = {"dense": [], "cross": ["--cross"],
                "network": ["--network", system_runs / "volumetric"]}[how]  # fmt: skip
     regions = ["--region", 16, 44, 10, 50, "--region", 16, 44, 70, 110]
@@ -328,10 +327,11 @@ def test_a_light_field_too_small_for_a_network_is_refused_before_the_search(syst
     assert not (tmp_path / "out").exists()
 
 
-def test_pictures_of_another_light_field_stay(folder, leaves, tmp_path):
+def test_pictures_of_another_light_field_stay(folder, tmp_path):
     run(folder, "--slope", 0.5, "--out", tmp_path / "out")
-    with pytest.raises(InputError, match="holds the pictures of .*views; for those of .*leaves"):
-        run(leaves, "--slope", 0.5, "--out", tmp_path / "out")
+    np.save(tmp_path / "other.npy", np.ones((3, 3, 8, 8)))
+    with pytest.raises(InputError, match="holds the pictures of .*views; for those of .*other"):
+        run(tmp_path / "other.npy", "--slope", 0.5, "--out", tmp_path / "out")
     assert (tmp_path / "out" / "refocused_1_slope+0.500.png").exists()
     run(folder / ".." / folder.name, "--slope", 0.25, "--out", tmp_path / "out")  # the same
     assert (tmp_path / "out" / "refocused_1_slope+0.250.png").exists()
@@ -393,9 +393,8 @@ def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
         write_movie(tmp_path / "sweep.mp4", np.zeros((2, 4, 4), np.uint8))
 
 
-@pytest.mark.parametrize("words", [["--map", "auto"], ["--map=auto"]])
-def test_the_range_of_a_slope_map_is_found(folder, light_field, tmp_path, words):
-    result = run(folder, *words, "--out", tmp_path / "out")
+def test_the_range_of_a_slope_map_is_found(folder, light_field, tmp_path):
+    result = run(folder, "--map", "auto", "--out", tmp_path / "out")
     found = find_slope_range(light_field)
     assert f"slope map {found.describe()}" in result.output
     record = json.loads((tmp_path / "out" / "refocus.json").read_text())
@@ -405,12 +404,7 @@ def test_the_range_of_a_slope_map_is_found(folder, light_field, tmp_path, words)
 
 def test_two_ranges_of_a_slope_map_are_refused(folder, tmp_path):
     with pytest.raises(InputError, match="cannot both be given"):
-        run(folder, "--map", "auto", "--map", -1, 1, "--out", tmp_path / "out")
-
-
-def test_an_f_number_without_a_camera_is_refused():
-    with pytest.raises(InputError, match="needs the camera"):
-        Aperture(f_number=4.0).weights((5, 5))
+        run(folder, "--map=auto", "--map", -1, 1, "--out", tmp_path / "out")
 
 
 def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_path):
@@ -503,7 +497,7 @@ def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, ca
         assert "\nfocal_stack.tif is in" not in text
 
 
-def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path):
+def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path, drawn):
     known = ["--camera", written_camera(camera, tmp_path)]
     result = run(
         folder, *known, "--search", "--map", -1, 2, "--sweep", -1, 2, "--out", tmp_path / "o"
@@ -573,7 +567,6 @@ def devignetted(folder, rng):
         noise = rng.normal(0, 6, raw.shape)
         write_image(folder / f"{name}.tif", np.rint(image + noise).astype(np.uint16))
         write_image(folder / f"{name}.png", np.rint(8 * (image + noise)).astype(np.uint16))
-        Image.fromarray(np.rint(image / 16).astype(np.uint8)).save(folder / f"{name}.jpg")
 
 
 def test_a_camera_s_pixels_narrower_than_the_steps_of_decoded_views_are_refused(
@@ -601,7 +594,7 @@ def test_a_camera_of_other_pixels_is_noted(folder, camera, tmp_path):
         assert ("for views of 30 x 48 pixels, got 40 x 48" in result.output) is noted
 
 
-@pytest.mark.parametrize("kind", ["tif", "png", "jpg"])
+@pytest.mark.parametrize("kind", ["tif", "png"])
 def test_devignetted_raw_images_are_converted_whatever_their_values(kind, tmp_path, rng):
     devignetted(tmp_path, rng)
     raw, *others = (tmp_path / f"{name}.{kind}" for name in ("raw", "white", "dark"))
@@ -616,15 +609,12 @@ def test_devignetted_raw_images_are_converted_whatever_their_values(kind, tmp_pa
         options = {} if target == "views" else {"views": len(exact)}
         read = read_light_field(tmp_path / target, order="row,col", **options).views
         np.testing.assert_array_equal(read, exact)
-    assert (exact.min() < 0) or kind == "jpg"
+    assert exact.min() < 0
     for target, bits in (("lenslets.png", 16), ("eight.tif", 8), ("eight", 8)):
         scaled = run(raw, tmp_path / target, *words, "--bits", bits, command="convert")
-        beyond = exact.min() < 0 or exact.max() > 1
-        assert ("were scaled to fit" in scaled.output) == beyond
-        low, high = 0.0, 1.0
-        if beyond:
-            record = json.loads((tmp_path / f"{target}.json").read_text())
-            low, high = record["radiance_of_black"], record["radiance_of_white"]
+        assert "were scaled to fit" in scaled.output
+        record = json.loads((tmp_path / f"{target}.json").read_text())
+        low, high = record["radiance_of_black"], record["radiance_of_white"]
         options = {} if target == "eight" else {"views": len(exact)}
         read = read_light_field(tmp_path / target, order="row,col", **options).views
         step = (high - low) / (2**bits - 1)

@@ -85,7 +85,7 @@ def test_a_section_s_heights_are_from_the_optical_axis(tmp_path):
     assert place.whole(light).shape == (HEIGHTS, 2 * RADII - 1)
 
 
-def test_sections_of_abel_have_their_temperatures(colours, tmp_path):
+def test_sections_of_abel_have_their_temperatures(colours, tmp_path, drawn):
     out = tmp_path / "hot"
     result = run("temperature", *colours, "--wavelengths", 550, 650, "--out", out)
     assert result.exit_code == 0, result.output
@@ -147,7 +147,7 @@ def test_wavelengths_in_another_unit_are_refused(colours, tmp_path):
         assert "soot_exponent must be from -1 to 5" in str(result.exception)
 
 
-def test_no_temperature_and_coded_files_are_told(colours, tmp_path):
+def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     record = json.loads((colours[1] / "abel.json").read_text())
     record["notes"] = [f"flame.jpg is a JPEG file. {CODED}"]
     (colours[1] / "abel.json").write_text(json.dumps(record))

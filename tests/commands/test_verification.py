@@ -139,7 +139,7 @@ def test_folders_may_nest_deeply(results):
     deep.mkdir()
     os.chdir(deep)
     try:
-        for _ in range(1500):  # beyond Python's depth of calls, and below the longest path
+        for _ in range(1050):  # beyond Python's depth of calls, and below the longest path
             Path("d").mkdir()
             os.chdir("d")
         _, marks = run(results)

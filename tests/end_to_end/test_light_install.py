@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -36,12 +37,30 @@ def light(tmp_path_factory):
     return folder
 
 
-def run(folder, *args, program=("-m", "lf_flame")):
+PROGRAM = """
+import json, sys
+from lf_flame.commands import cli
+
+for words in json.loads(sys.argv[1]):
+    sys.argv = ["lf-flame", *words]
+    try:
+        cli.main()
+    except SystemExit as ended:
+        print("status", ended.code, file=sys.stderr)
+"""
+
+
+def run(folder, *calls):
+    """Run calls in one process; give the status of each and what it says on standard error."""
     paths = os.pathsep.join([str(folder / "site"), str(ROOT)])
-    return subprocess.run(
-        [sys.executable, *program, *map(str, args)],
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, json.dumps(calls)],
         cwd=folder, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True,
     )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *said, rest = re.split(r"^status (\d+)\n", done.stderr, flags=re.MULTILINE)
+    assert rest == ""
+    return list(zip(map(int, said[1::2]), said[::2], strict=True))
 
 
 SCENE = scene_toml(5, (40, 50), "triangle")
@@ -60,35 +79,27 @@ def test_simulation_and_refocusing_work(light):
         ["convert", field, "views"],
         ["view", field, "--single-file", "page.html"],
     )
-    one_by_one = (
-        "import json, sys; from lf_flame.commands import cli\n"
-        "for words in json.loads(sys.argv[1]): cli.commands.main(words, standalone_mode=False)"
-    )
-    result = run(light, json.dumps(calls), program=("-c", one_by_one))
-    assert result.returncode == 0, result.stderr
+    for status, said in run(light, *calls):
+        assert status == 0, said
     assert (light / "page.html").exists()
     assert (light / "refocused" / "light_field" / "slope_map.png").exists()
     assert len(list((light / "views").iterdir())) == 25
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["dataset", ROOT / "data_gen" / "shapes.toml", "--out", "shapes.zarr"],
-        ["train", ROOT / "experiments" / "shapes.toml", "--data", "x", "--out", "run"],
-        ["train-system", "refocusnet", "--config", ROOT / "experiments" / "systems.toml",
-         "--out", "run"],
+def test_what_needs_learning_says_what_to_install(light):
+    shapes, systems = f"{ROOT}/experiments/shapes.toml", f"{ROOT}/experiments/systems.toml"
+    calls = (
+        ["dataset", f"{ROOT}/data_gen/shapes.toml", "--out", "shapes.zarr"],
+        ["train", shapes, "--data", "x", "--out", "run"],
+        ["train-system", "refocusnet", "--config", systems, "--out", "run"],
         ["export", "run", "--out", "network.keras"],
         ["predict", "picture.png", "--model", "run"],
         ["refocus", "field.npy", "--slope", "1", "--network", "."],
-    ],
-    ids=lambda arguments: str(arguments[0]),
-)  # fmt: skip
-def test_what_needs_learning_says_what_to_install(light, arguments):
-    result = run(light, *arguments)
-    assert result.returncode == 2, result.stderr
-    said = result.stderr.replace(COMPILING, "").strip().splitlines()
-    assert len([line for line in said if not line.endswith(" ...")]) == 1, result.stderr
-    assert "pip install 'lf_flame[learn]'" in result.stderr
+    )
+    for (status, said), words in zip(run(light, *calls), calls, strict=True):
+        assert status == 2, (words, said)
+        lines = said.replace(COMPILING, "").strip().splitlines()
+        assert len([line for line in lines if not line.endswith(" ...")]) == 1, (words, said)
+        assert "pip install 'lf_flame[learn]'" in said
     assert not (light / "run").exists()

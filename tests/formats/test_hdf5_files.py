@@ -17,7 +17,7 @@ from lf_flame import InputError, read_light_field
 from lf_flame._common.memory import LIMIT
 from lf_flame.commands.cli import commands
 from lf_flame.formats import read_true_slopes
-from lf_flame.formats.reading import read_ordered
+from lf_flame.formats.reading import Stated, read_ordered
 from lf_flame.refocus import find_sharpest_slope
 
 SHAPE = (3, 4, 20, 25)
@@ -194,7 +194,7 @@ def test_hci_files_give_the_slopes_of_their_depths(tmp_path, rng, flipped, turne
     path = write_hci(tmp_path / "a.h5", stored, depths)
     found = read_light_field(path)
     np.testing.assert_array_equal(found.views[..., 0], views / np.float32(255))
-    _, order = read_ordered(path)
+    _, order = read_ordered(path, None, Stated())
     signs = ["-" * ((flipped == axis) != turned) for axis in (0, 1)]
     assert order.order == f"{signs[0]}row,{signs[1]}col"
     truth = read_true_slopes(path)

@@ -16,9 +16,10 @@ from scipy import ndimage
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.formats import read_light_field, read_raw, write_view_folder
 from lf_flame.formats.images import write_image
-from lf_flame.formats.raw.decoding import decode_raw
 from lf_flame.formats.raw.grid_fit import _peaks, flattened
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.raw.reading import decode_raw
+from lf_flame.formats.raw.resampling import MOVE, _weights
 from lf_flame.formats.raw.white_image import estimate_grid
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
 from lf_flame.refocus.focus_map import TRUSTED
@@ -77,8 +78,8 @@ def farthest(found, true, shape):
 
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
 def test_random_grids_are_found(layout, rng):
-    for _ in range(10):
-        true, shape = random_grid(layout, rng), tuple(rng.integers(250, 500, 2))
+    for _ in range(5):
+        true, shape = random_grid(layout, rng), tuple(rng.integers(220, 360, 2))
         look = {"radius": (0.35, 0.5), "gap": (0, 0.3), "noise": (0, 0.08), "falloff": (0, 0.7)}
         look = {name: rng.uniform(*limits) for name, limits in look.items()}
         found = estimate_grid(white_image(true, shape, rng, dead=0.02, **look))
@@ -113,10 +114,10 @@ def test_small_and_touching_micro_images_are_found(radius, layout, rng):
 
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
 def test_a_grid_of_many_lenslets_is_found_from_some_of_them(layout, rng):
-    true, shape = LensletGrid(20, 30, 6.2, 0.008, layout), (1000, 1100)
+    true, shape = LensletGrid(20, 30, 5.2, 0.008, layout), (820, 860)
     white = white_image(true, shape, rng, radius=0.4, noise=0.02, falloff=0.8)
     y, x = np.indices(shape)
-    white[np.hypot(y - 500, x - 550) > 600] = 0  # the corners
+    white[np.hypot(y - 410, x - 430) > 480] = 0  # the corners
     assert farthest(estimate_grid(white), true, shape) < 0.05
 
 
@@ -316,10 +317,22 @@ def test_whole_numbers_are_read_as_they_are(rng):
 def test_light_is_kept(rng):
     """The parts of a micro-image hold all its light, and none of the neighbours'."""
     raw, grid = rng.uniform(size=(90, 120)), grid_from_pitch((90, 120), 15)
-    for views in (1, 4, 7, 15, 22):
+    for views in (14, 15):
         decoded = decode_raw(raw, grid, views).views
         expected = LightField.from_raw(raw, views=15).photograph
         np.testing.assert_allclose(decoded.mean(axis=(0, 1)), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("part", [0.68, 1.0, 2.14, 3.75, 15.0])
+def test_weights_of_a_part_of_any_breadth_are_whole_and_centred(part):
+    """Wherever the part lies; pixels before and after those of the table would have none."""
+    for step, beyond in ((1, 0.0), (1, 1 + 2 * MOVE), (2, 0.0), (2, 1 + 2 * MOVE)):
+        values, start, steps = _weights(part, step, beyond)
+        values = values[:-1]  # the last is read for its slope alone, which is times 0
+        fractions = np.arange(len(values)) / steps
+        places = np.arange(values.shape[1]) + start - fractions[:, None]
+        np.testing.assert_allclose(values.sum(axis=1), 1, atol=1e-6)
+        np.testing.assert_allclose((values * places).sum(axis=1), 0, atol=2e-5)
 
 
 def test_smooth_micro_images_are_averaged_over_parts():
@@ -441,13 +454,10 @@ def on_another_sensor(image, turn, scale):
     return np.mean(samples, axis=0), lambda pixels: pixels @ step.T + start
 
 
-@pytest.mark.parametrize(
-    ("turn", "scale"), [pytest.param(0.02, 1.07, marks=pytest.mark.slow), (-0.035, 0.93)]
-)
-def test_another_sensor_sees_the_same(turn, scale):
+def test_another_sensor_sees_the_same():
     """A simulated raw image, read by a sensor that is turned, shifted and of another pitch."""
-    pixels = 15
-    camera = replace(PAPER_CAMERA, views=pixels * FINE, lenslets=(26, 30))
+    pixels, turn, scale = 15, -0.035, 0.93
+    camera = replace(PAPER_CAMERA, views=pixels * FINE, lenslets=(20, 22))
     y, x = np.indices((48, 48))
     texture = 1 + (y // 8 + x // 8) % 2 + 0.3 * np.sin(y / 3) * np.cos(x / 4)
     size = tuple(0.8 * n for n in camera.field_mm(0))
@@ -554,7 +564,7 @@ def as_mosaic(image, order=ORDERS[0]):
 
 
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-@pytest.mark.parametrize("pitch", [9, 12, 14, 14.29, 20])
+@pytest.mark.parametrize("pitch", [9, 14, 14.29])
 def test_colour_mosaics_are_refused_and_grey_images_are_not(pitch, layout, rng):
     """Even pitches repeat in 2 x 2 pixels, as a mosaic does."""
     grid = LensletGrid(20.25, 30.5, pitch, 0, layout)

@@ -113,11 +113,11 @@ def test_a_bad_pixel_among_saturated_ones_and_one_without_a_good_neighbour_are_u
 
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
 def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout):
-    grid = LensletGrid(11.5, 11.5, 10, layout=layout)
-    white = np.ones((90, 110))
+    grid = LensletGrid(11, 11, 9, layout=layout)
+    white = np.ones((80, 100))
     for column in (4, 5):  # two neighbours, so that one is not taken for dead pixels
         y, x = (round(float(place)) for place in grid.position(4, column))
-        white[y - 5 : y + 5, x - 5 : x - 1] = 0.3  # the left part, as by dirt on the lenslet
+        white[y - 4 : y + 5, x - 4 : x - 2] = 0.3  # the left part, as by dirt on the lenslet
     found = DecodePlan(grid, shape=white.shape, views=5, white=white).decode(0.7 * white)
     rows, columns = (list(some) for some in grid.block(white.shape))
     assert not found.valid[2, 0, rows.index(4)].all()

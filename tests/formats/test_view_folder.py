@@ -32,13 +32,13 @@ def example(name):
 
 def textured(rng, slope=0.7, views=(4, 5), shape=(60, 72)):
     """Draw a plane of blurred noise that is sharp at a slope."""
-    texture = gaussian_filter(rng.normal(size=[n + 80 for n in shape]), 2)
+    texture = gaussian_filter(rng.normal(size=[n + 40 for n in shape]), 2)
     texture = (texture - texture.min()) / np.ptp(texture)
     moved = [
         [shift(texture, (slope * v, slope * u), order=3) for u in centred(views[1])]
         for v in centred(views[0])
     ]
-    return np.array(moved)[:, :, 40:-40, 40:-40].clip(0, 1).astype(np.float32)
+    return np.array(moved)[:, :, 20:-20, 20:-20].clip(0, 1).astype(np.float32)
 
 
 def save(folder, names, views):
@@ -124,11 +124,11 @@ def test_a_missing_position_is_named(tmp_path, rng):
 def in_a_row(rng, count, slope=0.6, axis=1):
     """Draw views along one row, or one column, with the numbers 0, 1 ..."""
     shape = (count, 1) if axis == 0 else (1, count)
-    return textured(rng, slope, views=shape, shape=(90, 110)).reshape(count, 90, 110)
+    return textured(rng, slope, views=shape, shape=(60, 72)).reshape(count, 60, 72)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("count", [4, 9, 16, 25])
+@pytest.mark.parametrize("count", [4, 25])
 def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):
     views = in_a_row(rng, count, axis=axis)
     stored = np.rint(255 * views).astype(np.uint8)
@@ -143,12 +143,12 @@ def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):
                 read_light_field(tmp_path / name, order=order, axes=axes)
         grid = (count, 1) if axis == 0 else f"1x{count}"
         light_field = read_light_field(tmp_path / name, grid=grid, axes=axes)
-        assert light_field.views.shape == ((count, 1) if axis == 0 else (1, count)) + (90, 110)
+        assert light_field.views.shape == ((count, 1) if axis == 0 else (1, count)) + (60, 72)
     found = find_sharpest_slope(light_field, np.arange(-1, 1.01, 0.1))
     assert found.slope == pytest.approx(0.6, abs=0.02)
 
 
-@pytest.mark.parametrize("count", [4, 9, 25])
+@pytest.mark.parametrize("count", [4, 9])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_row_of_slanted_stripes_is_no_square(rng, count, axis):
     """Where gradients down and right go together, rows and columns seem alike."""
@@ -176,7 +176,7 @@ def as_a_snake(views, order):
     return np.concatenate([line[::-1] if k % 2 else line for k, line in enumerate(lines)])
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (4, 4), (5, 5), (3, 5), (4, 3)])
+@pytest.mark.parametrize("shape", [(2, 2), (4, 4), (3, 5), (4, 3)])
 @pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
 def test_rows_that_turn_back_are_found(tmp_path, rng, shape, order):
     views = np.rint(255 * textured(rng, 0.6, views=shape)).astype(np.uint8)
@@ -206,14 +206,14 @@ def test_a_snake_is_said_and_holds_for_the_dark_image(tmp_path, rng):
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("count", [9, 16, 25])
+@pytest.mark.parametrize("count", [9, 16])
 def test_what_does_not_tell_is_no_snake(rng, count):
     for views in (rng.normal(size=(count, 60, 60)), np.ones((count, 60, 60)), in_a_row(rng, count)):
         with pytest.raises(InputError, match="shows no"):
             fold(views, "views")
 
 
-@pytest.mark.parametrize("side", [2, 3, 5])
+@pytest.mark.parametrize("side", [2, 3])
 @pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
 def test_a_square_with_one_running_number_is_found(tmp_path, rng, side, order):
     views = np.rint(255 * textured(rng, 0.6, views=(side, side))).astype(np.uint8)
@@ -535,7 +535,7 @@ def test_floats_stay_as_they_are(tmp_path, rng):
 SHAPES = st.tuples(*[st.integers(1, 3)] * 2, *[st.integers(1, 8)] * 2, st.sampled_from([0, 1, 3]))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(SHAPES, st.sampled_from([8, 16]), st.integers(0, 2**32))
 def test_a_folder_comes_back(tmp_path_factory, shape, bits, seed):
     *shape, channels = shape

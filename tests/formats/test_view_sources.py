@@ -170,7 +170,7 @@ def test_a_list_places_any_names(tmp_path, rng):
     np.testing.assert_array_equal(found.weights, weights)
     np.testing.assert_array_equal(found.views[weights > 0], views[weights > 0] / np.float32(255))
     assert "3 x 4 views, top left IMG_0.png, bottom right" in scan_view_folder(path).describe()
-    with pytest.raises(InputError, match="lists 3 x 4 views, not the 4 x 3 of the grid stated"):
+    with pytest.raises(InputError, match="grid of 4 x 3 views does not fit .*, of 3 x 4"):
         read_light_field(path, grid="4x3")
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from lf_flame import InputError, LightField
 from lf_flame.viewer import coded_views
-from lf_flame.viewer.coded_views import encode_views
-from lf_flame.viewer.exhibit import cut_into_pieces, piece_bytes
+from lf_flame.viewer.coded_views import cut_into_pieces, encode_views, piece_bytes
 
 
 @pytest.mark.parametrize(("bits", "kind"), [(8, np.uint8), (16, np.uint16)])

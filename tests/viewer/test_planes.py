@@ -21,7 +21,7 @@ from lf_flame.viewer.page import single_page
 from lf_flame.viewer.planes import PlaneMaker, parse_plane
 from lf_flame.viewer.server import ViewerServer
 
-SHAPES = [(9, 9, 20, 31), (3, 6, 24, 16, 3)]
+SHAPES = [(9, 9, 14, 23), (3, 6, 12, 10, 3)]
 
 APERTURES = [
     {"shape": "square", "width": 1.0},
@@ -83,7 +83,7 @@ def test_planes_are_those_of_the_engine(opened, make_exhibit, rng, shape):
         aperture = {"ring": 0, "centre": [0, 0], **aperture}
         tab.set(**aperture, slope=slope)
         weights = aperture_weights(shape[:2], **aperture)
-        image = shift_and_sum(exhibit.light_field.views.astype(float), [slope], weights=weights)[0]
+        image = shift_and_sum(exhibit.light_field.views, [slope], weights=weights)[0]
         np.testing.assert_allclose(tab.read(image.shape), image, atol=1e-5)
         assert np.abs(tab.canvas() - levels_of(image)).max() <= 1
     assert len(planes_asked(tab)) == 1 + len(APERTURES)
@@ -172,8 +172,8 @@ def test_the_copied_command_gives_the_picture_shown(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("brightness", [1.0, 3.7])
-def test_a_network_shows_what_the_command_makes(opened, system_runs, tmp_path, rng, brightness):
+def test_a_network_shows_what_the_command_makes(opened, system_runs, tmp_path, rng):
+    brightness = 3.7  # networks take values from 0 to 1
     run = tmp_path / "it's a run"
     run.symlink_to(system_runs / "refocusnet")
     network = load_system(run)

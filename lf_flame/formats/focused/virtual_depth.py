@@ -11,7 +11,7 @@ from scipy import ndimage
 from lf_flame.formats.focused._kernels import match
 from lf_flame.formats.focused.lenslets import Array, FocusedLenslets
 from lf_flame.formats.focused.levelling import levelled
-from lf_flame.formats.raw.decode_plan import as_image
+from lf_flame.formats.raw.sensor_images import as_image
 
 STEEPEST = 0.55
 """Largest inverse virtual depth that is tried. Above 0.5 no place is seen by two lenslets whole."""

@@ -1,6 +1,8 @@
 """The plan by which raw lenslet images of one camera are resampled into views.
 
 It is made once for a grid, a white and a dark image, and then decodes any number of frames.
+Micro-image pixels stay in sensor order, not flipped (`lf_flame.lightfield`). The rows and columns
+of views follow the array, so that a rotation of the array against the sensor is removed.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from lf_flame.formats.raw.black_level import note_on_black
 from lf_flame.formats.raw.colour_pattern import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.resampling import Resampling
+from lf_flame.formats.raw.sensor_images import as_image, fitting, less_dark
 from lf_flame.formats.raw.white_views import (
     bright_parts,
     counted_views,
@@ -82,7 +85,6 @@ class DecodePlan:
         because each contains the sensor's black level. Default: black is 0.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
         Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic.
-
     saturation : float, optional
         Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
         10, 12, 14 or 16 bits, if ten pixels or more are there.
@@ -127,9 +129,7 @@ class DecodePlan:
         self.views = views = _count_views(grid, views)
         self._resampling = Resampling(grid, self.shape, views, self.bayer)
         step = self._resampling.step
-        self._black = (
-            None if dark is None else _fitting(dark, "dark", self.shape).astype(np.float32)
-        )
+        self._black = None if dark is None else fitting(dark, "dark", self.shape).astype(np.float32)
         light = None if white is None else less_dark(white, self._black, "white")
         self._refuse_mosaic(light, "white")
         self._bad = find_bad_pixels(light, self._black, grid, step)
@@ -137,7 +137,7 @@ class DecodePlan:
         self._gain, self._flat, bright = None, None, None
         lit = even = np.ones((views, views), bool)
         if white is not None and light is not None:
-            flat = self._mended(_fitting(white, "white", self.shape))
+            flat = self._mended(fitting(white, "white", self.shape))
             parts = self._resampling(flat, self._black, square=False)
             lit, bright = lit_views(parts), self._resampling.joined(bright_parts(parts))
             if self.bayer is not None:
@@ -250,48 +250,6 @@ class DecodePlan:
     def _refuse_mosaic(self, image: np.ndarray | None, name: str) -> None:
         if self.bayer is None and image is not None:
             refuse_mosaic(image, self.grid, name)
-
-
-def as_image(image: ArrayLike, name: str) -> np.ndarray:
-    """Check an image and give it as contiguous (rows, columns, channels)."""
-    image = np.asarray(image)
-    if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "uif":
-        raise InputError(
-            f"A {name} lenslet image must be grey or coloured, (rows, columns[, channels]), "
-            f"got an array of shape {image.shape} and type {image.dtype}."
-        )
-    bad = 0 if image.dtype.kind != "f" else np.count_nonzero(~np.isfinite(image))
-    if bad:
-        raise InputError(
-            f"A {name} lenslet image must be finite, got {bad} NaN or infinite pixels."
-        )
-    if image.dtype not in (np.uint8, np.uint16):
-        image = image.astype(np.float32, copy=False)
-    return np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
-
-
-def _fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Check a white or dark image, which may be grey where the raw images are coloured."""
-    image = as_image(image, name)
-    if image.shape not in ((*shape, 1)[:3], (*shape[:2], 1)):
-        raise InputError(
-            f"The {name} image must have the raw image's shape {shape}, got {image.shape}."
-        )
-    return image
-
-
-def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray:
-    """Subtract a dark image, which may be grey; gives (rows, columns, channels).
-
-    Raises
-    ------
-    InputError
-        If one is not an image, or their rows and columns differ.
-    """
-    image = as_image(image, name)
-    if dark is None:
-        return image
-    return image - _fitting(dark, "dark", image.shape).astype(np.float32)
 
 
 def _count_views(grid: LensletGrid, views: int | None) -> int:

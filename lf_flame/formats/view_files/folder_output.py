@@ -21,10 +21,8 @@ def write_view_folder(
         Values from 0 to 1, unless written as floats; grey, or with 1 or 3 channels.
     folder : str or Path
         A new or an empty folder. It appears when all views are written.
-    bits : int, optional
-        Number of bits: 8 or 16; 32 for floats.
-    linear : bool, optional
-        Whether values are linear in radiance; an 8-bit PNG then states it.
+    bits, linear : optional
+        As in `write_light_field`.
 
     Raises
     ------

@@ -62,6 +62,15 @@ def turned_round(order: str) -> str:
     return ",".join([*snake, *turned])
 
 
+def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
+    """Refuse a stated number of rows and columns, if there is one, that a source does not hold."""
+    if stated not in (None, found):
+        raise InputError(
+            f"A grid of {stated[0]} x {stated[1]} views does not fit {source}, of {found[0]} x "
+            f"{found[1]}."
+        )
+
+
 def as_grid(grid: Grid | str | None) -> Grid | None:
     """Read rows and columns of views, if they are given; see `read_grid`."""
     return None if grid is None else read_grid(grid, "grid")

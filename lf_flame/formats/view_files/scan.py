@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.input_files import File
-from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.folder import ViewFolder, check_view_memory
 from lf_flame.formats.view_files.names import grid_of, number_grid
-from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_order
+from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_grid, check_order
 from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, fold
 from lf_flame.formats.view_files.positions import (
     Pair,
@@ -86,7 +85,8 @@ def scan_view_folder(
         listed = read_list(path)
         if shape is None and off_grid(list(listed)):
             return _placed_folder(path, list(listed.values()), list(listed), order, left_out)
-        numbered, missing = _listed_grid(path, listed, shape)
+        numbered, missing = grid_of(list(listed.values()), list(listed), path)
+        check_grid(shape, numbered.shape, path)
     else:
         files, left_out = find_files(path)
         placed = pairs_off_grid(files) if shape is None else None
@@ -102,19 +102,6 @@ def scan_view_folder(
     else:
         found = FoundOrder(check_order(order), "as stated")
     return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
-
-
-def _listed_grid(
-    path: Path, listed: dict[Pair, File], shape: Grid | None
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Arrange the files of a list by rows and columns, and name the views that are missing."""
-    numbered, missing = grid_of(list(listed.values()), list(listed), path)
-    if shape not in (None, numbered.shape):
-        raise InputError(
-            f"{path} lists {numbered.shape[0]} x {numbered.shape[1]} views, not the "
-            f"{shape[0]} x {shape[1]} of the grid stated."
-        )
-    return numbered, missing
 
 
 def _placed_folder(
