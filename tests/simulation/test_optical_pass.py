@@ -126,7 +126,7 @@ def test_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, mo
 def opened(camera, rays, *stops):
     """Light of every pixel of a white field behind some round stops, (distance, diameter)."""
     planes = slice_scene(WHITE, {}, absorption=False, dimming=set())
-    image = blank_image(camera, "views", np.float64)
+    image = blank_image(camera, "views")
     optics = OpticalPass(camera, stops=tuple((distance, d / 2) for distance, d in stops))
     trace(planes, optics, "views", rays, image)
     return image / 0.8

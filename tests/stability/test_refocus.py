@@ -97,7 +97,7 @@ def test_search_does_not_depend_on_the_brightness(exponent):
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_slope_maps_do_not_depend_on_the_brightness(rng, channels):
     """Squares of 5e36 are beyond float32; a map that takes them finds no edges, with a warning."""
-    texture = rng.uniform(size=(24, 30, *channels))
+    texture = rng.uniform(size=(24, 30, *channels)).astype(np.float32)
     views = np.array([[np.roll(texture, (-v, -u), (0, 1)) for u in range(3)] for v in range(3)])
     slopes = np.linspace(-2, 2, 9)
     brighter = np.ldexp(views, 122)
