@@ -42,7 +42,7 @@ def light_fields(draw, shapes=SHAPES, types=TYPES):
     interpolation=st.sampled_from(["nearest", "linear", "cubic"]),
     seed=st.none() | st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_shift_and_sum_equals_its_plain_twin(views, slope, interpolation, seed):
     """Type, strides, shape, weights, slope and interpolation at random."""
     weights = None

@@ -84,7 +84,7 @@ CASES = {
     "shrunk": Case([glow()], {"lenslet_pitch_error": -0.02}),
     "colour": Case([glow()], COLOUR, tolerance=4e-3, rays=None),
     "occlusion, round, rim": Case([glow(10.0), net(-5.0)], ROUND | RIM, rays=80),
-    "occlusion, turned": Case([glow(10.0), net(-5.0)], TURNED, rays=120, allowed=1e-3),
+    "occlusion, turned": Case([glow(10.0), net(-5.0)], TURNED, rays=100, allowed=1e-3),
     # Without rays cos^4 is that of the whole pixel, whatever part of it sees the light.
     "occlusion, falloff": Case([glow(10.0), net(-5.0)], FALLOFF, rays=None, allowed=3e-3),
     "absorption, stretched": Case(

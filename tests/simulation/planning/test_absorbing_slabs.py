@@ -14,7 +14,7 @@ from lf_flame.simulation.slabs import slab_edges, slice_scene
 CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(12, 14))
 SQUARED = np.square(np.mgrid[-1:1:40j, -1:1:40j]).sum(axis=0)
 FLAME = np.exp(-4 * SQUARED)
-STEPS = 1000
+STEPS = 2000
 """Of the integration through a layer."""
 
 

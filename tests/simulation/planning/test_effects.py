@@ -191,7 +191,7 @@ def largest_change(scene, camera, states, bound, tolerance):
         change = np.abs(images[0] - images[1]).max() / peak
         pairs = zip(images, before, strict=False)
         error = sum(np.abs(one - other).max() / peak for one, other in pairs)
-        if change <= bound or (count and count >= 180 and change <= bound + error):
+        if change <= bound or (count and count >= 60 and change <= bound + error):
             break
         before = images
     return change, error
