@@ -96,7 +96,7 @@ def test_several_maps_and_colour_keep_their_order(rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["u1", "u2", "i2", "i8", "f2", "f4", ">f4", "f8", "bool"])
+@pytest.mark.parametrize("dtype", ["u1", "i8", "f2", ">f4", "bool"])
 def test_pixels_of_any_type_and_layout_are_read(dtype, rng):
     views = rng.integers(0, 200, size=(3, 3, 8, 9)).astype(dtype)
     slopes = rng.uniform(-2, 2, size=(8, 9))

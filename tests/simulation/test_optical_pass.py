@@ -153,23 +153,6 @@ def test_two_stops_that_cut_opposite_sides_leave_what_is_between(distance_mm, di
     np.testing.assert_allclose(coarse, fine, atol=0.0075)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("error", [0.01, -0.02])
-def test_a_stretched_array_behind_a_card_is_exact_too(small_camera, rng, error):
-    """Parts of pixels, cut into polygons, against many rays."""
-    camera = replace(small_camera, lenslets=(3, 60), lenslet_pitch_error=error)
-    layers = [
-        Layer(rng.uniform(size=(5, 30)), 15.0, (1.2, 9.0)),
-        Layer([[0.3, 0.0]], -10.0, (0.5, 2.0), (0.1, -2.2), opaque=True, coverage=[[1.0, 0.4]]),
-    ]
-    exact = render(Scene(layers), camera)
-    assert exact.plan.integrator == "exact"
-    assert exact.plan.kept >= {"occlusion", "lenslet_pitch_error"}
-    rays = render(Scene(layers), camera, integrator="rays", rays=100).views
-    np.testing.assert_allclose(rays, exact.views, atol=2e-3)
-    assert np.sqrt(np.mean((rays - exact.views) ** 2)) < 4e-4
-
-
 def test_a_rim_at_the_main_lens_that_cuts_nothing_leaves_the_square_aperture(small_camera):
     """It lets no light of neighbours in that the square aperture keeps out."""
     camera = replace(small_camera, rim_diameter_mm=300.0, lenslet_rotation_rad=0.01)

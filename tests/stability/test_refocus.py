@@ -121,14 +121,13 @@ def test_refocusing_scales_with_the_brightness(rng):
     assert np.all(np.isinf(naive))
 
 
-@pytest.mark.slow
 def test_means_over_many_views_keep_their_digits():
-    """Naive: a running sum in float32 over 40,000 views."""
+    """Naive: a running sum in float32 over 10,000 views."""
     value = np.float32(0.1)
-    views = np.full((200, 200, 3, 3), value)
+    views = np.full((100, 100, 3, 3), value)
     for refocus in (shift_and_sum, fourier_refocus):
         assert np.abs(refocus(views, 0.5).astype(float) / value - 1).max() <= 2 * UNIT32
-    naive = np.cumsum(views[..., 0, 0].ravel(), dtype=np.float32)[-1] / np.float32(40_000)
+    naive = np.cumsum(views[..., 0, 0].ravel(), dtype=np.float32)[-1] / np.float32(10_000)
     assert abs(naive / value - 1) > 100 * 2 * UNIT32
 
 
