@@ -41,7 +41,7 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
         Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
     """
     in_front, behind = split_planes(planes)
-    none = tuple(np.zeros(shape, bool) for shape in (out.shape[::2], out.shape[1::2]))
+    none = np.zeros(out.shape[::2], bool), np.zeros(out.shape[1::2], bool)
     for neighbour in optics.lit_neighbours():
         through = replace(optics, neighbour=neighbour)
         _integrate_open(in_front, through, layout, none, out)
