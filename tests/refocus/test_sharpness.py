@@ -428,7 +428,9 @@ def test_more_slopes_than_have_room_give_the_same_bits(rng, monkeypatch):
         np.testing.assert_array_equal(one.sharpness, other.sharpness)
 
 
-@pytest.mark.parametrize(("tiles", "count"), [((1, 1), 21), ((9, 18), 11)])
+@pytest.mark.parametrize(
+    ("tiles", "count"), [((1, 1), 21), pytest.param((9, 18), 11, marks=pytest.mark.slow)]
+)
 def test_a_search_needs_no_more_memory_than_the_light_field(tiles, count, rng, monkeypatch):
     monkeypatch.setattr(semblance_sums, "MEMORY", 0.0)  # so that a small one will do
     views = planted(rng.uniform(size=(90, 180)), 0.0, (15, 15)).astype(np.float32)

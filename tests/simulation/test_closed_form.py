@@ -42,6 +42,7 @@ def test_layers_that_add_are_those_of_the_exact_integrator(small_camera, rng):
     np.testing.assert_allclose(closed_form(scene, small_camera), exact, rtol=2e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_hidden_light_is_that_of_both_tracers(small_camera, rng):
     """Backward and forward rays know nothing of strips and their areas."""

@@ -105,7 +105,6 @@ def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
     [
         (10, 0.0, 3.0, 3.0, 2e-3),
         pytest.param(10, 5.0, 3.0, 3.0, 2e-3, marks=pytest.mark.slow),
-        (10, 8.0, 1.0, 5.0, 1e-2),
         (3, 2.0, 3.0, 4.0, 2e-3),
     ],
 )
