@@ -57,7 +57,7 @@ def sum_lines(
     merged = np.zeros((len(taps) + block - 1, *first.shape))
     for j, tap in enumerate(taps):
         merged[j : j + block] += tap / block
-    weights = shares[..., None] * merged.T[:, None]
+    weights = np.multiply(shares[..., None], merged.T[:, None], order="C")
     return LineSums(first.T.copy(), weights, block)
 
 

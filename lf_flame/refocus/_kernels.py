@@ -55,12 +55,9 @@ def _fill(line, start, stop, step, value):
             line[s] = value
 
 
-def _link(numbers, v, n, i):
+def _link(row):
     """CHAIN numbers as a tuple, which the compiler keeps in registers."""
-    return (
-        numbers[v, n, i, 0], numbers[v, n, i, 1], numbers[v, n, i, 2], numbers[v, n, i, 3],
-        numbers[v, n, i, 4], numbers[v, n, i, 5], numbers[v, n, i, 6], numbers[v, n, i, 7],
-    )  # fmt: skip
+    return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
 
 
 def _sum_views(lines, first, weight, part):
@@ -85,7 +82,7 @@ def _sum_views_twice(lines, first, weight, other, this, that):
 
 
 def _sum_row(lines, at, weights, v, n, channels, parts, total):
-    """Sum a row of views: ``weights[j][v, n, i, k] * lines[at[v, n, i, k] + j * channels + s]``.
+    """Sum a row of views: ``weights[j, v, n, i, k] * lines[at[v, n, i, k] + j * channels + s]``.
 
     The sum is over i, j, k. Tap j of all views is summed in a separate line, which is added to
     total[s] with its offset at the end.
@@ -94,16 +91,15 @@ def _sum_row(lines, at, weights, v, n, channels, parts, total):
     for s in range(total.size):
         total[s] = 0.0
     for i in range(at.shape[2]):
-        first = link(at, v, n, i)
+        first = link(at[v, n, i])
         for j in range(0, len(weights) - 1, 2):
-            sum_views_twice(
-                lines, first, link(weights[j], v, n, i), link(weights[j + 1], v, n, i), near, far
-            )
-            one, two = np.uint64(j * channels), np.uint64((j + 1) * channels)
+            one, other = link(weights[j, v, n, i]), link(weights[j + 1, v, n, i])
+            sum_views_twice(lines, first, one, other, near, far)
+            start, next_start = np.uint64(j * channels), np.uint64((j + 1) * channels)
             for s in range(np.uint64(total.size)):
-                total[s] += np.float64(near[one + s]) + np.float64(far[two + s])
+                total[s] += np.float64(near[start + s]) + np.float64(far[next_start + s])
         if len(weights) == 1:
-            sum_views(lines, first, link(weights[0], v, n, i), near)
+            sum_views(lines, first, link(weights[0, v, n, i]), near)
             for s in range(np.uint64(total.size)):
                 total[s] += near[s]
 
@@ -126,7 +122,7 @@ def _shift_and_sum(
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
     reach: number of pixels that the taps read beyond a block of columns.
     used[v, u]: whether a view has a weight above 0.
-    at[v, n, i, k], weights[j][v, n, i, k]: position of tap 0 of view (i, k) in the padded lines of
+    at[v, n, i, k], weights[j, v, n, i, k]: position of tap 0 of view (i, k) in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
     sums[g, n, t, s]: room for the sums of each group of rows of views.
@@ -143,9 +139,9 @@ def _shift_and_sum(
         group, start = k % groups, k // groups * breadth
         size = min(breadth, width - start)
         block = np.zeros((slopes, height, size))
-        lines = np.zeros(columns * padded, weights[0].dtype)
-        parts = np.empty(wide, weights[0].dtype), np.empty(wide, weights[0].dtype)
-        total, probe = np.empty(size), np.zeros(padded, weights[0].dtype)
+        lines = np.zeros(columns * padded, weights.dtype)
+        parts = np.empty(wide, weights.dtype), np.empty(wide, weights.dtype)
+        total, probe = np.empty(size), np.zeros(padded, weights.dtype)
         for v in range(group * rows // groups, (group + 1) * rows // groups):
             if not is_used(used, v):
                 continue

@@ -58,8 +58,8 @@ def _bring_to_level(level, down, start, height, row):
 
 
 def _compare_views(
-    queue, some, rows, down, down_weights, across, across_weights, shifts_down, shifts_across,
-    limit, middles, out,
+    queue, some, rows, down, down_weights, across, across_weights, reach, shifts_down,
+    shifts_across, limit, middles, out,
 ):  # fmt: skip
     """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
 
@@ -67,14 +67,12 @@ def _compare_views(
 
     some: `lf_flame.refocus.matching.WeightedViews`.
     down[v], across[u]: shift of tap 0; down_weights[v, a], across_weights[u, b]: weights of taps.
+    reach: largest number of lenslets that any tap reads beyond a row.
     shifts_down[v], shifts_across[u]: whole shifts of the views.
     limit: largest absolute difference that counts.
     """
     views, height = some.views, some.height
     width = views.shape[3]
-    reach = TAPS
-    for start in across:
-        reach = max(reach, abs(start) + TAPS)
     for i in pieces(queue, rows.size):
         line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
         middle, row = middles[i], np.empty(TAPS, np.int64)

@@ -29,6 +29,7 @@ from scipy.ndimage import gaussian_filter1d
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels
+from lf_flame.refocus._matching_kernels import TAPS
 from lf_flame.refocus.grey_views import GreyViews, reach_of
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
@@ -243,7 +244,8 @@ class ComparedViews:
         shifts = (slope * centred(n) for n in views.shape[:2])
         _matching_kernels.compare_views(
             self.weighted(window), rows, down, (self.unit * down_weights).astype(np.float32),
-            across, across_weights.astype(np.float32), *shifts, np.float32(limit), middle, out,
+            across, across_weights.astype(np.float32), int(np.abs(across).max()) + TAPS, *shifts,
+            np.float32(limit), middle, out,
         )  # fmt: skip
         return out, middle
 

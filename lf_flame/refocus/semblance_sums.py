@@ -196,7 +196,7 @@ class SemblanceSums:
     def _add_energies(self, v: int, energies: np.ndarray) -> None:
         """Add the energies of row v, [t, u s]."""
         by_row = self._by_row[..., v, :].reshape(len(self._row_sums), -1)  # [n m i, t]
-        _semblance_kernels.add_product(by_row, energies, self._row_sums)
+        _semblance_kernels.add_product(np.ascontiguousarray(by_row), energies, self._row_sums)
 
     def _add_spectra(self, v: int, spectra: np.ndarray) -> None:
         """Add the spectra of row v, [k_s, u, k_t]."""

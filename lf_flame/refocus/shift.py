@@ -123,7 +123,7 @@ class ShiftPlan(NamedTuple):
         farthest reach of any tap.
     at : ndarray of uint64, shape (v, n, chain, link)
         Position of tap 0 of each view in the padded lines of its row of views.
-    weights : tuple of ndarray of float32 or float64, one for each tap, shape (v, n, chain, link)
+    weights : ndarray of float32 or float64, shape (tap, v, n, chain, link)
         Weight of the tap times that of the view, scaled row by row; 0 in links without a view.
     down : ndarray of int64, shape (v, n)
         Row that tap 0 of a row of views reads for row 0 of the image.
@@ -136,7 +136,7 @@ class ShiftPlan(NamedTuple):
     used: np.ndarray
     reach: int
     at: np.ndarray
-    weights: tuple[np.ndarray, ...]
+    weights: np.ndarray
     down: np.ndarray
     down_weights: np.ndarray
     groups: int
@@ -231,9 +231,7 @@ def _next_multiple(length: int, multiple: int) -> int:
     return -(-length // multiple) * multiple
 
 
-def _chain(
-    used: np.ndarray, at: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+def _chain(used: np.ndarray, at: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Arrange the views above weight 0 in chains.
 
     Parameters
@@ -245,7 +243,7 @@ def _chain(
     Returns
     -------
     at : ndarray of uint64, shape (v, n, chain, link)
-    weights : tuple of ndarray of float, one for each tap, shape (v, n, chain, link)
+    weights : ndarray of float, shape (tap, v, n, chain, link)
     """
     rows, columns = used.shape
     taps, slopes = len(weights), at.shape[2]
@@ -258,4 +256,4 @@ def _chain(
     linked = np.take_along_axis(weights, links[None, :, :, None], axis=2)
     chained[..., : links.shape[1]] = np.swapaxes(linked, 2, 3)
     shape = (rows, slopes, -1, _kernels.CHAIN)
-    return chained_at.reshape(shape), tuple(chained.reshape(taps, *shape))
+    return chained_at.reshape(shape), chained.reshape(taps, *shape)

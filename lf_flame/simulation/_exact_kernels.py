@@ -67,23 +67,16 @@ def _integrate_columns(queue, texture, start, weight, first, last, out):
                 out[row, b, d] = light
 
 
-def _both(shaded, a, c, b, d):
-    """Whether a pixel is marked along y and along x; without marks, none is."""
-    if shaded is None:
-        return False
-    rows, columns = shaded
-    return rows[a, c] and columns[b, d]
-
-
 def _integrate_rows(queue, columns, start, weight, falloff, seen, first, last, shaded, out):
     """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
 
     columns[row, b, d]: the planes' textures, integrated along x, one below the other.
     start[p, a, c], weight[p, a, c, i]: first row and weights of the band in plane p.
     seen[p, a, c], first[p, b], last[p, b]: the pixels along y and x that can see plane p.
-    shaded: None, or [a, c] and [b, d]; pixels for which both are true are left as they are.
+    shaded: marks [a, c] and [b, d]; pixels with both are left as they are.
     """
     planes, groups, lines, band = weight.shape
+    shaded_rows, shaded_columns = shaded
     for k in pieces(queue, groups * lines):
         a, c = k // lines, k % lines
         total = np.empty(columns.shape[2])
@@ -104,12 +97,11 @@ def _integrate_rows(queue, columns, start, weight, falloff, seen, first, last, s
                         for d in range(inside.size):
                             inside[d] += w * cells[d]
             for d in range(low, high):
-                if not both(shaded, a, c, b, d):
+                if not (shaded_rows[a, c] and shaded_columns[b, d]):
                     out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
 
 
 trapezoid_cdf = njit(_trapezoid_cdf)
-both = njit(_both)
 
 weigh_bands = njit(cache=True)(_weigh_bands)
 integrate_columns = shared(_integrate_columns)

@@ -41,16 +41,17 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
         Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
     """
     in_front, behind = split_planes(planes)
+    none = np.zeros(out.shape[::2], bool), np.zeros(out.shape[1::2], bool)
     for neighbour in optics.lit_neighbours():
         through = replace(optics, neighbour=neighbour)
-        _integrate_open(in_front, through, layout, None, out)
+        _integrate_open(in_front, through, layout, none, out)
         if behind:
             shaded = find_shaded(behind, through, layout)
             _integrate_open(behind, through, layout, shaded, out)
             integrate_polygons(behind, through, layout, shaded, out)
 
 
-def _integrate_open(planes, optics, layout: str, shaded: Shaded | None, out: np.ndarray) -> None:
+def _integrate_open(planes, optics, layout: str, shaded: Shaded, out: np.ndarray) -> None:
     """Add planes whose light only adds, except where pixels are shaded."""
     batch: list[Plane] = []
     used = 0
@@ -65,7 +66,7 @@ def _integrate_open(planes, optics, layout: str, shaded: Shaded | None, out: np.
         _integrate_batch(batch, optics, layout, shaded, out)
 
 
-def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np.ndarray) -> None:
+def _integrate_batch(planes, optics, layout: str, shaded: Shaded, out: np.ndarray) -> None:
     bands = [
         [[arrange(part, layout) for part in bundle_bands(p, optics, axis)] for p in planes]
         for axis in (0, 1)
@@ -133,11 +134,12 @@ def band_weights(
     """
     cells, cell_mm = len(edges_mm) - 1, edges_mm[1] - edges_mm[0]
     band = int(min(cells, np.ceil((lenslet_mm + np.max(pixel_mm)) / cell_mm) + 1))
-    widths = np.broadcast_to(np.asarray(pixel_mm, float), centres_mm.shape)
+    # Arrays of their own: Numba compiles once more for each that is read-only.
+    centres, widths = np.array(centres_mm), np.full(centres_mm.shape, pixel_mm, float)
     start = np.empty(centres_mm.shape, np.int64)
     weights = np.empty((*centres_mm.shape, band))
     _exact_kernels.weigh_bands(
-        edges_mm, centres_mm.ravel(), float(lenslet_mm), widths.ravel(), start.ravel(),
+        edges_mm, centres.ravel(), float(lenslet_mm), widths.ravel(), start.ravel(),
         weights.reshape(-1, band),
     )  # fmt: skip
     return start, weights

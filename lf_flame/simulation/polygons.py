@@ -150,7 +150,7 @@ def bundles_on(planes: list[Plane], optics: OpticalPass, axis: int) -> Bundles:
         pixel_mm = footprint.pixel_width_mm * optics.defocus
         widths.append((footprint.lenslet_width_mm / cell_mm, pixel_mm / cell_mm))
         counts.append(edges.size - 1)
-    lenslet, pixel = np.array(widths).T
+    lenslet, pixel = np.array(widths).T.copy()  # contiguous for any number of planes: one kernel
     lit = lit if optics.square_micro_images else np.ones_like(lit)
     return Bundles(np.stack(middles, axis=-1), lenslet, pixel, np.array(counts), lit)
 
@@ -264,7 +264,7 @@ def expected_polygons(bundles: Bundles) -> float:
 def _plane_table(planes: list[Plane]) -> PlaneTable:
     """Put the cells of all planes into one table, each with a border in which there is nothing."""
     counts = np.array([plane.emission.shape for plane in planes])
-    height, width = counts.T
+    height, width = counts.T.copy()
     first = np.concatenate([[0], np.cumsum((height + 2) * (width + 2))[:-1]])
     emission = [np.pad(plane.emission, 1).ravel() for plane in planes]
     passes = [

@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,7 +19,7 @@ from lf_flame.optics.diffraction import (
     square_kernel,
 )
 
-KERNELS = {"square": square_kernel, "round": round_kernel}
+KERNELS = {"square": cache(square_kernel), "round": cache(round_kernel)}
 any_aperture = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS)
 
 
@@ -74,7 +76,7 @@ def test_round_kernel_of_a_small_spread_follows_the_light_outside(spread):
 
 @any_aperture
 @given(spread=st.floats(0, 32), tail=st.floats(0, 1))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_kernels_are_weights(kernel, spread, tail):
     weights = kernel(spread * 0.007, 0.007, tail)
     assert np.sum(weights) == pytest.approx(1, abs=1e-12)

@@ -101,7 +101,7 @@ def apertures(views):
     block=st.sampled_from([(1, 1), (3, 3), (4, 2), (12, 6)]),
     aperture=st.integers(0, 4),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_refocused_images_are_those_of_the_light_field(
     scene, camera, slopes, interpolation, block, aperture
 ):
@@ -122,7 +122,7 @@ def test_refocused_images_are_those_of_the_light_field(
     slopes=st.lists(SLOPES, min_size=1, max_size=2),
     block=st.sampled_from([(1, 1), (3, 3), (4, 2)]),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_aligned_views_are_those_of_the_light_field(scene, camera, slopes, block):
     last = camera.views - 1
     indices = [(0, last), (last // 2, last), (last, 0)]

@@ -78,18 +78,14 @@ def seen(texture, slope, views, size):
     return planted(texture, slope, views)[:, :, t : t + size[0], s : s + size[1]]
 
 
-@pytest.mark.parametrize(
-    "views", [(3, 3), (4, 6), (9, 9), pytest.param((15, 15), marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("views", [(3, 3), (4, 6), (9, 9)])
 @pytest.mark.parametrize("kind", TEXTURES)
 def test_planted_slopes_are_found(kind, views, rng):
     """Within 0.01, on the whole image, with noise of one per cent."""
-    for _ in range(2):
-        slope = rng.uniform(-2.5, 2.5)
-        size = (56, 64)
-        light_field = seen(TEXTURES[kind](rng, (96, 104)), slope, views, size)
-        light_field = light_field + 0.01 * rng.normal(size=light_field.shape)
-        assert find_sharpest_slope(light_field).slope == pytest.approx(slope, abs=0.01)
+    slope = rng.uniform(-2.5, 2.5)
+    light_field = seen(TEXTURES[kind](rng, (96, 104)), slope, views, (56, 64))
+    light_field = light_field + 0.01 * rng.normal(size=light_field.shape)
+    assert find_sharpest_slope(light_field).slope == pytest.approx(slope, abs=0.01)
 
 
 def test_light_that_enters_at_the_edges_does_not_move_the_peak(rng):
@@ -126,10 +122,9 @@ def test_whole_slopes_do_not_draw_the_peak(slope, rng):
     assert abs(naive - slope) > 0.015
 
 
-@pytest.mark.parametrize("texture", ["cells", "flame"])
-@pytest.mark.parametrize(("depth", "views"), [(17.0, 9), (-13.0, 9)])
-def test_rendered_layers_are_sharpest_at_the_slope_of_their_depth(texture, depth, views, rng):
-    camera = replace(PAPER_CAMERA, views=views, lenslets=(60, 72))
+@pytest.mark.parametrize(("texture", "depth"), [("cells", 17.0), ("flame", -13.0)])
+def test_rendered_layers_are_sharpest_at_the_slope_of_their_depth(texture, depth, rng):
+    camera = replace(PAPER_CAMERA, views=9, lenslets=(60, 72))
     if texture == "cells":
         layer = Layer(rng.uniform(size=(30, 40)), depth, (12.0, 16.0))  # larger than the field
     else:
@@ -160,7 +155,7 @@ def test_wide_steps_are_filled_in(rng):
     np.testing.assert_allclose(found.sharpness, fine.sharpness[::10], rtol=1e-4)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.int16, bool, np.float64])
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, bool])
 def test_colours_and_other_types_are_searched(kind, rng):
     grey = planted(band_limited(rng, (48, 48), 0.08), 0.77, (5, 5))
     views = grey > 0.5 if kind is bool else np.clip(200 * grey, 0, 255).round().astype(kind)
@@ -409,7 +404,7 @@ def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_pat
     code = (
         "import numpy as np; from lf_flame.scenes.dead_leaves import DeadLeaves;"
         "from lf_flame.refocus import find_sharpest_slope;"
-        "lf = DeadLeaves(slopes=(0.4, 0.6)).draw((7, 7), (120, 90), np.random.default_rng(2));"
+        "lf = DeadLeaves(slopes=(0.4, 0.6)).draw((5, 5), (60, 50), np.random.default_rng(2));"
         "found = find_sharpest_slope(lf); print(found.slope.hex(), found.sharpness.tobytes().hex())"
     )
     found = set()
@@ -433,7 +428,9 @@ def test_more_slopes_than_have_room_give_the_same_bits(rng, monkeypatch):
         np.testing.assert_array_equal(one.sharpness, other.sharpness)
 
 
-@pytest.mark.parametrize(("tiles", "count"), [((1, 1), 41), ((9, 18), 21)])
+@pytest.mark.parametrize(
+    ("tiles", "count"), [((1, 1), 21), pytest.param((9, 18), 11, marks=pytest.mark.slow)]
+)
 def test_a_search_needs_no_more_memory_than_the_light_field(tiles, count, rng, monkeypatch):
     monkeypatch.setattr(semblance_sums, "MEMORY", 0.0)  # so that a small one will do
     views = planted(rng.uniform(size=(90, 180)), 0.0, (15, 15)).astype(np.float32)

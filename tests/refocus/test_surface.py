@@ -96,7 +96,7 @@ def test_several_maps_and_colour_keep_their_order(rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["u1", "u2", "i2", "i8", "f2", "f4", ">f4", "f8", "bool"])
+@pytest.mark.parametrize("dtype", ["u1", "i8", "f2", ">f4", "bool"])
 def test_pixels_of_any_type_and_layout_are_read(dtype, rng):
     views = rng.integers(0, 200, size=(3, 3, 8, 9)).astype(dtype)
     slopes = rng.uniform(-2, 2, size=(8, 9))
@@ -218,7 +218,7 @@ def test_planar_slopes_count_from_the_middle():
     np.testing.assert_allclose(slopes[2, 0], 0.5 + 0.1 + 0.4)
 
 
-FLAT = np.ones((3, 3, 4, 5))
+FLAT = np.ones((3, 3, 4, 5), np.float32)
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,11 @@ FLAT = np.ones((3, 3, 4, 5))
         (lambda: refocus_surface(FLAT, 1.0), "4 x 5 lenslets"),
         (lambda: refocus_surface(FLAT, np.full((4, 5), np.nan)), "finite, got 20 NaN"),
         (lambda: refocus_surface(FLAT * np.nan, np.zeros((4, 5))), "finite, got 180 NaN"),
-        (lambda: refocus_surface(FLAT * 1e60, np.zeros((4, 5))), "the largest float32"),
+        pytest.param(
+            lambda: refocus_surface(FLAT * np.float64(1e60), np.zeros((4, 5))),
+            "the largest float32",
+            marks=pytest.mark.slow,  # compiles
+        ),
         (lambda: refocus_surface(FLAT, np.zeros((4, 5)), interpolation="sinc"), "got 'sinc'"),
         (lambda: refocus_surface(FLAT, np.zeros((4, 5)), weights=[1.0]), "weights must"),
         (lambda: planar_slopes((4, 0), 1.0), "two numbers of lenslets"),

@@ -31,10 +31,10 @@ def wall(slope=SLOPE, peak=0.0, size=(48, 56), seed=1):
     ):
         along = np.sin(angle) * t + np.cos(angle) * s
         waves = waves + 0.03 * np.cos(2 * np.pi * along / length + phase)
-    return waves
+    return waves.astype(np.float32)
 
 
-GAIN = (1 + 0.1 * STEPS + 0.04 * STEPS[:, None])[..., None, None] / 1.42
+GAIN = np.float32((1 + 0.1 * STEPS + 0.04 * STEPS[:, None])[..., None, None] / 1.42)
 """Gain of each view, as of an uneven pupil; views are divided by it."""
 
 

@@ -16,8 +16,6 @@ SHORT = replace(BASE, main_lens_focal_mm=20.0, focus_distance_mm=200.0, lenslets
 TINY = replace(BASE, views=3, lenslets=(8, 10))
 """For scenes of many slabs or colours."""
 
-SHORT_MATCHED = 20 * 200 / 180 * 0.112 / 0.4
-
 
 def glow(depth=6.0, size=(1.4, 1.7), centre=(0.05, -0.05), cells=(5, 6), seed=5, **matter):
     """A coarse texture, whose cells and edges every effect moves."""
@@ -64,7 +62,7 @@ class Case:
     allowed: float = 5e-4
 
 
-# Pairs whose two effects come together in a case of three are left out.
+# Pairs only of effects that meet in the code; all come together in one test below.
 CASES = {
     "defocus": Case([glow(10.0)], rays=None, allowed=1e-5),
     "in focus": Case([SHARP], rays=None, allowed=1e-5),
@@ -86,16 +84,9 @@ CASES = {
     "shrunk": Case([glow()], {"lenslet_pitch_error": -0.02}),
     "colour": Case([glow()], COLOUR, tolerance=4e-3, rays=None),
     "occlusion, round, rim": Case([glow(10.0), net(-5.0)], ROUND | RIM, rays=80),
-    "occlusion, turned": Case([glow(10.0), net(-5.0)], TURNED, rays=120, allowed=1e-3),
+    "occlusion, turned": Case([glow(10.0), net(-5.0)], TURNED, rays=100, allowed=1e-3),
     # Without rays cos^4 is that of the whole pixel, whatever part of it sees the light.
     "occlusion, falloff": Case([glow(10.0), net(-5.0)], FALLOFF, rays=None, allowed=3e-3),
-    "occlusion, falloff by rays": Case([glow(10.0), net(-5.0)], FALLOFF, rays=80, allowed=1e-3),
-    "occlusion, three surfaces": Case(
-        [glow(10.0), net(-5.0), net(4.0, (0.6, 0.7))], rays=80, allowed=1e-3
-    ),
-    "absorption, wide": Case(
-        [glow(10.0), glow(2.0, seed=6, sooty=True)], WIDE, rays=80, allowed=1e-3
-    ),
     "absorption, stretched": Case(
         [glow(10.0), glow(2.0, seed=6, sooty=True)], STRETCHED, rays=None, allowed=1e-5
     ),
@@ -103,32 +94,22 @@ CASES = {
         [glow(10.0), net(-5.0)], {"lenslet_pitch_error": -0.04}, rays=None, allowed=1e-5
     ),
     "thickness, rim": Case([glow(2.0, thickness_mm=4.0)], RIM, TINY, 0.01, 40),
-    "thickness, stretched": Case([glow(2.0, thickness_mm=4.0)], STRETCHED, TINY, 0.01, 40),
     "thickness, occlusion inside": Case(
         [glow(2.0, thickness_mm=3.0), net(2.5)], {}, TINY, 0.03, 60, allowed=8e-3
-    ),
-    "falloff, wide": Case(
-        [BROAD], FALLOFF | {"aperture_diameter_mm": 1.3 * SHORT_MATCHED}, SHORT, rays=80
     ),
     "falloff, stretched": Case([BROAD], FALLOFF | STRETCHED, SHORT),
     "falloff, turned": Case([BROAD], FALLOFF | {"lenslet_rotation_rad": 0.01}, SHORT),
     "round, rim": Case([glow()], ROUND | RIM),
-    "turned, round": Case([glow()], TURNED | ROUND),
     "turned, rim": Case([glow()], TURNED | RIM),
     "stretched, round": Case([glow()], STRETCHED | ROUND),
     "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.1} | WIDE),
-    "stretched, narrow": Case([glow()], STRETCHED | NARROW),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
     "colour, rim": Case([glow(cells=(2, 3))], COLOUR | RIM, TINY, 0.05, 40),
-    "colour, turned": Case([glow(cells=(2, 3))], COLOUR | TURNED, TINY, 0.05, 40),
     "one view": Case(
         [glow(3.0, cells=(2, 3))], ROUND, replace(BASE, views=1), rays=80, allowed=1e-3
     ),
-    "21 views": Case([glow(2.0)], TURNED | WIDE, replace(BASE, views=21, lenslets=(5, 6))),
-    "long, stretched": Case([BROAD], STRETCHED, replace(BASE, lenslets=(3, 200))),
     "long, turned": Case([BROAD], TURNED, replace(BASE, lenslets=(3, 200))),
     "long, white, stretched": Case([WHITE], STRETCHED | ROUND, replace(BASE, lenslets=(3, 200))),
-    "long, white, turned": Case([WHITE], TURNED | ROUND, replace(BASE, lenslets=(3, 200))),
     "small pixels, turned": Case([glow()], TURNED, replace(BASE, pixel_pitch_mm=0.016)),
     "diffraction": Case([glow()], {"wavelength_nm": 550.0}, rays=None, allowed=1e-3),
     "diffraction, small pixels": Case(
@@ -136,25 +117,13 @@ CASES = {
     ),
 }
 
-QUICK = {
-    "turned, round", "stretched, round", "falloff, wide", "occlusion, round, rim",
-    "long, stretched", "long, white, turned", "stretched, in focus",
-}  # fmt: skip
-"""Pairs that the quick suite runs too, beside all effects by themselves."""
-
-
-def cases():
-    for name in CASES:
-        marks = [pytest.mark.slow] if "," in name and name not in QUICK else []
-        yield pytest.param(name, id=name, marks=marks)
-
 
 def rendered(scene, camera, case):
     options = {"integrator": "rays", "rays": case.rays} if case.rays else {}
     return render(scene, camera, case.tolerance, **options).views.astype(float)
 
 
-def compared(case, count=30, rays=2**12):
+def compared(case, count=16, rays=2**12):
     """Difference from the tracer in some pixels, its standard error, and the brightest pixel."""
     scene, camera = Scene(case.layers), replace(case.camera, **case.changes)
     pixels = draw_pixels(camera, count, seed=len(case.layers) + camera.views)
@@ -164,7 +133,7 @@ def compared(case, count=30, rays=2**12):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(cases()))
+@pytest.mark.parametrize("name", CASES)
 def test_an_effect_is_right(name):
     case = CASES[name]
     difference, error, peak = compared(case)

@@ -4,21 +4,19 @@ import math
 
 import numpy as np
 import pytest
+from builders import OPTICS
 
 from lf_flame import Layer, PlenopticCamera, Scene, render
 from lf_flame.simulation.slabs import self_absorbed, slice_scene
 
-F, A0, FOCAL, PITCH = 150.0, 326.0, 0.4, 0.112
+F, A0, FOCAL, PITCH = OPTICS.values()
 I0 = F * A0 / (A0 - F)
 WIDE = (40.0, 40.0)
 
 
 def small(views=3, lenslets=(10, 12)):
     return PlenopticCamera(
-        main_lens_focal_mm=F,
-        focus_distance_mm=A0,
-        lenslet_focal_mm=FOCAL,
-        lenslet_pitch_mm=PITCH,
+        **OPTICS,
         views=views,
         lenslets=lenslets,
     )

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from builders import OPTICS
 
 from lf_flame import Layer, PlenopticCamera, Scene, Sensor, render
 
-F, A0, FOCAL, PITCH = 150.0, 326.0, 0.4, 0.112
+F, A0, FOCAL, PITCH = OPTICS.values()
 I0 = F * A0 / (A0 - F)
 
 
@@ -23,10 +24,7 @@ def test_the_main_lens_spreads_light_over_an_airy_disc():
     """First dark ring at 1.22 lambda N, 83.8 % of the light inside it, and none lost."""
     diameter, nm, lenslets = 0.16, 500.0, (81, 81)
     camera = PlenopticCamera(
-        main_lens_focal_mm=F,
-        focus_distance_mm=A0,
-        lenslet_focal_mm=FOCAL,
-        lenslet_pitch_mm=PITCH,
+        **OPTICS,
         views=3,
         lenslets=lenslets,
         aperture_diameter_mm=diameter,
@@ -58,10 +56,7 @@ def test_a_lenslet_spreads_light_as_a_square_aperture():
     nm, views, lenslets = 5000.0, 41, (5, 5)
     dot = 0.4  # the main lens, seen through a lenslet, is a fifth of a pixel
     camera = PlenopticCamera(
-        main_lens_focal_mm=F,
-        focus_distance_mm=A0,
-        lenslet_focal_mm=FOCAL,
-        lenslet_pitch_mm=PITCH,
+        **OPTICS,
         views=views,
         lenslets=lenslets,
         aperture_diameter_mm=dot,
@@ -99,10 +94,7 @@ EXPOSURE, READ = 4000.0, 12.0
 def recorded(level, sensor, seed, **off):
     """Electrons that the numbers of a white field stand for, of all pixels."""
     camera = PlenopticCamera(
-        main_lens_focal_mm=F,
-        focus_distance_mm=A0,
-        lenslet_focal_mm=FOCAL,
-        lenslet_pitch_mm=PITCH,
+        **OPTICS,
         views=5,
         lenslets=(24, 30),
         sensor=sensor,

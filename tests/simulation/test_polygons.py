@@ -246,11 +246,10 @@ def test_polygons_fill_the_bundle(small_camera, depths, rng):
         assert table.areas.min() > 0
 
 
-@pytest.mark.slow
 def test_planes_with_the_same_edges_are_cut_once(small_camera, rng):
     """And what rounding leaves between them is dropped."""
-    one = Layer(rng.random((70, 70)), 7.0, (3.0, 3.0))
-    other = Layer(rng.random((70, 70)), 7.0, (3.0, 3.0))
+    one = Layer(rng.random((30, 30)), 7.0, (3.0, 3.0))
+    other = Layer(rng.random((30, 30)), 7.0, (3.0, 3.0))
     optics, everywhere = OpticalPass(small_camera), np.ones((5, 24), bool)
     single, double = (
         cut_bundles(bundles_on(planes_of(*layers), optics, 0), "views", everywhere)

@@ -97,7 +97,7 @@ def test_search_does_not_depend_on_the_brightness(exponent):
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_slope_maps_do_not_depend_on_the_brightness(rng, channels):
     """Squares of 5e36 are beyond float32; a map that takes them finds no edges, with a warning."""
-    texture = rng.uniform(size=(24, 30, *channels))
+    texture = rng.uniform(size=(24, 30, *channels)).astype(np.float32)
     views = np.array([[np.roll(texture, (-v, -u), (0, 1)) for u in range(3)] for v in range(3)])
     slopes = np.linspace(-2, 2, 9)
     brighter = np.ldexp(views, 122)
@@ -121,14 +121,13 @@ def test_refocusing_scales_with_the_brightness(rng):
     assert np.all(np.isinf(naive))
 
 
-@pytest.mark.slow
 def test_means_over_many_views_keep_their_digits():
-    """Naive: a running sum in float32 over 40,000 views."""
+    """Naive: a running sum in float32 over 10,000 views."""
     value = np.float32(0.1)
-    views = np.full((200, 200, 3, 3), value)
+    views = np.full((100, 100, 3, 3), value)
     for refocus in (shift_and_sum, fourier_refocus):
         assert np.abs(refocus(views, 0.5).astype(float) / value - 1).max() <= 2 * UNIT32
-    naive = np.cumsum(views[..., 0, 0].ravel(), dtype=np.float32)[-1] / np.float32(40_000)
+    naive = np.cumsum(views[..., 0, 0].ravel(), dtype=np.float32)[-1] / np.float32(10_000)
     assert abs(naive / value - 1) > 100 * 2 * UNIT32
 
 

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from builders import OPTICS
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame._common.arrays import centred
@@ -30,12 +31,7 @@ METHODS = pytest.mark.parametrize(
 
 def small(unit=1.0, **changes):
     """The paper's optics with few lenslets and views, in any unit of length."""
-    lengths = {
-        "main_lens_focal_mm": 150.0 * unit,
-        "focus_distance_mm": 326.0 * unit,
-        "lenslet_focal_mm": 0.4 * unit,
-        "lenslet_pitch_mm": 0.112 * unit,
-    }
+    lengths = {name: length * unit for name, length in OPTICS.items()}
     return PlenopticCamera(**(lengths | {"views": 4, "lenslets": (10, 12)} | changes))
 
 
@@ -93,7 +89,7 @@ def off(image, truth):
     return np.abs(image - truth).max() / np.max(truth)
 
 
-DEPTHS = [0.0, *(sign * 10.0**k for k in range(-9, 3) for sign in (-1, 1)), -325.999, 1e3]
+DEPTHS = [0.0, *(sign * 10.0**k for k in range(-9, 3, 2) for sign in (-1, 1)), -325.999, 1e3]
 
 
 @METHODS
@@ -277,7 +273,11 @@ SETUPS = {
     "exact": (matter, small, {}),
     "rays": (matter, small, RAYS),
     "occlusion": (lambda unit: matter(unit, opaque=True), small, RAYS),
-    "imperfect": (matter, imperfect, {"integrator": "rays", "rays": 6}),
+    "imperfect": (
+        lambda unit: matter(unit, opaque=True),
+        imperfect,
+        {"integrator": "rays", "rays": 6},
+    ),
 }
 
 
@@ -306,7 +306,7 @@ def test_images_and_plans_do_not_depend_on_the_unit_of_length(name):
     assert off(blurred.views.astype(float), plain.views.astype(float)) > 1e3 * 2 * UNIT32
 
 
-@pytest.mark.parametrize("name", SETUPS)
+@pytest.mark.parametrize("name", ["exact", "rays", "occlusion"])
 def test_the_order_in_which_layers_are_named_changes_no_bit(name):
     """Naive: add float32 images, or paint one over the other, in the order of the list."""
     make_scene, make_camera, options = SETUPS[name]
@@ -346,7 +346,7 @@ TEXTURES = {
     "one cell": lambda camera, depth: filling(camera, depth, [[0.7]], 0.6),
     "cells as wide as lenslets": lambda camera, depth: as_wide_as_lenslets(camera, depth, 1),
     "cells of half a lenslet": lambda camera, depth: as_wide_as_lenslets(camera, depth, 2),
-    "2000 x 2000 over 1 mm": lambda camera, depth: Layer(cells(2000, 2000), depth, (1.0, 1.0)),
+    "700 x 700 over 1 mm": lambda camera, depth: Layer(cells(700, 700), depth, (1.0, 1.0)),
     "a point of 1 nm": lambda camera, depth: Layer([[1.0]], depth, (1e-6, 1e-6), (0.01, 0.02)),
 }
 
@@ -369,8 +369,8 @@ def test_cells_of_any_size_are_integrated_in_closed_form(texture, depth):
         ("one cell", 10.0),
         ("cells as wide as lenslets", 10.0),
         ("cells of half a lenslet", 10.0),
-        ("2000 x 2000 over 1 mm", 0.0),
-        ("2000 x 2000 over 1 mm", 10.0),
+        ("700 x 700 over 1 mm", 0.0),
+        ("700 x 700 over 1 mm", 10.0),
         ("a point of 1 nm", 0.0),
         ("a point of 1 nm", 10.0),
     ],
