@@ -80,6 +80,7 @@ def room_of(name):
     return next((head for head in heads if head in RANK), ".".join(parts[:1]))
 
 
+@pytest.mark.slow
 def test_imports_go_down_from_floor_to_floor():
     wrong = []
     for path in LIBRARY:
@@ -171,6 +172,7 @@ def test_importing_the_package_loads_neither_numba_nor_keras():
     assert loaded_by("import lf_flame; lf_flame.PAPER_CAMERA") == "[]"
 
 
+@pytest.mark.slow
 def test_simulating_and_refocusing_load_neither_keras_nor_pandas():
     code = (
         "import numpy as np; from lf_flame import *; from lf_flame.refocus import shift_and_sum;"
@@ -182,6 +184,7 @@ def test_simulating_and_refocusing_load_neither_keras_nor_pandas():
     assert not {"keras", "tensorflow", "pandas", "zarr"} & set(eval(loaded_by(code)))
 
 
+@pytest.mark.slow
 def test_shift_and_sum_loads_no_scipy():
     """Whose parts take longer to import than Numba, which loads no more of it than its name."""
     code = (
@@ -190,6 +193,7 @@ def test_shift_and_sum_loads_no_scipy():
     assert loaded_by(code) == "['numba', 'scipy']"
 
 
+@pytest.mark.slow
 def test_rendering_loads_no_part_of_scipy_that_only_some_effects_need():
     """`scipy.signal` takes longer to import than all else together."""
     code = "from lf_flame import render"

@@ -77,6 +77,7 @@ def cache(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_damaged_files_cost_a_compilation(cache):
     assert compiled(_triple)(2) == 6
     files = [path for path in cache.rglob("*.nb*") if path.is_file()]

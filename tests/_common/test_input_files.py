@@ -127,6 +127,7 @@ def test_the_usual_is_read_as_it_stands(tmp_path):
     assert parse_json(f'{{"a": {deep}, "b": [1.5e-3, null, "x[y\\"]"]}}', "here")["b"][0] == 0.0015
 
 
+@pytest.mark.slow
 @given(st.text(alphabet="[]{}\"\\ '#.,:=a1\n", max_size=200))
 def test_no_text_makes_a_traceback(text):
     told = sentence_of(parse_json, text, "here")

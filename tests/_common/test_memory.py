@@ -87,6 +87,7 @@ SEARCH = 140 * 0.5 + 8 * 0.5
 """Megabytes that the search for the order takes for views of half a million pixels."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "write", "megabytes"),
     [
@@ -141,6 +142,7 @@ def test_an_image_of_a_layer_takes_no_more_than_is_said(tmp_path, monkeypatch, m
         read_scene(tmp_path / "a.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["L", "RGB"])
 @pytest.mark.parametrize("side", [2, 5])
 def test_a_folder_takes_no_more_than_is_said(tmp_path, monkeypatch, mode, side):

@@ -144,6 +144,7 @@ def test_nobody_works_on_behind_a_call_that_was_interrupted(two_threads):
     assert done.sum() < done.size
 
 
+@pytest.mark.slow
 def test_a_thread_that_outlives_the_program_does_without_helpers(tmp_path):
     """The pool takes no work then."""
     (tmp_path / "late.py").write_text(

@@ -58,6 +58,7 @@ def _recall(_):
     return os.environ["LF_FLAME_TEST"], signal.SIGINT in blocked
 
 
+@pytest.mark.slow
 def test_workers_are_set_up_and_leave_ctrl_c_to_their_parent():
     with worker_pool(1, _remember, "set up") as pool:
         assert list(pool.map(_recall, range(2))) == [("set up", True)] * 2
@@ -87,6 +88,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_workers_say_nothing_at_ctrl_c_while_they_start_or_work(tmp_path):
     """A terminal sends it to all processes of a command."""
     (tmp_path / "program.py").write_text(INTERRUPTED)
@@ -105,6 +107,7 @@ def _end(_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_one_sentence():
     words = "was killed, .*what is finished is kept"
     with pytest.raises(ChildProcessError, match=words), worker_pool(1) as pool:

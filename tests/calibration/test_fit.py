@@ -71,6 +71,7 @@ def test_stated_errors_of_depth_and_scale_cover_the_truth(depths):
     assert np.all(np.std(away, axis=0) > 0.6)
 
 
+@pytest.mark.slow
 def test_from_pictures_with_noise_to_a_depth():
     """Depth within 0.1 % of the distance and scale within 0.05 %; a target left out says so too."""
     bench = Bench(turn=0.01, pitch_error=0.01, pupil=(0.6, -0.9))
@@ -186,6 +187,7 @@ def test_numbers_that_are_no_law_are_refused(name, value):
         CameraLaw(**{**good, name: value})
 
 
+@pytest.mark.slow
 def test_views_of_unlike_brightness_are_written_and_brought_to_one(tmp_path):
     bench = Bench(views=3, lenslets=(30, 34))
     fall = np.array([[0.8, 0.9, 0.82], [0.9, 1.0, 0.91], [0.3, 0.9, 0.79]])

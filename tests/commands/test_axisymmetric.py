@@ -51,6 +51,7 @@ def source(views, tmp_path):
     return tmp_path / "ball.npy", "--camera", tmp_path / "camera.toml"
 
 
+@pytest.mark.slow
 def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     result = run("abel", *source, "--bootstrap", 3, "--out", tmp_path / "found")
     assert result.exit_code == 0, result.output
@@ -131,6 +132,7 @@ def test_bad_values_are_refused(source, tmp_path, words, said):
 ONE_VIEW = CAMERA.replace("views = 5", "views = 1").replace("0.4", "2.0")
 
 
+@pytest.mark.slow
 def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path, drawn):
     (tmp_path / "one.toml").write_text(ONE_VIEW)
     picture = views[2, 2].clip(0) / views.max()

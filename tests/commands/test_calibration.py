@@ -42,6 +42,7 @@ def boards(tmp_path_factory):
     return placed, out, done.output
 
 
+@pytest.mark.slow
 def test_files_and_table_of_a_calibration(boards):
     placed, out, said = boards
     law = read_law(out / "calibration.toml")
@@ -76,6 +77,7 @@ def test_a_picture_is_refocused_at_a_depth_by_the_calibration(boards, tmp_path):
     assert np.isnan(depths[(slopes < near - 2e-3) | (slopes > far + 2e-3)]).all()
 
 
+@pytest.mark.slow
 def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
     """The views meet as far before the first as the lens is, within the stated error."""
     folder = tmp_path / "steps"
@@ -158,6 +160,7 @@ def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -177,6 +180,7 @@ def test_bad_targets_are_refused_in_a_sentence(boards, tmp_path, change, said):
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.slow
 def test_signs_and_depths_agree_with_the_simulator_and_with_decoded_raw_images(tmp_path):
     """A checkerboard rendered by the package, written as raw images with a white one."""
     camera = replace(PAPER_CAMERA, views=9, lenslets=(28, 32))

@@ -30,6 +30,7 @@ def test_rays_run_towards_the_point_s_image(depth, height):
     assert (z[0], z[2]) == (-0.4, 0.4)
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_picture(tmp_path, drawn):
     result = CliRunner().invoke(commands, ["camera", "--figure", str(tmp_path / "camera.png")])
     assert result.exit_code == 0

@@ -101,6 +101,7 @@ def record_of(folder):
     return json.loads((folder / "flicker.json").read_text())
 
 
+@pytest.mark.slow
 def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_path, drawn):
     folder, truth = video
     words = ["--frames-per-second", RATE_HZ, "--camera", camera_file, "--depth-mm", DEPTH_MM]
@@ -205,6 +206,7 @@ def test_level_pixel_and_burner_are_heeded(video, tmp_path):
     assert found["width_mm"] > 0.5 * plain.width
 
 
+@pytest.mark.slow
 def test_a_flame_that_stands_still_has_no_frequency(still, tmp_path, drawn):
     result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
@@ -234,6 +236,7 @@ def test_a_dark_frame_is_told_and_the_rest_measured(video, tmp_path):
     assert any(DARK in warning for warning in record["warnings"])
 
 
+@pytest.mark.slow
 def test_a_dark_video_is_told(still, tmp_path, drawn):
     for number in range(16):
         replace(still, number, np.zeros((5, 5, 48, 40), np.float32))
@@ -409,6 +412,7 @@ def write_video(folder, names, heights):
         np.save(folder / f"{name}.npy", small_flame(height))
 
 
+@pytest.mark.slow
 def test_the_frequency_of_a_video_with_gaps(tmp_path):
     """12 Hz at 100 frames a second, of which a third is missing."""
     counts = np.sort(np.random.default_rng(1).choice(90, 60, replace=False)) - 40

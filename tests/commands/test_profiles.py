@@ -42,6 +42,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
     out = tmp_path / "out"
     result = run("profiles", folder, "--across", 0.25, "--height", -0.25, "--out", out)
@@ -63,6 +64,7 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
     assert run("verify", out).exit_code == 0
 
 
+@pytest.mark.slow
 def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
     (folder / "draws.tif").unlink()
     missing = run("profiles", folder, "--out", tmp_path / "out")
@@ -121,6 +123,7 @@ def test_files_that_a_record_vouches_for_are_checked_all_the_same(
     assert says in str(result.exception)
 
 
+@pytest.mark.slow
 def test_a_bomb_is_refused_before_it_is_inflated(folder, tmp_path, monkeypatch):
     bomb = np.zeros((2, 4000, 4000), np.float32)
     tifffile.imwrite(folder / "draws.tif", bomb, compression="zlib")

@@ -26,6 +26,7 @@ def test_a_number_of_threads_that_numba_cannot_start_is_one_sentence(threads):
     assert result.stderr == f"show: {told}"
 
 
+@pytest.mark.slow
 def test_a_backend_for_screens_is_not_asked_for():
     result = ended("from lf_flame._common import figures; figures.subplots()", MPLBACKEND="bogus")
     assert (result.returncode, result.stderr) == (0, "")

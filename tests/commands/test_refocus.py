@@ -126,6 +126,7 @@ def test_apertures_and_interpolations(folder, light_field, tmp_path):
     np.testing.assert_allclose(stack, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_sweep_and_map(folder, camera, tmp_path, drawn):
     result = run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
     assert "the range is too narrow" not in result.output
@@ -337,6 +338,7 @@ def test_pictures_of_another_light_field_stay(folder, tmp_path):
     assert (tmp_path / "out" / "refocused_1_slope+0.250.png").exists()
 
 
+@pytest.mark.slow
 def test_pictures_of_earlier_calls_stay_and_the_record_says_whose_they_are(folder, tmp_path):
     out = tmp_path / "out"
     run(folder, "--slope", -0.4, "--map", -1, 1, "--out", out)
@@ -497,6 +499,7 @@ def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, ca
         assert "\nfocal_stack.tif is in" not in text
 
 
+@pytest.mark.slow
 def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path, drawn):
     known = ["--camera", written_camera(camera, tmp_path)]
     result = run(
@@ -594,6 +597,7 @@ def test_a_camera_of_other_pixels_is_noted(folder, camera, tmp_path):
         assert ("for views of 30 x 48 pixels, got 40 x 48" in result.output) is noted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["tif", "png"])
 def test_devignetted_raw_images_are_converted_whatever_their_values(kind, tmp_path, rng):
     devignetted(tmp_path, rng)
@@ -664,6 +668,7 @@ def read_views(source):
         return read_light_field(source).views
 
 
+@pytest.mark.slow
 def test_the_sharpest_slope_of_a_light_field_larger_than_memory(
     light_field, camera, tmp_path, monkeypatch
 ):

@@ -138,6 +138,7 @@ def test_a_page_of_yours_is_not_replaced_unasked(tmp_path, monkeypatch):
     assert "seed" in Path("report.html").read_text()
 
 
+@pytest.mark.slow
 def test_pictures_are_reduced_until_they_fit(tmp_path):
     noise = np.random.default_rng(1).integers(0, 256, (900, 1400, 3), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "noise.png", compress_level=1)

@@ -85,6 +85,7 @@ def test_a_section_s_heights_are_from_the_optical_axis(tmp_path):
     assert place.whole(light).shape == (HEIGHTS, 2 * RADII - 1)
 
 
+@pytest.mark.slow
 def test_sections_of_abel_have_their_temperatures(colours, tmp_path, drawn):
     out = tmp_path / "hot"
     result = run("temperature", *colours, "--wavelengths", 550, 650, "--out", out)
@@ -147,6 +148,7 @@ def test_wavelengths_in_another_unit_are_refused(colours, tmp_path):
         assert "soot_exponent must be from -1 to 5" in str(result.exception)
 
 
+@pytest.mark.slow
 def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     record = json.loads((colours[1] / "abel.json").read_text())
     record["notes"] = [f"flame.jpg is a JPEG file. {CODED}"]

@@ -54,6 +54,7 @@ def source(flames, tmp_path):
     return tmp_path / "flames.npy"
 
 
+@pytest.mark.slow
 def test_resolution_is_told_as_a_table_and_a_picture(tmp_path, drawn):
     figure = tmp_path / "resolution.png"
     result = run("resolution", "--period", 1, "--period", 10, "--figure", figure)
@@ -72,6 +73,7 @@ def test_half_the_views_blur_twice_as_far(camera_file):
     assert re.search(r"^1 +4\.18 ", result.output, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_emission_is_found_and_written(source, camera_file, tmp_path, drawn):
     out = tmp_path / "found"
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--out", out]

@@ -86,6 +86,7 @@ def test_what_is_no_network_is_one_sentence(source, tmp_path):
     assert "no finished run" in str(result.exception)
 
 
+@pytest.mark.slow
 def test_the_local_page_is_served_until_ctrl_c(source):
     words = ["view", str(source), "--no-browser", "--slopes", "-2", "2"]
     # A shell's "&" turns Ctrl-C off; Python's own handler turns it on again.

@@ -152,6 +152,7 @@ def test_samples_lie_in_shards_each_with_its_checksum(tiny, tmp_path):
     assert len(Dataset(tmp_path / "a.zarr").targets) == LEAST_TOGETHER + 3
 
 
+@pytest.mark.slow
 def test_anybody_may_do_the_work(tiny, tmp_path):
     """An executor of threads, in which each task has one thread of Numba's as elsewhere."""
     make_dataset(tiny, 40, tmp_path / "a.zarr")
@@ -161,6 +162,7 @@ def test_anybody_may_do_the_work(tiny, tmp_path):
     assert Dataset(tmp_path / "b.zarr").attrs["provenance"]["workers"] == "ThreadPoolExecutor"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["raw", "views", "grid"])
 def test_both_ways_to_the_images_agree(tiny, tmp_path, kind):
     """Straight from the scene, and through the light field."""
@@ -175,6 +177,7 @@ def test_both_ways_to_the_images_agree(tiny, tmp_path, kind):
     np.testing.assert_allclose(short.targets, long.targets, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_traced_rays_give_the_images_of_the_exact_route(tiny, tmp_path):
     """As many rays as the mean scene needs are traced for every sample, as the record says."""
     config = replace(tiny, route="rays")
@@ -210,6 +213,7 @@ def test_a_run_begun_the_other_way_is_not_continued(tiny, tmp_path):
         make_dataset(replace(tiny, route="exact"), 2, tmp_path / "b.zarr")
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
     class Cut(Exception):
         pass
@@ -331,6 +335,7 @@ def test_data_sets_from_before_attributes_had_a_hash_are_read(tiny, tmp_path):
     assert Dataset(tmp_path / "a.zarr").verify() == ["images"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["input", "target", "parameters/size_mm"])
 def test_samples_that_were_exchanged_are_noticed_by_verify(tiny, tmp_path, name):
     make_dataset(tiny, 2 * LEAST_TOGETHER, tmp_path / "a.zarr")

@@ -37,6 +37,7 @@ def test_they_are_what_a_longer_data_set_would_hold(some_and_all, monkeypatch):
     np.testing.assert_array_equal(targets, whole.targets[3:])
 
 
+@pytest.mark.slow
 def test_workers_wait_for_who_needs_the_blocks(some_and_all, monkeypatch):
     """However many are asked for, few are made before they are wanted."""
     made = []

@@ -49,6 +49,7 @@ def assert_one_sentence(result, *parts):
         assert part in result.stderr
 
 
+@pytest.mark.slow
 def test_help_teaches_every_command():
     for program, gathered in (("lf_flame", cli.commands), ("experiments", __main__.commands)):
         shown = run("--help", program=program).stdout
@@ -73,6 +74,7 @@ def test_a_long_list_of_options_comes_in_groups():
     assert places == sorted(places)
 
 
+@pytest.mark.slow
 def test_camera_prints_the_derived_numbers():
     shown = run("camera").stdout
     for number in ("277.841 mm", "77.80 mm", "+2.285", "-1.251", "35.48 x 70.96 mm"):
@@ -135,6 +137,7 @@ def test_mistakes_in_a_scene_are_one_sentence(tmp_path, old, new, parts):
     assert not (tmp_path / "simulated").exists()
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path, monkeypatch, capsys):
     (tmp_path / "scene.toml").write_text(SCENE)
     out = tmp_path / "out"
@@ -338,6 +341,7 @@ def test_from_data_set_to_table(tmp_path):
     assert copied[2]["psnr_db"] > 80  # at 0 mm the input is the ground truth (deviation 5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", [True, False])
 def test_a_user_who_waits_for_the_compiler_is_told_so_once(program):
     """By the program, whatever is compiled; the library alone is silent."""

@@ -83,6 +83,7 @@ def scene(**changes):
     Path("scene.toml").write_text(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -55,6 +55,7 @@ def run(*words):
     return CliRunner().invoke(commands, [str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_temperatures_of_two_planes_come_back_and_faint_cells_have_none(folder):
     out, camera = folder / "out.zarr", read_lens(folder / "camera.toml")
     depths = [float(camera.slope_to_depth(slope)) for slope, *_ in PLANES]

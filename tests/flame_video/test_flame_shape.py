@@ -88,6 +88,7 @@ def test_a_dark_frame_has_no_flame(background):
     assert found.contour.shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_noise_alone_has_no_flame_and_a_weak_flame_is_one():
     rng = np.random.default_rng(2)
     for _ in range(10):

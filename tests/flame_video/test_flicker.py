@@ -54,6 +54,7 @@ def test_uneven_times_need_no_grid():
     assert found.frequency_hz == pytest.approx(9.87, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_spectrum_is_that_of_lomb_and_scargle():
     """Where the drift is no matter, as there are many periods."""
     rng = np.random.default_rng(4)
@@ -142,6 +143,7 @@ def test_a_wander_is_told_by_its_memory(kept):
     assert found.noise.white_share < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1.5, 4.0, 40.0])
 def test_a_slow_swing_hides_no_line(size):
     """1.2 Hz within 2 s are fewer than three periods."""
@@ -158,6 +160,7 @@ def test_a_slow_swing_hides_no_line(size):
             assert "A slow swing (1." in found.describe()
 
 
+@pytest.mark.slow
 def test_several_lines_are_told():
     rng, times = np.random.default_rng(24), np.arange(300) / 100
     heights = 0.5 * rng.standard_normal(300)

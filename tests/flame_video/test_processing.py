@@ -60,6 +60,7 @@ def files(folder):
     return {name: x.read_bytes() for name, x in found.items() if name != "zarr.json"}
 
 
+@pytest.mark.slow
 def test_heights_contours_and_gaps_with_named_axes(video, tmp_path):
     xarray = pytest.importorskip("xarray")
     out = tmp_path / "out.zarr"
@@ -125,6 +126,7 @@ def two_together(monkeypatch):
     monkeypatch.setattr("lf_flame.flame_video.processing.frames.LEAST_TOGETHER", 2)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path, two_together):
     paths = [tmp_path / f"{number}.npy" for number in range(6)]
     for number, path in enumerate(paths):
@@ -158,6 +160,7 @@ class Processes(Executor):
         return done
 
 
+@pytest.mark.slow
 def test_processes_make_the_same_bytes(tmp_path, two_together):
     """The second of two tasks begins anew in the same process too."""
     paths = [tmp_path / f"{number}.npy" for number in range(4)]
@@ -186,6 +189,7 @@ def test_lengths_are_in_mm_with_the_size_of_a_pixel():
     assert found["tip_row"] == pytest.approx(5.5, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_emission_of_a_frame_is_that_of_its_light_field_alone():
     """A background of 0.2 is fitted; the second frame starts from the first."""
     camera, depths = CAMERA, DEPTHS

@@ -38,6 +38,7 @@ def test_a_black_level_without_a_dark_image_is_said_once(caplog, rng, layout):
     assert "--dark" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius", "black", "dark", "evenly"),
     [

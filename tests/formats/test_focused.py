@@ -73,6 +73,7 @@ def alike(camera):
     return FocusedLenslets(grid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("depth", "camera"),
     [
@@ -96,6 +97,7 @@ def test_the_virtual_depth_of_a_plane_is_found(depth, camera):
     assert np.mean(np.abs(known / truth - 1) < 0.03) > 0.95
 
 
+@pytest.mark.slow
 def test_where_there_is_no_texture_the_virtual_depth_is_unknown(lenslets_of):
     camera = Camera()
     lenslets = lenslets_of(camera)
@@ -130,6 +132,7 @@ def scale_and_shift(image, light, y, x):
     return change[:3] / change[4], correlation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("depth", "stated", "blur"),
     [
@@ -199,6 +202,7 @@ def test_slopes_of_views_follow_from_the_virtual_depth(lenslets_of):
     assert plan.depth_at(found) == pytest.approx(camera.apparent(depth), rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_step_in_depth_keeps_both_sides(lenslets_of):
     camera = Camera(shape=(320, 520))
     raw = camera.record(lambda y, x: np.where(x < 0, 2.4, 3.6), Waves((18, 50)))
@@ -208,6 +212,7 @@ def test_a_step_in_depth_keeps_both_sides(lenslets_of):
         assert np.nanmedian(found.depth[side]) == pytest.approx(camera.apparent(depth), rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_simulators_lenslets_are_focused_at_infinity():
     """Its lenslets stand at their focal length from the sensor, and the main lens's picture may be
     at any distance from them: at the virtual depth v they blur it by a patch, pitch / v. The
@@ -242,6 +247,7 @@ def call(raw_levels, tmp_path, monkeypatch):
     return lambda *words: CliRunner().invoke(commands, words)
 
 
+@pytest.mark.slow
 def test_commands_take_pictures_of_focused_lenslets(call):
     result = call("refocus", "raw.png", "--focused", "camera.xml", "--search", "--out", "out")
     assert result.exit_code == 0, result.output
@@ -257,6 +263,7 @@ def test_commands_take_pictures_of_focused_lenslets(call):
     assert read_image("sharp.tif").std() > 0.05
 
 
+@pytest.mark.slow
 def test_frames_of_a_video_are_read_by_one_plan(call):
     reading = Reading(focused=Path("camera.xml"), views=3)
     shutil.copy("raw.png", "later.png")
@@ -292,6 +299,7 @@ def test_a_camera_of_other_lenslets_gives_no_depths(call):
     assert "whose slopes mean other depths than those of --focused" in str(result.exception)
 
 
+@pytest.mark.slow
 def test_a_white_image_takes_the_place_of_a_calibration(tmp_path):
     camera = Camera(offset=(1.3, 2.2))
     raw, white = camera.record(3.1, Waves()), camera.white()
@@ -368,6 +376,7 @@ def test_a_calibration_that_is_none_is_refused(tmp_path, text, message):
     assert str(refused.value).count("cannot be") <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [{"diameter": 23.7}, {"diameter": 22.0}, {"x": 11.0}, {"y": 5.0}, {"rotation": 0.04},

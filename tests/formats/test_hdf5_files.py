@@ -261,6 +261,7 @@ def test_no_filter_is_loaded(tmp_path):
         read_light_field(path)
 
 
+@pytest.mark.slow
 def test_bombs_are_found_before_they_are_unpacked(tmp_path, monkeypatch):
     """A part that should hold 6,000 bytes, and holds 30 million; an element that holds as many."""
     path = tmp_path / "a.h5"
@@ -305,6 +306,7 @@ def written(path, rng):
     return write_hci(path, array, np.ones(array.shape, np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["5.mat", "5plain.mat", "73.mat", "hci.h5"])
 def test_damaged_files_are_refused_in_a_sentence(tmp_path, rng, name):
     path = written(tmp_path / name, rng)

@@ -112,6 +112,7 @@ def test_small_and_touching_micro_images_are_found(radius, layout, rng):
     assert farthest(found, true, (400, 420)) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
 def test_a_grid_of_many_lenslets_is_found_from_some_of_them(layout, rng):
     true, shape = LensletGrid(20, 30, 5.2, 0.008, layout), (820, 860)
@@ -121,6 +122,7 @@ def test_a_grid_of_many_lenslets_is_found_from_some_of_them(layout, rng):
     assert farthest(estimate_grid(white), true, shape) < 0.05
 
 
+@pytest.mark.slow
 def test_kinds_of_white_images(rng):
     true, shape = LensletGrid(20, 30, 12.2, 0.02, "hexagonal"), (400, 421)
     white = np.clip(white_image(true, shape, rng, falloff=0.3), 0, 1)
@@ -454,6 +456,7 @@ def on_another_sensor(image, turn, scale):
     return np.mean(samples, axis=0), lambda pixels: pixels @ step.T + start
 
 
+@pytest.mark.slow
 def test_another_sensor_sees_the_same():
     """A simulated raw image, read by a sensor that is turned, shifted and of another pitch."""
     pixels, turn, scale = 15, -0.035, 0.93

@@ -47,6 +47,7 @@ def raw_of_a_plane(slope, hexagonal, rows=18, columns=20, seed=1, falloff=0.0):
     return tuple(a.reshape(pixels).mean(axis=(1, 3)) for a in (light * lit, lit))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hexagonal", "slope"), [(True, -0.32), (False, 0.6)])
 def test_views_of_neighbours_and_dark_ones_do_not_move_a_slope(hexagonal, slope):
     raw, white = raw_of_a_plane(slope, hexagonal)
@@ -72,6 +73,7 @@ def mosaic(colours, pattern):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pattern", "slope", "hexagonal"), [("rggb", -0.32, True), ("gbrg", 0.6, False)]
 )
@@ -94,6 +96,7 @@ def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, 
         assert found == pytest.approx(truth, rel=0.004, abs=0.001)
 
 
+@pytest.mark.slow
 def test_the_middle_of_a_white_image_tells_which_views_count(monkeypatch):
     white = mosaic(3 * [raw_of_a_plane(0.0, False, falloff=0.4)[1]], "rggb")[..., None]
     white = white.astype(np.float32)
@@ -117,6 +120,7 @@ def test_a_mosaic_is_stated_as_what_it_can_be():
             decode_raw(raw, grid, bayer=pattern)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hexagonal", [True, False])
 def test_the_width_of_a_pixel_of_hexagonal_views_is_told(hexagonal, tmp_path, capsys):
     raw, white = raw_of_a_plane(0.1, hexagonal)

@@ -36,6 +36,7 @@ def raw_of_a_highlight(pitch, slope, lenslets=(30, 34), sub=3):
     return light.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [9, 10.4])
 def test_saturated_pixels_are_unknown_in_every_view_that_they_touch(pitch):
     full, grid = (

@@ -127,6 +127,7 @@ def in_a_row(rng, count, slope=0.6, axis=1):
     return textured(rng, slope, views=shape, shape=(60, 72)).reshape(count, 60, 72)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("count", [4, 25])
 def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):

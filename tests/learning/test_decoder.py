@@ -31,6 +31,7 @@ def resnet_arrays():
     }
 
 
+@pytest.mark.slow
 def test_layers_are_the_papers(paper_model):
     decoder = paper_model.get_layer("decoder")
     shown = [type(layer).__name__ for layer in decoder.layers]
@@ -51,6 +52,7 @@ def test_layers_are_the_papers(paper_model):
     assert paper_model.output_shape == (None, 4, 90, 180, 1)
 
 
+@pytest.mark.slow
 def test_backbone_is_frozen_and_in_inference_mode(paper_model, rng):
     assert paper_model.get_layer("backbone").trainable_weights == []
     images = rng.uniform(size=(2, 90, 180, 1)).astype(np.float32)
@@ -73,6 +75,7 @@ def test_three_channels_are_not_repeated(rng):
     assert np.abs(np.array(three(other)) - np.array(one(grey))).max() > 0.1
 
 
+@pytest.mark.slow
 def test_the_first_channel_is_the_last_of_resnet(rng):
     """Keras feeds ResNet-50 blue first."""
     model = build_backbone((*IMAGE, 3), "random", "conv3")
@@ -188,6 +191,7 @@ def test_impossible_options_are_refused(options, message):
         build_refocus_resnet50(IMAGE, **{"backbone_depth": "none"} | options)
 
 
+@pytest.mark.slow
 def test_without_a_backbone_the_picture_is_the_feature_map(rng, tmp_path):
     model = build_refocus_resnet50(
         (32, 40), 2, backbone_weights="imagenet", backbone_depth="none", neck="positions"

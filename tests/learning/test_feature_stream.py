@@ -43,6 +43,7 @@ def expected(whole):
     return found.inputs[order], found.targets[order][..., None]
 
 
+@pytest.mark.slow
 def test_it_gives_the_stored_samples_and_then_the_fresh_ones(stream, expected):
     some = stream(False)
     blocks = list(some)

@@ -53,6 +53,7 @@ def configured(saved, change):
     return json.dumps(config)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_networks_of_this_package_are_made_of_known_classes(name, tmp_path):
     model = NETWORKS[name].build(3).model

@@ -68,6 +68,7 @@ def test_keras_s_own_training_has_the_losses_of_the_fast_form(samples):
     assert [plain.train_in_order(order) for _ in range(2)] == pytest.approx(losses[1:], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_epoch_is_its_batches_and_goes_on_to_the_same_bits(samples):
     """The mean loss weighs samples alike; weights that were taken before stay as they were."""
     trainer = make_trainer(decoder(), 1e-3, 3, samples)
@@ -91,6 +92,7 @@ def test_an_epoch_is_its_batches_and_goes_on_to_the_same_bits(samples):
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_frozen_normalisations_stay(samples):
     frozen = decoder()
     for layer in frozen.layers:

@@ -51,6 +51,7 @@ def error(decoder, samples):
     return np.mean((decoder.predict(features, verbose=0) - images) ** 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("neck", "bands"), [("pooled", 1), ("positions", 1), ("positions", 3), ("positions", 4)]
 )
@@ -63,6 +64,7 @@ def test_warm_start_draws_images_it_has_not_seen(rng, neck, bands):
     assert error(decoder, test) < 0.1 * min(before, test[1].var(axis=0).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [False, True])
 def test_normalisations_hold_the_statistics_of_the_samples_alone(rng, frozen):
     """Nothing is left of those they started with, and they go on as they were told before."""

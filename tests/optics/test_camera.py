@@ -30,6 +30,7 @@ def test_slope_follows_from_the_image_distances():
     np.testing.assert_allclose(PAPER_CAMERA.depth_to_slope(depth), expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(st.floats(-325, 1e9))
 def test_depth_and_slope_invert_each_other(depth):
     back = PAPER_CAMERA.slope_to_depth(PAPER_CAMERA.depth_to_slope(depth))

@@ -74,6 +74,7 @@ def test_round_kernel_of_a_small_spread_follows_the_light_outside(spread):
     assert kernel[32 + 6, 32 + 8] == pytest.approx(expected, rel=1e-3, abs=0)
 
 
+@pytest.mark.slow
 @any_aperture
 @given(spread=st.floats(0, 32), tail=st.floats(0, 1))
 @settings(max_examples=6, deadline=None)
@@ -149,6 +150,7 @@ def test_first_dark_line_of_a_square_aperture():
     assert sidelobe == pytest.approx(0.0472, abs=0.0005)
 
 
+@pytest.mark.slow
 def test_first_dark_ring_of_a_round_aperture():
     spread = 20.0
     kernel = round_kernel(spread, 1.0, tail=0)
@@ -179,6 +181,7 @@ def test_square_kernel_is_as_short_as_the_tail_allows(spread, tail):
     assert left_out[half] <= tail < left_out[half - 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "tail"), [(0.3, 3e-2), (1.0, 5e-2)])
 def test_round_kernel_is_as_small_as_the_tail_allows(spread, tail):
     whole = round_by_frequency(spread, 9)
@@ -239,6 +242,7 @@ def test_one_axis_stands_for_both(rng):
     np.testing.assert_allclose(blur_raw(image, weights), both, rtol=1e-6)
 
 
+@pytest.mark.slow
 @any_aperture
 def test_views_are_blurred_one_by_one(rng, kernel):
     views, weights = rng.random((2, 3, 20, 30), np.float32), kernel(0.3, 1.0, 1e-2)

@@ -128,6 +128,7 @@ def test_boundless_light_saturates_and_stays_finite(rng):
     np.testing.assert_allclose(unbound, image, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 @given(
     values=st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), max_size=8),
     electrons=st.tuples(*[st.floats(1e-12, 1e12)] * 3),

@@ -116,6 +116,7 @@ def test_refocused_images_are_those_of_the_light_field(
     assert_close(found, expected, light_field.views.max())
 
 
+@pytest.mark.slow
 @given(
     scene=scenes(),
     camera=cameras(),
@@ -249,6 +250,7 @@ SEPARABLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SEPARABLE)
 def test_effects_that_keep_light_separable_are_in_the_images(name):
     assert set(SEPARABLE) == set(EFFECTS) - set(NOT_SEPARABLE)

@@ -54,6 +54,7 @@ def test_images_of_bands_are_those_of_the_whole(few_rows, interpolation, rng):
         np.testing.assert_allclose(found, whole, atol=1e-6, rtol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("views", "fall"), [((5, 5), 0.2), ((4, 4), 0.0)])
 def test_slope_maps_of_bands_are_those_of_the_whole(few_rows, views, fall, rng):
     """Also where views fall off in brightness downward, and where no view is the central one."""

@@ -51,6 +51,7 @@ def away_from_outlines(slopes, lenslets):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depths", [(10.0, -10.0), (8.0, -4.0, -9.0)])
 def test_planted_surfaces_are_found_and_put_in_focus(depths, rng):
     views, slopes = planted(rng, depths)

@@ -155,6 +155,7 @@ def test_positions_are_read_from_a_list_and_even_ones_stay_a_grid(tmp_path):
         read_light_field(folder / "a.csv", order="snake")
 
 
+@pytest.mark.slow
 def test_the_program_refocuses_an_array_on_no_grid(tmp_path):
     folder = written(tmp_path, [f"y{y:.3f}_x{x:.3f}.png" for y, x in PLACES])
     words = ["refocus", str(folder), "--search", "--map", "-1", "3", "--out", str(tmp_path / "out")]

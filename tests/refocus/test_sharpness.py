@@ -98,6 +98,7 @@ def test_light_that_enters_at_the_edges_does_not_move_the_peak(rng):
     assert abs(naive - slope) > 0.02
 
 
+@pytest.mark.slow
 def test_noise_around_a_small_object_does_not_move_its_flat_peak(rng):
     """Where fewer views see the edges, their noise counts for less, the farther the slope.
 
@@ -122,6 +123,7 @@ def test_whole_slopes_do_not_draw_the_peak(slope, rng):
     assert abs(naive - slope) > 0.015
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("texture", "depth"), [("cells", 17.0), ("flame", -13.0)])
 def test_rendered_layers_are_sharpest_at_the_slope_of_their_depth(texture, depth, rng):
     camera = replace(PAPER_CAMERA, views=9, lenslets=(60, 72))
@@ -144,6 +146,7 @@ def test_regions_smaller_than_the_object(rng):
         assert found.region == region
 
 
+@pytest.mark.slow
 def test_wide_steps_are_filled_in(rng):
     """Between slopes 0.5 apart the peak of 15 views would fall through."""
     light_field = planted(rng.uniform(size=(64, 64)), 1.23, (15, 15))
@@ -155,6 +158,7 @@ def test_wide_steps_are_filled_in(rng):
     np.testing.assert_allclose(found.sharpness, fine.sharpness[::10], rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [np.uint8, np.int16, bool])
 def test_colours_and_other_types_are_searched(kind, rng):
     grey = planted(band_limited(rng, (48, 48), 0.08), 0.77, (5, 5))
@@ -167,6 +171,7 @@ def test_colours_and_other_types_are_searched(kind, rng):
     assert tile.slope == find_sharpest_slope(colour).slope
 
 
+@pytest.mark.slow
 def test_default_range_widens_until_the_peak_is_inside(rng):
     for texture in (rng.uniform(size=(128, 128)), band_limited(rng, (128, 128), 0.03)):
         found = find_sharpest_slope(planted(texture, -5.37, (5, 5)))
@@ -356,6 +361,7 @@ def test_figure_of_a_search_marks_its_peak(rng):
     assert texts[1] == "rows 60-80, columns 60-80: nan, confidence 0.00"
 
 
+@pytest.mark.slow
 def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
     """Curves, peaks, geometry and paper of both kinds of scene; the gap at 20 mm stands out."""
     from experiments.paper.slopes import slope_report

@@ -150,6 +150,7 @@ def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
     np.testing.assert_array_equal(shift_and_sum(views, 0), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "reach", "size", "channels"), [(20, 3, 16, 1), (0, 3, 16, 1), (30, 6, 30, 3)]
 )
@@ -221,6 +222,7 @@ def test_nearest_rounds_halves_up(slope, rng):
         np.testing.assert_allclose(found[inside], expected, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [20.0, -10.0])
 def test_a_layer_is_sharpest_at_its_slope(depth, rng):
     camera = replace(PAPER_CAMERA, views=9, lenslets=(80, 80))
@@ -229,6 +231,7 @@ def test_a_layer_is_sharpest_at_its_slope(depth, rng):
     assert found.slope == pytest.approx(camera.depth_to_slope(depth), abs=0.02)
 
 
+@pytest.mark.slow
 @given(slope=st.floats(-1.4, 1.4), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
 def test_search_is_not_drawn_to_whole_slopes(slope, seed):

@@ -38,6 +38,7 @@ def test_it_reaches_from_the_nearest_to_the_farthest(seed, enlarged):
     assert found.low < found.slope < found.high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 5, 9])
 def test_a_single_plane_is_certain_in_its_range(count):
     """Few views distinguish only slopes that lie far apart; the range must hold some."""

@@ -93,6 +93,7 @@ def test_unknown_pixels_do_not_enter_a_mean():
     np.testing.assert_allclose(image[..., 1], 2 * np.broadcast_to(np.arange(1.0, 6.0), (2, 5)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slope", [SLOPE, -0.35])
 def test_lenslets_that_no_view_knows_do_not_draw_slopes_to_0(slope):
     """A hole at fixed lenslets, as of dirt on them, is sharpest at slope 0."""

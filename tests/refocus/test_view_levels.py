@@ -141,6 +141,7 @@ def test_the_sharpest_slope_of_uneven_views_is_that_of_even_ones(kind):
     )
 
 
+@pytest.mark.slow
 def test_views_that_do_not_count_change_no_map(rng):
     """Other light in views of weight 0; the same as by weights that are stated."""
     views = scene()[0].astype(np.float32)

@@ -71,6 +71,7 @@ def test_the_glow_sets_in_above_the_burner():
     assert ignition[-1] == pytest.approx(0.15, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_energy_of_the_waves_falls_as_the_wave_number_to_minus_five_thirds(rng):
     waves = np.array([draw_wrinkles(rng) for _ in range(20_000)])
     energy = (waves**2).mean(axis=(0, 1, 3))

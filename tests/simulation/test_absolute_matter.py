@@ -148,6 +148,7 @@ def test_a_hole_lets_through_what_a_cover_hides():
     np.testing.assert_allclose(image, 0.16, rtol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depth", "edge"), [(-25.0, 0.07), (15.0, -0.4)])
 def test_an_edge_in_front_hides_the_share_of_the_bundle_behind_it(depth, edge):
     """A black half plane before a white field."""

@@ -20,6 +20,7 @@ def spark(lenslets):
     return Scene([Layer(cells, 0.0, (lenslets[0] * side, lenslets[1] * side))])
 
 
+@pytest.mark.slow
 def test_the_main_lens_spreads_light_over_an_airy_disc():
     """First dark ring at 1.22 lambda N, 83.8 % of the light inside it, and none lost."""
     diameter, nm, lenslets = 0.16, 500.0, (81, 81)
@@ -51,6 +52,7 @@ def test_the_main_lens_spreads_light_over_an_airy_disc():
     assert blurred[r < ring].sum() == pytest.approx(0.838, abs=0.003)
 
 
+@pytest.mark.slow
 def test_a_lenslet_spreads_light_as_a_square_aperture():
     """Dark lines at lambda f / p, of ``sinc^2``; and no light lost but past the image's edges."""
     nm, views, lenslets = 5000.0, 41, (5, 5)

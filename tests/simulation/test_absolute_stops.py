@@ -114,6 +114,7 @@ def test_a_round_aperture_lets_the_area_of_its_circle_pass(width):
         assert image[pixel] == pytest.approx(expected, abs=4e-4), pixel
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [0.03, -0.03])
 def test_a_pitch_error_moves_and_widens_the_lenslets(error):
     """Through a stop so wide that no pixel of the right lenslet goes without."""
@@ -128,6 +129,7 @@ def test_a_pitch_error_moves_and_widens_the_lenslets(error):
     assert told_apart > 1e-3  # one per cent of the error shows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("diameter", "distance"), [(70.0, 40.0), (38.0, 150.0)])
 def test_a_rim_lets_the_area_of_its_circle_pass(diameter, distance):
     camera = small(rim_diameter_mm=diameter, rim_distance_mm=distance, lenslets=(7, 30))
@@ -178,6 +180,7 @@ def test_falloff_is_the_mean_of_cos4_over_a_pixel(integrator, views):
         assert image[pixel] == pytest.approx(mean_falloff(camera, pixel), abs=1e-4), pixel
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "amount"), [("lenslet_rotation_rad", 0.01), ("lenslet_pitch_error", -0.01)]
 )

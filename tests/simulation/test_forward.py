@@ -86,6 +86,7 @@ def test_the_count_would_notice_small_mistakes(small_camera, rng):
         assert misfit(counts, expected, rays) > 5
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_a_card_hides_what_it_hides(small_camera, rng):
     layer = two_tone(rng, 20.0)
@@ -115,6 +116,7 @@ def test_half_covered_and_absorbing_layers_dim_alike(small_camera, rng):
     assert image.sum(dtype=float) == pytest.approx(traced.sum(), rel=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_a_uniform_field_gives_its_brightness(small_camera):
     wide, rays = Layer([[0.8]], 15.0, (8.0, 9.0)), 10_000_000

@@ -69,6 +69,7 @@ def spread_matrix(size, cell_mm, camera):
     return weights[size + np.subtract.outer(np.arange(size), np.arange(size))] * cell_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("views", "fill", "fine"), [(4, 4 / 6, 96), (3, 3 / 7.5, 120), (5, 1, 80), (4, 4 / 4.375, 70)]
 )

@@ -35,6 +35,7 @@ def share_beyond(spreads, round_aperture):
     return 1 - np.sin(2 * np.pi * q * spreads[..., None]) / (np.pi * q) @ (passed * weight)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("aperture", "shift"), [({}, 0.3), (ROUND, 0.0)], ids=["square", "round"])
 def test_an_edge_in_the_focal_plane_bleeds_by_the_share_thrown_beyond_it(aperture, shift):
     """Along an edge inside a lenslet, anywhere: the pattern's integral from each point of it."""

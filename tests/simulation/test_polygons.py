@@ -164,6 +164,7 @@ def three_planes(rng):
     ]
 
 
+@pytest.mark.slow
 def test_four_planes_one_behind_the_other(tiny_camera, rng):
     """By similar triangles instead of matrices."""
 
@@ -173,6 +174,7 @@ def test_four_planes_one_behind_the_other(tiny_camera, rng):
     assert_sums_of_lines(planes_of(*three_planes(rng)), OpticalPass(tiny_camera), bundles, rng)
 
 
+@pytest.mark.slow
 def test_slabs_of_thick_layers_that_interleave(tiny_camera, rng):
     tau = rng.random((7, 5))
     thick = [glow(rng, d, thickness_mm=6.0, optical_thickness=tau) for d in (4.0, 7.0)]
@@ -185,6 +187,7 @@ def test_slabs_of_thick_layers_that_interleave(tiny_camera, rng):
     assert_sums_of_lines(planes, OpticalPass(tiny_camera), bundles, rng, pixels=6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

@@ -190,6 +190,7 @@ BLACK = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", BLACK.values(), ids=BLACK)
 @pytest.mark.parametrize("options", [{}, RAYS], ids=str)
 def test_darkness_stays_dark(layers, options):

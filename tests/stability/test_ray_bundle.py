@@ -78,6 +78,7 @@ def camera():
     return replace(PAPER_CAMERA, views=5, lenslets=(7, 270))
 
 
+@pytest.mark.slow
 def test_bundles_change_steadily_from_near_the_lens_to_far_away(camera):
     """Through the focal plane, where the pixel's width changes sign, and the focal length.
 

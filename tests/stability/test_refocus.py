@@ -121,6 +121,7 @@ def test_refocusing_scales_with_the_brightness(rng):
     assert np.all(np.isinf(naive))
 
 
+@pytest.mark.slow
 def test_means_over_many_views_keep_their_digits():
     """Naive: a running sum in float32 over 10,000 views."""
     value = np.float32(0.1)
@@ -164,6 +165,7 @@ for threads in range(1, numba.config.NUMBA_NUM_THREADS + 1):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_bits_are_the_same_for_one_to_eight_threads(rng):
     """Naive: one float32 image a thread, added at the end; its bits tell the thread count."""

@@ -49,6 +49,7 @@ def views():
     return np.random.default_rng(4).uniform(size=(9, 9, 100, 108)).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_images_are_float32_from_0_to_1_for_every_slope(system, views):
     stack = system.refocus(views, [-0.4, 0.0, 0.3])
     assert stack.dtype == np.float32
@@ -57,6 +58,7 @@ def test_images_are_float32_from_0_to_1_for_every_slope(system, views):
     np.testing.assert_allclose(system.refocus(views, 0.3)[0], stack[2], atol=2e-6)
 
 
+@pytest.mark.slow
 def test_colours_come_out_as_they_went_in(system, views):
     colours = np.stack([views, views[::-1], views * 0.5], axis=-1)
     stack = system.refocus(colours, 0.25)
@@ -161,6 +163,7 @@ def test_missing_views_are_one_sentence(choose):
         choose(5, 9)
 
 
+@pytest.mark.slow
 def test_refnet_draws_its_sixteen_slopes_and_mixes_between(views):
     system = RefNet(build_refnet(seed=2))
     every = system.refocus(views, SLOPES)
@@ -179,11 +182,13 @@ def test_refnet_is_told_how_far_apart_its_views_stand(views):
         np.testing.assert_allclose(system.show(some, np.zeros(1), (1, 1))[..., 49], apart)
 
 
+@pytest.mark.slow
 def test_refnet_refuses_slopes_beyond_its_own(views):
     with pytest.raises(InputError, match="does slopes from -1 to 0.875 pixels .* got 0.9"):
         RefNet(build_refnet()).refocus(views, [0.2, 0.9])
 
 
+@pytest.mark.slow
 def test_unet_works_on_any_size(views):
     """What is filled up at the edges is cut off again."""
     system = SparseUNet(build_unet(seed=1))
@@ -193,6 +198,7 @@ def test_unet_works_on_any_size(views):
     np.testing.assert_allclose(cut[:, :8, :8], system.predict(shown)[:, :8, :8], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_smallest_is_the_receptive_field(network):
     """A changed pixel changes the image as far as half of it, and no farther."""
     rng = np.random.default_rng(5)

@@ -23,6 +23,7 @@ def two_depths():
     return np.concatenate([left[..., :60], right[..., 60:]], axis=-1)
 
 
+@pytest.mark.slow
 def test_slope_of_a_region_is_found(two_depths):
     slopes, likeness = zip(
         *(
@@ -48,6 +49,7 @@ def test_a_slope_beside_an_end_of_the_range_is_found(two_depths, region, slopes,
     assert likeness > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cross", [False, True])
 def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, cross):
     regions = [(16, 44, 10, 50), (16, 44, 70, 110)]
@@ -83,6 +85,7 @@ def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
         refocus_regions(two_depths, [region], slopes, cross=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cross", [False, True])
 def test_views_that_do_not_count_change_nothing(two_depths, cross, rng):
     """Whatever light they hold, of the cross too."""
@@ -111,6 +114,7 @@ def test_the_most_common_slope_is_not_the_mean():
     assert most_common_slope(focus_map, (1, 2, 3, 4)) == (0.5, 0.0)  # no pixel is certain
 
 
+@pytest.mark.slow
 def test_a_trained_unet_works_on_the_regions_image(two_depths):
     """A network whose last layer adds a tenth."""
     system = SparseUNet(build_unet())

@@ -35,6 +35,7 @@ def test_ms_ssim_is_tensorflows(pictures):
     np.testing.assert_allclose(keras.ops.convert_to_numpy(ms_ssim(*pictures)), expected, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_all_five_scales_weigh_as_in_tensorflow(rng):
     """Its own weights, those of the paper, on images that are large enough for all."""
     import tensorflow as tf

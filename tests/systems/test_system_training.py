@@ -56,6 +56,7 @@ def test_samples_depend_on_seed_and_index_alone(config):
     assert first.views.shape != other.views.shape or np.any(first.views != other.views)
 
 
+@pytest.mark.slow
 def test_samples_show_leaves_and_scenes_at_new_depths(config):
     drawn = [config.training_samples.draw(1, k) for k in range(30)]
     kinds = {sample.block for sample in drawn}
@@ -65,6 +66,7 @@ def test_samples_show_leaves_and_scenes_at_new_depths(config):
     assert slopes.max() > 0.1
 
 
+@pytest.mark.slow
 def test_every_object_is_in_focus_in_some_sample(config):
     """Half of a scene's slopes are those of its objects, each object as often as the others."""
     data = config.training_samples.configs[0]
@@ -95,6 +97,7 @@ def test_every_network_gets_what_it_sees_and_the_truth_for_it(config):
         assert system.model.output_shape[3] == truth.shape[3]
 
 
+@pytest.mark.slow
 def test_samples_in_low_light_are_noisy_and_their_truth_is_not(config):
     """Shot noise: over many pixels its variance is the mean over the electrons."""
     training_samples = replace(config.training_samples, electrons=(20.0, 20.0))
@@ -109,6 +112,7 @@ def test_samples_in_low_light_are_noisy_and_their_truth_is_not(config):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_training_needs_no_light_fields(config, name, monkeypatch):
     """What is shown, and the truth, as through the light field; but for the Fourier slice."""
@@ -247,6 +251,7 @@ def test_a_preset_may_say_how_long_all_systems_train(config):
         SystemsPreset(training_samples=1, held_out=1, steps_per_epoch=0)
 
 
+@pytest.mark.slow
 def test_weights_come_from_the_seed(config):
     first, again, other = (NETWORKS["refnet"].build(seed).model.get_weights() for seed in (1, 1, 2))
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))

@@ -143,11 +143,13 @@ def errors(transform, kind, which="all"):
     return radii, np.abs(found.emission[3:-3] - truth).max(axis=0) / truth.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transform", SMOOTH)
 def test_smooth_flame_is_found_within_half_a_per_cent(transform):
     assert errors(transform, "f/4")[1].max() < 5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JUMPS)
 def test_flame_with_jumps_is_found_beside_them(name):
     transform, jumps = JUMPS[name]
@@ -207,11 +209,13 @@ AXIS_DEPTH = 2.0
 STATED = AxisymmetricGrid(LENS, 0.3, AXIS_DEPTH, 2.6)
 
 
+@pytest.mark.slow
 def test_round_flame_has_no_warning_and_its_depth_would_show():
     found = reconstruct_axisymmetric(ray_traced(), STATED)
     assert found.warnings == found.unseen == ()
 
 
+@pytest.mark.slow
 def test_longer_paths_of_oblique_rays_do_not_look_like_a_flat_flame():
     """They are 1.4 % longer in the corner views, and a solid flame shows little of its depth."""
     assert reconstruct_axisymmetric(ray_traced(solid=True), STATED).warnings == ()
@@ -219,12 +223,14 @@ def test_longer_paths_of_oblique_rays_do_not_look_like_a_flat_flame():
     assert re.search(r"depth is about 1\.[45]", said)
 
 
+@pytest.mark.slow
 def test_a_flat_flame_is_seen_or_named_as_unseen():
     found = reconstruct_axisymmetric(ray_traced(deep=0.6, solid=True), STATED)
     said = " ".join((*found.warnings, *found.unseen))
     assert "flatter than wide" in said or "0.67 times as deep as wide" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "stated", "words"),
     [

@@ -172,6 +172,7 @@ def worst_error(found, truth):
     return max(np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth, strict=True))
 
 
+@pytest.mark.slow
 def test_flames_that_absorb_where_they_glow_are_found(grid, flames_in_line):
     """Each as well as without absorption; the bright parts of each within 1 %."""
     truth, light_field = flames_in_line.truth, flames_in_line.with_noise(0.01)
@@ -196,6 +197,7 @@ def test_flames_are_found_at_much_thickness_too(grid):
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     """Of even matter: emission, error bars and covariance are each plane's, over its share."""
     thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng
@@ -211,6 +213,7 @@ def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     assert found.chi_squared == pytest.approx(plain.chi_squared, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy):
     before, *others = (
         reconstruct(

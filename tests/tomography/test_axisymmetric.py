@@ -72,6 +72,7 @@ def add_noise(light_field, share, seed=0):
     return LightField(views + np.float32(share * views.max()) * noise)
 
 
+@pytest.mark.slow
 def test_operator_sees_what_the_simulation_renders(grid, truth, seen):
     views = AxisymmetricOperator(grid).matvec(truth.ravel()).reshape(seen.views.shape)
     assert np.linalg.norm(views - seen.views) < 6e-3 * np.linalg.norm(seen.views)
@@ -118,6 +119,7 @@ def test_penalty_spares_parabolas_that_are_even_about_the_axis():
     assert np.abs((rough @ odd.ravel()).reshape(odd.shape)[:, :2]).max() > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "share", "limit"),
     [("all", 0.0, 0.01), ("all", 0.01, 0.015), ("all", 0.05, 0.03), ("central", 0.01, 0.06)],
@@ -133,6 +135,7 @@ def test_section_is_found(grid, truth, seen, which, share, limit):
     assert found.chi_squared.shape == ((7, 7) if which == "all" else (1, 1))
 
 
+@pytest.mark.slow
 def test_axis_half_a_pixel_off_hardly_harms_and_three_do(grid, truth, seen):
     errors = [
         volume_error(
@@ -159,6 +162,7 @@ def test_axis_is_found_across_and_in_depth(camera, seen):
     assert axis.depth_error_mm < 0.1
 
 
+@pytest.mark.slow
 def test_flame_that_leans_or_is_not_round_is_told_so(camera):
     leaning = find_axis(render(slabs(lean=0.05), camera), camera)
     assert leaning.lean_deg == pytest.approx(np.degrees(np.arctan(0.05)), rel=0.03)
@@ -184,6 +188,7 @@ def test_sharp_burner_is_followed_where_it_is_known(camera):
     assert errors[1] < 0.015 < 0.05 < errors[0]
 
 
+@pytest.mark.slow
 def test_views_that_do_not_count_are_not_fitted(camera, grid, seen, rng):
     """As by a camera of the inner views alone, whose pixels are as large."""
     light_field = add_noise(seen, 0.01)
@@ -207,6 +212,7 @@ def test_views_that_do_not_count_are_not_fitted(camera, grid, seen, rng):
     assert (axis.across_mm, axis.depth_mm) == pytest.approx((ACROSS, DEPTH), abs=0.3)
 
 
+@pytest.mark.slow
 def test_behind_a_round_aperture_the_whole_views_are_fitted():
     """A ball of light by rays that the tests draw; views that the aperture cuts show anything."""
     lens, width = Lens(views=7, lenslets=(40, 48)), 0.7
@@ -272,6 +278,7 @@ def test_other_light_fields_and_options_are_refused(grid, seen):
             reconstruct_axisymmetric(seen, grid, **options)
 
 
+@pytest.mark.slow
 def test_unknown_pixels_are_filled_and_said():
     camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
     grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)

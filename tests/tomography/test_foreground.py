@@ -11,6 +11,7 @@ def errors(found, truth):
     return np.array([np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth)])  # noqa: B905
 
 
+@pytest.mark.slow
 def test_light_that_noise_makes_is_taken_from_no_flame(grid, truth, noisy, fits):
     """The naive fit gives dark cells light, and takes it from bright ones at other depths."""
     plain = Roughness(dark_cells=False, corrected=False)
@@ -41,16 +42,19 @@ def test_faint_light_that_many_pixels_see_is_kept(camera, flames):
     assert found.sum() == pytest.approx(truth.sum(), rel=0.1)
 
 
+@pytest.mark.slow
 def test_without_noise_nothing_is_taken_for_dark(grid, clean, fits):
     plain = reconstruct(clean, grid, penalty=Roughness(dark_cells=False)).emission
     assert np.abs(fits(0.0).emission - plain).max() < 2e-3 * plain.max()
 
 
+@pytest.mark.slow
 def test_it_is_the_same_each_time(grid, noisy, fits):
     again = reconstruct(noisy(0.05), grid)
     np.testing.assert_array_equal(again.emission, fits(0.05).emission)
 
 
+@pytest.mark.slow
 def test_a_correction_takes_the_cells_error_off(grid, truth, noisy):
     """Cells glow evenly and flames do not: with hardly any noise that is the error that is left."""
     plain = reconstruct(noisy(0.002), grid, penalty=Roughness(corrected=False), strength=1e-4)

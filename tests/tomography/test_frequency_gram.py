@@ -107,6 +107,7 @@ def test_the_penalty_is_on_third_differences(camera):
     assert gram.penalty(2.0)[0, number, 0] == 2 * gram.penalty(1.0)[0, number, 0]
 
 
+@pytest.mark.slow
 def test_decomposition_composes_what_it_took_apart(camera):
     """Many planes have a penalty along depth as well, which leaves parabolas alone."""
     grid = FrustumGrid(replace(camera, lenslets=(24, 28)), np.linspace(-8, 8, 9))

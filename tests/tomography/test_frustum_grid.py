@@ -88,6 +88,7 @@ def test_cameras_whose_views_are_no_shifted_sums_are_refused(camera, change):
         FrustumGrid(replace(camera, **change), [0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("views", "whole"), [(11, 69), (10, 52)])
 def test_behind_a_round_aperture_the_whole_views_are_fitted(views, whole):
     """The light field is that of rays drawn in the test; cut views hold what they like."""

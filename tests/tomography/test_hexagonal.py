@@ -59,6 +59,7 @@ def emission(light_field, **changes):
     return reconstruct(light_field, grid), grid
 
 
+@pytest.mark.slow
 def test_emission_behind_hexagonal_lenslets(decoded):
     """With pitch and focal length of the lenslets times the distance of their rows in pitches."""
     found, grid = emission(decoded, lenslet_pitch_mm=0.112 * ROW, lenslet_focal_mm=0.4 * ROW)

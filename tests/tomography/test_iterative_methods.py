@@ -118,6 +118,7 @@ def error(found):
     return np.linalg.norm(found.emission - TRUTH) / np.linalg.norm(TRUTH)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", RIVALS)
 def test_flames_are_found_with_the_noise_left_and_worse_than_with_a_penalty(method, penalised):
     found = reconstruct(LightField(LIT), GRID, method=method)
@@ -133,6 +134,7 @@ def test_flames_are_found_with_the_noise_left_and_worse_than_with_a_penalty(meth
     assert (short.iterations, len(short.warnings)) == (2, 1)
 
 
+@pytest.mark.slow
 def test_known_absorption_is_given_back():
     """Matter at -8 mm before the far flame: each view looks through another part of it."""
 
@@ -172,6 +174,7 @@ def test_what_a_method_cannot_do_is_refused(options, said):
         reconstruct(LightField(LIT), GRID, **options)
 
 
+@pytest.mark.slow
 def test_values_of_unknown_pixels_do_not_count():
     valid = np.random.default_rng(1).random(LIT.shape) > 0.1
     found = [

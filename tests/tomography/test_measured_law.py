@@ -47,6 +47,7 @@ def distance(one, other):
     return np.linalg.norm(one - other) / np.linalg.norm(other)
 
 
+@pytest.mark.slow
 def test_emission_by_the_law_is_that_by_the_camera(law, flame):
     light_field, truth = flame
     own = FrustumGrid(CAMERA, [3.0, -4.0])
@@ -61,6 +62,7 @@ def test_emission_by_the_law_is_that_by_the_camera(law, flame):
     assert depth_blur(law, 1.0) == pytest.approx(LENS.focus / (7 * LENS.step), rel=0.01)
 
 
+@pytest.mark.slow
 def test_views_in_the_pupil_are_chosen_by_its_stated_diameter(law, flame):
     """A round pupil of five steps has whole squares for 13 of the views: 2.5 is its radius."""
     round_law = replace(law, aperture_diameter_mm=5 * LENS.step)
@@ -71,6 +73,7 @@ def test_views_in_the_pupil_are_chosen_by_its_stated_diameter(law, flame):
     assert distance(reconstruct(flame[0], grid).emission, flame[1]) < 0.02
 
 
+@pytest.mark.slow
 def test_views_are_brought_to_the_brightness_that_the_law_holds(law, flame):
     fall = 1 - 0.03 * np.hypot(*np.mgrid[-3:4, -3:4])
     darker = LightField(flame[0].views * fall[..., None, None])
@@ -86,6 +89,7 @@ def test_depths_without_targets_are_refused(law):
         FrustumGrid(law, [9.0, 0.0])
 
 
+@pytest.mark.slow
 def test_a_ball_of_light_by_the_law_is_that_by_the_camera(law):
     """Its axis is found at the depth from the user's zero, its emission in mm of the law."""
     width, at = 0.7, LENS.focus - ZERO

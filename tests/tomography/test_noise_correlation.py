@@ -70,6 +70,7 @@ def test_light_is_no_correlation(rng):
     assert correlation_factor(everywhere, EVERY) == 1
 
 
+@pytest.mark.slow
 def test_bars_of_a_section_are_wider_by_the_factor(rng):
     camera = PlenopticCamera(
         main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
@@ -87,6 +88,7 @@ def test_bars_of_a_section_are_wider_by_the_factor(rng):
     assert bars[1] / bars[0] == pytest.approx(of_a_mean(5), rel=0.12)
 
 
+@pytest.mark.slow
 def test_bars_of_planes_are_wider_by_the_factor(rng):
     lens = Lens(views=5, lenslets=(48, 56))
     camera = PlenopticCamera(
@@ -103,6 +105,7 @@ def test_bars_of_planes_are_wider_by_the_factor(rng):
     assert errors[1] / errors[0] == pytest.approx(of_a_mean(5), rel=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("views", "is_shared"), [(5, False), (9, True)])
 def test_photon_noise_is_measured_where_there_is_light(views, is_shared, rng):
     """In the dark there is no noise that could tell, and light of two sheets is in the way."""

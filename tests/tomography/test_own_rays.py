@@ -31,12 +31,14 @@ def photons(views, electrons, seed=0):
     return LightField(rng.poisson(views * electrons / views.max()) * views.max() / electrons)
 
 
+@pytest.mark.slow
 def test_known_planes_are_found():
     found = reconstruct(gaussian(CLEAN, 0.005), GRID)
     assert np.linalg.norm(found.emission - TRUTH) < 0.006 * np.linalg.norm(TRUTH)
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("background", "sd"), [(0.02, 0.05), (-0.01, 0.02)])
 def test_a_background_is_fitted(background, sd):
     lit = gaussian(CLEAN + background, sd)
@@ -46,6 +48,7 @@ def test_a_background_is_fitted(background, sd):
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_a_background_needs_darkness_and_a_name():
     with pytest.raises(InputError, match="'fit'"):
         reconstruct(gaussian(CLEAN, 0.02), GRID, background="even")
@@ -81,6 +84,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", WRONG)
 def test_what_no_emission_explains_is_said_and_not_blamed_on_a_view(what):
     change, grid, first = WRONG[what]
@@ -90,6 +94,7 @@ def test_what_no_emission_explains_is_said_and_not_blamed_on_a_view(what):
     assert "median view: its gain" not in said
 
 
+@pytest.mark.slow
 def test_noise_does_not_hide_what_no_emission_explains():
     """A focus distance that is wrong by 5 % and gamma, at 5 % of noise."""
     farther = record(replace(LENS, focus=1.05 * LENS.focus), FLAMES)
@@ -180,6 +185,7 @@ def test_error_bars_hold_the_truth(record_noise):
 WIDE = [Sheet(8.0, (0.3, 0.3), (0.9, 0.8)), Sheet(-8.0, (-0.2, -0.6), (0.8, 1.0), 0.4)]
 
 
+@pytest.mark.slow
 def test_saturated_rays_do_not_change_the_emission_that_others_see():
     """The sensor clips at 60 % of the peak; cells that no clipped ray crosses stay as they were."""
     grid, truth = FrustumGrid(CAMERA, [8.0, -8.0]), np.array([cells(LENS, one) for one in WIDE])

@@ -34,6 +34,7 @@ def test_flames_that_hardly_differ_in_depth_are_told_apart(flames):
         assert np.linalg.norm(one - true) < 0.0065 * np.linalg.norm(true)
 
 
+@pytest.mark.slow
 def test_a_solution_stays_where_it_is(flames):
     """Whatever the step: beyond the bounds the state is the step times their multipliers."""
     operators = Operators(GRID)

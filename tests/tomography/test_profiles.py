@@ -58,6 +58,7 @@ def test_errors_are_those_of_the_average_over_the_strip():
     assert aside.band == pytest.approx(np.full(10, 0.3 * 2.571), rel=1e-3)  # t of 5 draws
 
 
+@pytest.mark.slow
 def test_profiles_of_a_flame_are_right_within_some_per_cent(grid, truth, flames, fits):
     found = fits(0.01)
     for number, layer in enumerate(flames.layers):

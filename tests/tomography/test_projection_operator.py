@@ -21,6 +21,7 @@ def grid(request, camera):
     return FrustumGrid(camera, *GRIDS[request.param])
 
 
+@pytest.mark.slow
 def test_it_equals_rendering(grid, camera):
     """Of random cells, averaged over blocks after rendering."""
     cells = np.random.default_rng(1).random(grid.shape)

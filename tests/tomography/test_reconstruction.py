@@ -17,6 +17,7 @@ def worst_error(found, truth):
     return max(np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "limit"), [(0.0, 0.02), (0.01, 0.025), (0.05, 0.06)])
 def test_planes_are_found_where_refocused_images_are_wrong(grid, truth, noisy, fits, share, limit):
     found = fits(share)
@@ -69,6 +70,7 @@ def test_the_covariance_is_that_of_linear_fits(camera, rng):
     assert found[0].sigma_linear == pytest.approx(scatter, rel=0.25)
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_the_generator(grid, noisy):
     runs = [
         reconstruct(
@@ -85,6 +87,7 @@ def test_draws_are_those_of_the_generator(grid, noisy):
     assert not np.array_equal(runs[0], runs[2])
 
 
+@pytest.mark.slow
 def test_a_glow_without_detail_is_shared_among_depths_and_not_told(camera):
     """An even field: no depth is right, and the total is."""
     grid = FrustumGrid(camera, [6.0, -6.0])
@@ -130,6 +133,7 @@ def test_blocks_average_the_light_field(camera, flames, clean):
     assert worst_error(reconstruct(clean, grid).emission, truth) < 0.1
 
 
+@pytest.mark.slow
 def test_wrong_depths_are_noticed_where_the_noise_is_stated(camera, noisy, clean):
     wrong = FrustumGrid(camera, [13.0, 9.0, -9.0])
     noise = 0.005 * float(clean.views.max())
@@ -161,6 +165,7 @@ def test_another_camera_s_light_field_is_refused(grid, clean):
         reconstruct(LightField(np.repeat(clean.views[..., None], 3, axis=4)), grid)
 
 
+@pytest.mark.slow
 def test_a_frame_starts_from_the_one_before(grid, clean, noisy):
     """It finds what it finds alone, of a flame that has moved, and grown half as bright again."""
     plan = ReconstructionPlan(grid)
@@ -205,6 +210,7 @@ def inner_views(light_field, count, rng):
     return LightField(light_field.views[inner]), LightField(views, weights=weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("penalty", "strength"), [("roughness", 0.01), ("variation", 2.0)])
 def test_views_that_do_not_count_are_not_fitted(penalty, strength, grid, camera, noisy, rng):
     """As by a camera of the inner views alone, whose pixels are as large."""

@@ -42,6 +42,7 @@ def lit(heights, radii):
     return h, r, (red > red.max() / 5) & (np.abs(h) < 1.8)
 
 
+@pytest.mark.slow
 def test_views_of_an_absorbing_flame_are_those_of_rays(light_field):
     h, r, _ = lit(GRID.heights_mm, GRID.radii_mm)
     kappa = FLAME.absorption(r, h)
@@ -67,6 +68,7 @@ def test_its_adjoint_and_mean_transmission_are_those_of_the_operator(rng):
     assert operator.mean_transmission().ravel()[seen] == pytest.approx(wanted, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_temperature_and_absorption_come_from_one_exposure(light_field):
     """Within 6 K; taken for thin, the flame is 30 K too cold."""
     thin, soot = (
@@ -84,6 +86,7 @@ def test_temperature_and_absorption_come_from_one_exposure(light_field):
     assert soot.warnings == ()
 
 
+@pytest.mark.slow
 def test_all_colours_are_fitted_with_the_strength_that_the_noisiest_asks_for(light_field, rng):
     """So that what the penalty does cancels in the ratios of the colours."""
     views = light_field.views.copy()

@@ -89,6 +89,7 @@ def test_errors_of_three_colours_are_those_of_draws(rng):
     assert np.std(even.kelvin) > 1.15 * np.std(found.kelvin)
 
 
+@pytest.mark.slow
 def test_errors_that_colours_share_cancel(rng):
     """Draws whose errors are the same in all colours leave the temperature; others do not."""
     light = CAMERA.soot(np.full(3, 1700.0))

@@ -76,6 +76,7 @@ def test_no_cell_alone_makes_the_sum_smaller(camera, sharp):
         assert total(fit_total_variation(problem, wrong * weight, 300, dark)) > least
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused(camera, clean):
     grid = FrustumGrid(camera, [3.0, 0.0])
     with pytest.raises(InputError, match="penalty must be one of roughness, variation"):

@@ -377,6 +377,7 @@ def test_slow_planes_are_coarse_while_dragging(opened, make_exhibit, monkeypatch
     assert tab.canvas().shape == (131, 150, 3)
 
 
+@pytest.mark.slow
 def test_fast_planes_are_whole_while_dragging(opened, make_exhibit):
     exhibit = make_exhibit((3, 3, 131, 150), most_bytes=1)
     tab = opened(exhibit)
@@ -449,6 +450,7 @@ def test_slices_come_from_the_program(opened, make_exhibit):
         assert np.abs(tab.canvas(name)[..., 0] - expected).max() <= 1
 
 
+@pytest.mark.slow
 def test_the_map_and_the_state_in_the_address_work_as_ever(opened, make_exhibit):
     exhibit = make_exhibit((5, 5, 30, 40), most_bytes=1, with_map=True)
     tab = opened(exhibit, address="#slope=-0.85&shape=round&width=0.7&overlay=slope&gain=1.5")

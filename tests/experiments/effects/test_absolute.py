@@ -20,6 +20,7 @@ def test_every_effect_has_a_trial_that_calls_for_it(camera):
         assert plan_effects(trial.scene, trial.camera, absolute.TOLERANCE)[name].kept, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["defocus", "vignetting", "chromatic", "saturation", "read_noise"])
 def test_the_library_stands_beside_its_reference(name):
     row = measure_effect(name, "small", effect_trials(SMALL)[name], rays=2**10)

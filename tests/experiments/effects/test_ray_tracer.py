@@ -42,6 +42,7 @@ def test_a_lenslet_sees_its_own_place_of_the_focal_plane_upright(small_camera):
     np.testing.assert_allclose(found.mean, [1, 0, 0, 1, 0, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_thick_bodies_in_one_another_obey_the_equation_of_transfer(small_camera, rng):
     """Against a march of small steps along single rays."""
     bodies = [

@@ -62,6 +62,7 @@ def names(pools):
     return [[result.run for result in pool] for pool in pools]
 
 
+@pytest.mark.slow
 def test_tables_and_their_picture_appear_together(tmp_path, monkeypatch):
     make_results(tmp_path / "a", 1, 0.1)
     out = tmp_path / "new" / "tables.md"
@@ -79,6 +80,7 @@ def test_tables_and_their_picture_appear_together(tmp_path, monkeypatch):
     assert sorted(p.name for p in out.parent.iterdir()) == ["tables.csv", "tables.md", "tables.png"]
 
 
+@pytest.mark.slow
 def test_seeds_of_one_recipe_are_pooled(tmp_path):
     folders = [tmp_path / name for name in ("paper", "paper-seed2", "paper-seed3")]
     scores = [
@@ -150,6 +152,7 @@ def test_a_seed_counts_once(tmp_path):
     assert "± " not in report_tables([tmp_path / "a", tmp_path / "again"], PAPER)
 
 
+@pytest.mark.slow
 def test_missing_runs_show_as_missing(tmp_path):
     folders = [tmp_path / name for name in ("none", "a", "nothing")]
     for folder in folders:
@@ -186,6 +189,7 @@ def test_seeds_of_one_recipe_have_one_name_and_colour():
     assert sorted(words[1:]) == ["by Adam", "in closed form"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "last"), [(0.2, 3e4), (41, 44)])
 def test_labels_of_seconds_stand_apart(first, last):
     curve = pd.DataFrame({"seconds": np.geomspace(first, last, 9), "val_psnr_db": np.arange(9.0)})
@@ -216,6 +220,7 @@ def test_runs_are_timed_to_where_the_weakest_ended():
     ]
 
 
+@pytest.mark.slow
 def test_a_run_that_stalls_does_not_rise(rng):
     """Of a line with noise the slope is found, within two errors of it as often as it should be."""
     epochs = np.arange(101)
@@ -259,6 +264,7 @@ def test_learning_names_accelerators_and_what_unfinished_runs_could_reach():
     assert (second[1].strip(), second[-2].strip()) == ("b", "-")
 
 
+@pytest.mark.slow
 def test_how_runs_learnt_is_kept_as_numbers(tmp_path):
     make_results(tmp_path / "a", epochs=2)
     rows = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [3.0, 1.0, 1.5], "val_psnr_db": [1, 3, 2]})

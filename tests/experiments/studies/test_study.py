@@ -282,6 +282,7 @@ def test_variants_without_their_imagenet_weights_show_as_missing(folder, monkeyp
     assert "Left out: Keras cannot get its ImageNet weights" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_file_may_stand_in_for_keras_imagenet_weights(folder, monkeypatch):
     path = write(folder, IMAGENET)
     asked = []

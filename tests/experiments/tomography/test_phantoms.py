@@ -28,6 +28,7 @@ def camera():
     return replace(PAPER_CAMERA, views=5, lenslets=(90, 120))
 
 
+@pytest.mark.slow
 def test_a_volume_projects_as_the_closed_form_says():
     """Slabs along the line of sight add up to the Abel transform of the profile."""
     scene = volume_flame(10.0, 2.0, slab_mm=0.1, reach_mm=7.0)

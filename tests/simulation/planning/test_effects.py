@@ -318,6 +318,7 @@ def test_requests_that_cannot_be_meant_are_refused(effects, tolerance, message):
         plan_effects(Scene([glow()]), small(), tolerance, effects)
 
 
+@pytest.mark.slow
 def test_a_tolerance_out_of_reach_names_the_obstacle():
     thick = Scene([glow(0.0, thickness_mm=60.0)])
     with pytest.raises(InputError, match="cannot be met: thickness would need more than 1024"):

@@ -32,6 +32,7 @@ def test_the_way_of_a_part_follows_from_its_first_order(small_camera, rng):
     assert part_counts.TRAVEL_PER_MEAN * mean / rate == pytest.approx(travel, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cells", [(2, 2), (6, 7), (40, 50)])
 @pytest.mark.parametrize("depth_mm", [0.0, 12.0])
 def test_slabs_err_by_no_more_than_their_bound(small_camera, rng, cells, depth_mm):

@@ -78,6 +78,7 @@ def test_windows_stand_where_the_steepest_step_is(column):
     assert max(steps[:-1]) == pytest.approx(steps[-1], rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixel", [1.0, 0.8])
 @pytest.mark.parametrize("tolerance", [1e-2, 2e-3])
 def test_the_image_is_as_good_as_the_tolerance_asks(rng, pixel, tolerance, monkeypatch):
