@@ -19,7 +19,7 @@ PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 0
 # Processes that run tests side by side.
-TEST_JOBS ?= -n auto --dist loadfile
+TEST_JOBS ?= -n auto --dist loadfile --no-loadscope-reorder
 
 BIN := $(VENV)/bin
 LF := $(BIN)/lf-flame
