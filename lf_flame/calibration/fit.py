@@ -37,7 +37,7 @@ NAMES = ("slope_at_infinity", "slope_mm", "slope_centre_mm", "scale", "scale_cen
 def fit_targets(
     depths_mm: Sequence[float], targets: Sequence[Target], *, square_mm: float
 ) -> LawFit:
-    """Fit the law of a camera, slope and scale by depth, to pictures of a target.
+    """Fit how slope and scale (mm per lenslet) depend on depth, from pictures of a target.
 
     Parameters
     ----------
@@ -51,11 +51,12 @@ def fit_targets(
     Returns
     -------
     LawFit
+        Fitted `CameraLaw` with standard errors and residuals.
 
     Raises
     ------
     InputError
-        If there are fewer than three distances, the targets are of different cameras, or no
+        If there are fewer than three depths, the targets are of different cameras, or no
         law fits them.
 
     Examples
@@ -64,14 +65,14 @@ def fit_targets(
     >>> from lf_flame import LightField
     >>> from lf_flame.calibration import fit_targets, measure_target
     >>> t, s = np.mgrid[:48, :56]
-    >>> def board(slope, side):  # pictures of squares
+    >>> def draw_board(slope, side):  # a checkerboard with squares of that many lenslets
     ...     wave = lambda x, step: np.sin((x - slope * step) * np.pi / side)
     ...     steps = (-1, 0, 1)
     ...     return LightField([[wave(t, v) * wave(s, u) for u in steps] for v in steps])
     >>> depths = [-20.0, 0.0, 25.0]
-    >>> boards = [board(2 - 800 / (z + 400), 4000 / (z + 400)) for z in depths]
+    >>> boards = [draw_board(2 - 800 / (z + 400), 4000 / (z + 400)) for z in depths]
     >>> fit = fit_targets(depths, [measure_target(board) for board in boards], square_mm=5.0)
-    >>> round(fit.law.slope_centre_mm)
+    >>> round(fit.law.slope_centre_mm)  # both are infinite at z = -400 mm
     -400
     """
     if not 0 < square_mm < np.inf:

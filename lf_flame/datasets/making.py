@@ -101,14 +101,14 @@ def make_dataset(
     Parameters
     ----------
     config : DatasetConfig
-        Configuration.
+        Configuration, from `read_config`.
     samples : int
         Number of samples.
     path : str or Path
-        Folder of the finished group, which must not exist yet; or a place in an object store that
+        Folder of the Zarr group, which must not exist yet; or a place in an object store that
         fsspec can access, such as ``s3://BUCKET/NAME``, with the credentials of the environment.
     workers : int, optional
-        Number of processes; 1 works in this one.
+        Number of processes; 1 uses the calling one.
     progress : callable, optional
         Function ``progress(finished, done, total)`` that wraps the iterable of finished samples.
     executor : concurrent.futures.Executor, optional
@@ -118,8 +118,8 @@ def make_dataset(
     Raises
     ------
     InputError
-        If `path` exists, something else is in the place where it is built, another process builds
-        it, or the object store cannot be reached.
+        If `path` exists, the folder in which it is built holds something else, another process
+        builds it, or the object store cannot be reached.
     OSError
         If a file cannot be written; finished samples are kept.
 

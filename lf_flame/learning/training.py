@@ -105,7 +105,7 @@ def train(
     *,
     minutes: float = 0.0,
 ) -> Path:
-    """Train a model, or continue a run that was interrupted.
+    """Train a network from light-field images to focal stacks, or continue an interrupted run.
 
     Parameters
     ----------
@@ -116,10 +116,10 @@ def train(
     data : str or Path
         Data set made by `lf_flame.datasets.make_dataset`.
     out : str or Path
-        Run folder.
+        Run folder, for checkpoints, records and the network; made if it is missing.
     minutes : float, optional
-        Time in minutes at which the call ends, at the nearest end of an epoch, with the best
-        network so far; the next call continues. 0 trains to the end.
+        Time in minutes at which the call ends, at the nearest end of an epoch, with the network of
+        the lowest validation loss so far; the next call continues. 0 trains to the end.
 
     Returns
     -------

@@ -323,9 +323,10 @@ class PlenopticCamera(Lens):
     def depth_to_slope(self, depth_mm: Number) -> Number:
         """Slope at which a layer is in focus.
 
-        It is ``slope = view_step / pitch * (i0 / i(z) - 1)``. With the thin-lens equation for i(z)
-        this depends on ``1/a0 - 1/(a0 + z)``, finite as z goes to infinity or through the focal
-        length.
+        It is ``slope = view_step / pitch * (i0 / i(z) - 1)`` with the image distances i0 of the
+        focal plane and i(z) of the layer, and the distance view_step between neighbouring views on
+        the lens. By the thin-lens equation it depends on ``1/a0 - 1/(a0 + z)``, with the focus
+        distance a0: finite as z goes to infinity or through the focal length.
 
         Parameters
         ----------
@@ -335,7 +336,7 @@ class PlenopticCamera(Lens):
         Returns
         -------
         float or ndarray
-            Slope in lenslets per view step.
+            Slope in lenslets per view step; positive behind the focal plane.
         """
         depth, a0 = np.asarray(depth_mm, float), self.focus_distance_mm
         if not np.all(depth > -a0):
@@ -356,7 +357,7 @@ class PlenopticCamera(Lens):
             return number_or_array(a0 * shift / (1 - shift))
 
     def slope_to_real_depth(self, slope: Number) -> Number:
-        """Depth in mm as `slope_to_depth`; NaN where no layer in front of the camera has it."""
+        """Depth in mm as `slope_to_depth`; NaN for the slope of no real layer."""
         depth = np.asarray(self.slope_to_depth(slope), float)
         return number_or_array(np.where(depth > -self.focus_distance_mm, depth, np.nan))
 

@@ -97,6 +97,12 @@ def ng_alpha(camera: PlenopticCamera) -> AlphaConvention:
 
     ``1 - 1/alpha = -slope * pitch / view_step`` (R. Ng, "Fourier slice photography", ACM Trans.
     Graph. 24, 2005), like `PlenopticCamera.slope_to_alpha` and `alpha_to_slope`.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import PAPER_CAMERA, ng_alpha, to_slope
+    >>> abs(to_slope(1.0, ng_alpha(PAPER_CAMERA)))  # the image plane on the microlens array
+    0.0
     """
     return AlphaConvention(-camera.view_step_mm / camera.lenslet_pitch_mm)
 
@@ -123,6 +129,13 @@ def plenoptomos_distance(
     ------
     InputError
         If a length is 0 or not finite.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import plenoptomos_distance, to_slope
+    >>> convention = plenoptomos_distance(z0=100.0, view_pitch=1.0, pixel_pitch=0.05)
+    >>> float(to_slope(200.0, convention))  # 1 / 0.05 * (1 - 100 / 200)
+    10.0
     """
     if 0 in (pixel_pitch, magnification):
         raise InputError(
@@ -178,7 +191,7 @@ CONVENTIONS = {
 def to_slope(
     number: Number, convention: str | Convention | AlphaConvention, views: int | None = None
 ) -> Number:
-    """Slope for a number of another program or convention.
+    """Convert a refocusing number of another program to a slope.
 
     Parameters
     ----------
@@ -187,9 +200,8 @@ def to_slope(
     convention : str or Convention or AlphaConvention
         A name in `CONVENTIONS`, or the result of `ng_alpha` or `plenoptomos_distance`.
     views : int, optional
-        Number of views along an axis, for conventions that depend on it. If a light field has more
-        rows than columns of views, such a program shears the axes differently, and no slope does
-        the same.
+        Number of views along an axis, for conventions that depend on it. For unequal numbers of
+        rows and columns of views such a program's number stands for no slope.
 
     Returns
     -------
@@ -204,7 +216,7 @@ def to_slope(
     Examples
     --------
     >>> from lf_flame.optics import to_slope
-    >>> to_slope(-0.4, "plenpy", views=5)
+    >>> to_slope(-0.4, "plenpy", views=5)  # -number N / (N - 1)
     0.5
     """
     return _named(convention).to_slope(number, views)
@@ -213,14 +225,26 @@ def to_slope(
 def from_slope(
     slope: Number, convention: str | Convention | AlphaConvention, views: int | None = None
 ) -> Number:
-    """Find the number of another program for a slope; the inverse of `to_slope`.
+    """Convert a slope to the refocusing number of another program; the inverse of `to_slope`.
 
     Parameters
     ----------
     slope : float or ndarray
         Slope in lenslets per view step.
-    convention, views
-        As for `to_slope`.
+    convention : str or Convention or AlphaConvention
+        A name in `CONVENTIONS`, or the result of `ng_alpha` or `plenoptomos_distance`.
+    views : int, optional
+        Number of views along an axis, for conventions that depend on it.
+
+    Returns
+    -------
+    float or ndarray
+        Number in that convention.
+
+    Raises
+    ------
+    InputError
+        If the convention is unknown, or needs the number of views, 2 or more.
 
     Examples
     --------

@@ -96,7 +96,8 @@ def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0
     stack : array_like, shape (n, t, s) or (n, t, s, channels)
         Refocused images, preferably from `refocus` with "sinc" interpolation.
     slopes : sequence of float
-        Slope of each image, at least three, rising in equal steps.
+        Slope of each image in lenslets per view step, at least three, rising in equal steps;
+        `PlenopticCamera.slope_to_depth` turns those that are found into depths.
     window : float, optional
         Standard deviation, in lenslets, of the Gaussian under which sharpness is summed. A smaller
         one shows finer outlines, a larger one needs less texture.
@@ -115,12 +116,13 @@ def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0
     --------
     >>> import numpy as np
     >>> from lf_flame import refocus
-    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
-
-    >>> slopes = np.linspace(-1, 1, 9)
-    >>> found = refocus.depth_from_focus(refocus.shift_and_sum(views, slopes), slopes)
-    >>> found.slope.shape, found.confidence.shape
-    ((24, 30), (24, 30))
+    >>> picture = np.random.default_rng(1).uniform(size=(24, 30))
+    >>> steps = (-1, 0, 1)  # each view shows the picture one pixel farther along than the next
+    >>> views = np.array([[np.roll(picture, (-v, -u), (0, 1)) for u in steps] for v in steps])
+    >>> slopes = np.linspace(-2, 2, 9)
+    >>> stack = refocus.refocus(views, slopes, interpolation="sinc")
+    >>> float(np.median(refocus.depth_from_focus(stack, slopes).slope).round(1))
+    -1.0
     """
     stack, slopes = np.asarray(stack), as_steps(slopes)
     costs = _blur(stack, slopes, window)
@@ -142,22 +144,24 @@ def all_in_focus(
     """Find the slope map of a light field and refocus every pixel at its slope.
 
     A pixel's slope is the one at which the views that see it match the central view best; near an
-    outline these are half of the views, or a quarter (`lf_flame.refocus.matching`). Where this is
-    uncertain, for example without texture, the slope comes from the surroundings, up to the edges
-    of the central view (`lf_flame.refocus.semi_global`). At last slopes are refined between the
-    steps of the search (`lf_flame.refocus.refinement`). The image is refocused on the resulting
+    outline half of the views are compared, or a quarter (`lf_flame.refocus.matching`). Where this
+    is uncertain, for example without texture, the slope comes from the surroundings, up to the
+    edges of the central view (`lf_flame.refocus.semi_global`). Finally slopes are refined between
+    the steps of the search (`lf_flame.refocus.refinement`). The image is refocused on the resulting
     surface (`refocus_surface`), not selected from slices, so that it has no seams.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Or a `LazyLightField`: the result is the same, and costs wait in a temporary file.
+        Or a `LazyLightField`: the result is the same; what does not fit into memory waits in a
+        temporary file.
     slopes : sequence of float
-        Slopes to search, at least three, rising in equal steps. A peak at the first or last is not
-        trusted: include one step more on each side than the scene needs.
+        Slopes to search, in lenslets per view step, at least three, rising in equal steps. A peak
+        at the first or last is not trusted: include one step more on each side than the scene
+        needs.
     window : float, optional
-        Standard deviation, in lenslets, of the Gaussian that weights the votes of neighbours; they
-        reach 24 lenslets at most.
+        Standard deviation, in lenslets, of the Gaussian by which neighbours are weighted; it
+        reaches 24 lenslets at most.
     interpolation : optional
         Interpolation for the image, as in `refocus_surface`.
     weights : array_like, shape (v, u), optional
@@ -167,8 +171,8 @@ def all_in_focus(
     Returns
     -------
     FocusMap
-        Slope map, confidence and image. For views on no grid (`LightField.positions`) they come
-        from the focal stack, as in `depth_from_focus`.
+        Slope map, confidence and image. For views off a regular grid (`LightField.positions`) they
+        come from the focal stack, as in `depth_from_focus`.
 
     Raises
     ------
@@ -182,7 +186,7 @@ def all_in_focus(
     >>> texture = np.random.default_rng(1).uniform(size=(48, 64))
     >>> views = [[np.roll(texture, (2 - v, 2 - u), (0, 1)) for u in range(5)] for v in range(5)]
     >>> found = all_in_focus(np.array(views), np.linspace(-2, 2, 17))
-    >>> round(float(np.median(found.slope)), 2)  # each view has moved by a lenslet more
+    >>> round(float(np.median(found.slope)), 2)  # content moves by -1 lenslet a view
     -1.0
     """
     weights = as_weights(weights, light_field)

@@ -197,11 +197,11 @@ def fourier_slice(
     """Refocus with Ng's Fourier slice: photographs are slices of the light field's spectrum.
 
     R. Ng, "Fourier slice photography", ACM Trans. Graph. 24 (2005). The slice at a slope runs
-    through the angular frequencies ``slope * (k_t, k_s)``. There the spectrum, sampled twice per
-    view, is interpolated from `width` x `width` samples with a Kaiser-Bessel window, whose roll-off
-    is divided out beforehand (J. Jackson et al., IEEE Trans. Med. Imag. 10, 1991). The error from
-    this resampling, for random views with values from 0 to 1, is at most 3e-1, 1e-3, 2e-5 and 1e-6
-    for a width of 2, 4, 6 and 8.
+    through the angular frequencies ``slope * (k_t, k_s)``, k being the spatial ones. There the
+    spectrum, of the views padded to twice their number, is interpolated from `width` x `width`
+    samples with a Kaiser-Bessel window, whose roll-off is divided out beforehand (J. Jackson et
+    al., IEEE Trans. Med. Imag. 10, 1991). The error from this resampling, for random views with
+    values from 0 to 1, is at most 3e-1, 1e-3, 2e-5 and 1e-6 for a width of 2, 4, 6 and 8.
 
     Parameters
     ----------
@@ -211,7 +211,8 @@ def fourier_slice(
     width : {2, 4, 6, 8}, optional
         Number of samples along each angular axis from which the slice is interpolated.
     edges : {"wrap", "clamp"}, optional
-        As in `fourier_refocus`; for "clamp" no slope may shift a view by more than the image.
+        Beyond the edges: the image again ("wrap"), or its edge pixels ("clamp"); for "clamp" no
+        slope may shift a view by more than the image's size.
     weights : array_like, shape (v, u), optional
         Weight of each view, 0 or above; divided by their sum. The light field's own weights
         multiply them. Default: all equal.

@@ -43,11 +43,11 @@ def shift_and_sum(
     interpolation: str = "linear",
     weights: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Refocus by shifting and averaging views, with coordinates clamped at the edges.
+    """Refocus by shifting and averaging views; outside a view its nearest edge pixel counts.
 
-    Interpolation is separable over the N x N views: each row of views is first shifted and summed
-    along s, then the row sums along t. This takes N^2 + N shifts instead of 2 N^2. The light field
-    is read once for several slopes.
+    Interpolation is separable over rows and columns of views: each row is first shifted and summed
+    along s, then the row sums along t. This takes N^2 + N shifts instead of 2 N^2 for N x N views.
+    The light field is read once for several slopes.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def shift_and_sum(
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
         One image for each slope; for a single number the image itself, without the first axis.
         It has the unit of the views. Eight terms at a time are summed in float32, these sums in
-        float64: the error stays within some units of the last place for any number of views.
+        float64: the error stays within a few units in the last place for any number of views.
         (Views of float64 are summed in float64 throughout.)
 
     Raises
@@ -80,10 +80,12 @@ def shift_and_sum(
     --------
     >>> import numpy as np
     >>> from lf_flame import refocus
-    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
-
-    >>> refocus.shift_and_sum(views, 0.5).shape
-    (24, 30)
+    >>> picture = np.random.default_rng(1).uniform(size=(24, 30))
+    >>> steps = (-1, 0, 1)  # each view shows the picture one pixel farther along than the next
+    >>> views = np.array([[np.roll(picture, (-v, -u), (0, 1)) for u in steps] for v in steps])
+    >>> image = refocus.shift_and_sum(views, -1.0)
+    >>> np.allclose(image[1:-1, 1:-1], picture[1:-1, 1:-1])
+    True
     >>> refocus.shift_and_sum(views, [-1.0, 0.0, 1.0]).shape
     (3, 24, 30)
     """

@@ -60,7 +60,9 @@ def render(
     Parameters
     ----------
     scene : Scene
+        Layers to render.
     camera : PlenopticCamera
+        Camera that records them.
     tolerance : float, optional
         Largest acceptable error: root mean square over the image, relative to its brightest pixel.
         Effects are left out, smallest bound first, while the sum of their bounds is within a
@@ -71,16 +73,16 @@ def render(
         render all effects of the plan.
     rays : int, optional
         Number of rays per pixel along each axis for the ray integrator. Default: by the tolerance.
-        With a fixed number, diffraction by the lenslets assumes that light is uniform over each
-        pixel, or over each of 4 x 4 parts of it if pixels leave gaps.
+        With a fixed number, diffraction by the lenslets takes light to be uniform over each pixel
+        (over each of 4 x 4 parts of a pixel, if pixels do not fill the sensor).
     effects : mapping of str to bool, optional
         Effects to simulate (True) or leave out (False) regardless of their size, by name
         (`lf_flame.simulation.planning.effects.EFFECTS`).
     seed : int or sequence of int, optional
         Seed of the sensor's noise; required if the plan includes noise.
     layout : {"views", "raw"}, optional
-        Image of the light field that is contiguous in memory; the other one is a view of it. The
-        pixels are the same.
+        What is contiguous in memory: the views, or the raw image of the sensor. The other one is
+        a NumPy view of the same pixels.
 
     Returns
     -------
@@ -90,8 +92,8 @@ def render(
     Raises
     ------
     InputError
-        If a layer is outside the field or behind the lens, or if the tolerance, an effect or the
-        integrator cannot be used.
+        If a layer is outside the field of view or behind the lens, or if the tolerance, an effect
+        or the integrator cannot be used.
 
     Examples
     --------

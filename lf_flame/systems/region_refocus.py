@@ -149,16 +149,15 @@ def refocus_regions(
     regions : iterable of (int, int, int, int)
         First row, last row + 1, first column, last column + 1 of each region.
     slopes : (float, float)
-        Range of the search, in pixels per view step.
+        Range of the search, in lenslets per view step.
     background : float, optional
-        Slope outside the regions. Default: the lowest, because Samarakoon et al. choose a smaller
-        one.
+        Slope outside the regions. Default: the lower end of `slopes`.
     cross : bool, optional
         Whether only a cross of 17 views is used, with `search_region_slope`; this is less exact.
-        Otherwise a region's slope is that of most of its pixels in a slope map of all views
-        (`lf_flame.refocus.all_in_focus`; the authors use another map).
+        Otherwise a region's slope is the most frequent one of its pixels in a slope map of all
+        views (`lf_flame.refocus.all_in_focus`).
     unet : SparseUNet, optional
-        Trained network that removes the ghosts of the cross, which it implies.
+        Trained network that removes the ghosts of the cross; it implies `cross`.
 
     Returns
     -------
@@ -174,7 +173,7 @@ def refocus_regions(
     ------
     InputError
         If a region is not inside the image, the range is empty, or views are missing; with the
-        cross also if a region is too small, with a network if the image is.
+        cross also if a region is too small, with a network if the image is too small for it.
 
     Examples
     --------

@@ -29,12 +29,13 @@ if TYPE_CHECKING:
 def write_reconstruction(
     found: "Reconstruction", light_field: LightField, folder: OutputFolder | str | Path
 ) -> None:
-    """Write ``emission.tif``, and files that show its errors.
+    """Write a reconstruction into a folder that `EmissionFolder` opens.
 
-    Other files are ``correction.tif`` (added to the fit); ``sigma.tif`` and ``draws.tif``, if there
-    are bootstrap draws; ``depth.csv`` and ``depth.png`` (light against depth); ``slices.png``
-    (depth planes beside refocused images) and ``trust.png`` (residual of each view, misfit by
-    strength).
+    ``emission.tif`` has a page for each depth plane, in the unit of the light field. Other files
+    are ``correction.tif`` (the part of the emission that corrects the penalty's bias);
+    ``sigma.tif`` and ``draws.tif``, if there are bootstrap draws; ``depth.csv`` and ``depth.png``
+    (light against depth); ``slices.png`` (depth planes beside refocused images) and ``trust.png``
+    (residual of each view, misfit against the strength of the regularisation).
 
     Parameters
     ----------
@@ -49,7 +50,8 @@ def write_reconstruction(
     Raises
     ------
     InputError
-        If a file that no earlier call wrote would be replaced, or another process writes there.
+        If a file of such a name is there that this function did not write, or another process
+        writes there.
 
     Examples
     --------

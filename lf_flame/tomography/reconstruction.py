@@ -43,13 +43,14 @@ def reconstruct(
     grid : FrustumGrid
         Depth planes and cells.
     noise : float, optional
-        Standard deviation of a pixel's noise, averaged over the grid's blocks, in the unit of the
-        light field. Default: measured from the part that no emission on the grid explains.
+        Standard deviation of a pixel's noise in the unit of the light field (of the mean of a block
+        of pixels, if the grid's cells are blocks). Default: measured from the residual that no
+        emission on the grid can make.
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
-        Largest number of iterations (of the splitting method ADMM) that keep light from being
-        negative, 80 by default; or of another method, 1000 by default.
+        Largest number of iterations. Default: 80 of ADMM, which keep the emission from being
+        negative, for "penalised"; 1000 for the other methods.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
@@ -60,8 +61,8 @@ def reconstruct(
         Known absorption along the line of sight, 0 or above: the total, spread evenly over the
         planes, or a value for each plane, or for each plane and pixel of the central view. Like a
         `Layer`, a plane transmits ``(1 - exp(-tau)) / tau`` of its own light and ``exp(-tau)`` of
-        the light from behind it, at greater depth. The penalty then acts on the emission as it
-        leaves towards the camera. Default: no absorption.
+        the light from behind it, at greater depth. The penalty then acts on what is left of the
+        emission after its own absorption. Default: no absorption.
     penalty : {"roughness", "variation"}, Roughness or TotalVariation, optional
         Kind of regularisation: roughness for flames, which are smooth, and total variation for
         emission with sharp edges, by name or as `lf_flame.tomography.Roughness` with its options.
@@ -80,7 +81,8 @@ def reconstruct(
     Returns
     -------
     Reconstruction
-        Emission with warnings, and with error bars if `bootstrap` is not 0.
+        Emission of shape (planes, rows, columns) in the unit of the light field, with warnings,
+        and with error bars if `bootstrap` is not 0.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def reconstruct(
     >>> y, x = np.mgrid[-1:1:32j, -1:1:40j]
     >>> glow = np.exp(-8 * (x**2 + y**2))
     >>> cells = np.zeros(grid.shape)
-    >>> grid.crop(cells)[...] = glow, 0.5 * glow
+    >>> grid.crop(cells)[...] = glow, 0.5 * glow  # crop: the cells within the central view
     >>> light_field = render(grid.scene(cells), camera)
     >>> from lf_flame.tomography import reconstruct
     >>> found = reconstruct(light_field, grid, noise=0.001)

@@ -72,26 +72,27 @@ def reconstruct_soot(
         Gains and spectral responses of the channels.
     absorbing : bool, optional
         Whether the soot's own absorption is found and corrected. It needs gains that turn signals
-        into absolute radiance, as of a furnace's pictures with stated exposures.
+        into absolute radiance, as from pictures of a furnace with stated exposures.
     soot_exponent : float, optional
         Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
     bootstrap : int, optional
         Number of bootstrap draws of each colour, for errors: 0, or 2 and more.
     seed : int, optional
-        Seed of the draws.
+        Seed of the bootstrap.
     **options
         Further options of `ReconstructionPlan`, for every colour.
 
     Returns
     -------
     Soot
-        Emission of each colour without absorption, temperatures, and optical thickness.
+        Emission of each colour corrected for absorption, temperatures in kelvin, and optical
+        thickness.
 
     Raises
     ------
     InputError
-        If light field, grid and calibration do not match, no cell has a temperature, or the flame
-        is too thick.
+        If light field, grid and calibration do not match, no cell is bright enough for a
+        temperature, or the flame is optically too thick.
 
     Examples
     --------
@@ -104,7 +105,7 @@ def reconstruct_soot(
     >>> from lf_flame.tomography import FrustumGrid, reconstruct_soot
     >>> grid = FrustumGrid(replace(PAPER_CAMERA, views=3, lenslets=(20, 24)), [0.0])
     >>> y, x = np.mgrid[-1:1:20j, -1:1:24j]
-    >>> glow = np.exp(-8 * (x**2 + y**2))[..., None] * 0.2 * colours.soot(1800.0)
+    >>> glow = np.exp(-8 * (x**2 + y**2))[..., None] * 0.2 * colours.soot(1800.0)  # at 1800 K
     >>> light_field = LightField(np.broadcast_to(glow, (3, 3, 20, 24, 2)))
     >>> found = reconstruct_soot(light_field, grid, calibration, absorbing=False)
     >>> round(float(found.temperatures.kelvin[0, 10, 12]), -1)

@@ -77,7 +77,8 @@ def show(
     light_field : LightField
         Grey light field, or one of three channels.
     slopes : (float, float), optional
-        Ends of the slider, the lower one first. Default: the range of the scene.
+        Ends of the slider in lenslets per view step, the lower one first. Default: found from the
+        light field.
     camera : PlenopticCamera or CameraLaw, optional
         Camera for depths in mm and f-numbers.
     title : str, optional

@@ -56,24 +56,24 @@ def process_frames(
 ) -> Progress:
     """Process the frames of a video into a Zarr group, or finish one that was interrupted.
 
-    A frame that is missing, damaged, or of another size or exposure than the first sound one
+    A frame that is missing, damaged, or of another size or exposure than the first valid one
     becomes NaN in all arrays, and the array ``state`` says so. Images have one chunk for each
-    frame. The bytes do not depend on the workers.
+    frame. The result is the same for any number of workers.
 
     Parameters
     ----------
     paths : sequence of Path or None
         Frames in the order of time; None for a missing one.
     out : str or Path
-        Folder of the finished group; until then it is made as NAME.part.
+        Folder of the Zarr group; until it is finished it is called NAME.part.
     steps : sequence of Step
         Steps, as from `find_steps`.
     times_s : sequence of float
         Time of each frame.
     time_unit : str, optional
-        Unit of the times, for the record.
+        Unit of those times, recorded with them.
     read : callable, optional
-        Reader of a frame, which can be pickled; an attribute ``description`` states its options.
+        Picklable function that reads a frame; an attribute ``description`` states its options.
     camera : Lens, optional
         Camera of the frames, which is checked and recorded.
     workers : int, optional
@@ -88,7 +88,7 @@ def process_frames(
     Returns
     -------
     Progress
-        Number of frames in each state.
+        Number of frames in each state, such as whole, missing or damaged.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def process_frames(
     >>> for k in range(3):
     ...     np.save(f"{k}.npy", rng.uniform(size=(3, 3, 20, 30)))
     >>> paths = [Path("0.npy"), None, Path("2.npy")]
-    >>> steps = find_steps("refocus@0.5,height")
+    >>> steps = find_steps("refocus@0.5,height")  # refocused at slope 0.5; height of the flame
     >>> process_frames(paths, "flame.zarr", steps, times_s=[0.0, 0.01, 0.02]).describe()
     '3 frames: 2 whole, 1 missing'
     """

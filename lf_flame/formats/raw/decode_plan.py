@@ -39,19 +39,20 @@ TOUCHED = 0.02
 class DecodePlan:
     """Plan for decoding the raw images of one camera.
 
-    A micro-image is divided into views x views equal parts, so that a slope does not depend on its
-    number of pixels. A view's pixel is the mean radiance of its part: the integral of the
+    A micro-image is divided into views x views equal parts, so that a slope does not depend on how
+    many pixels it has. A view's pixel is the mean radiance of its part: the integral of the
     parabolic spline that has the pixels' means (Zerroukat, Wood and Staniforth 2006). This
     conserves light and reproduces the pixels where parts coincide with them. It does not widen the
-    views, unlike linear interpolation, which lowers the slope of sharpest focus by some per cent.
+    views, unlike linear interpolation, which lowers the slope of sharpest focus by a few per cent.
     Like any sharp interpolation it may overshoot at a micro-image's rim. Parts of a rotated array
-    have their true centres; they are parallelograms, upright to first order in the rotation.
+    have their true centres; their edges stay parallel to the sensor's, right to first order in the
+    rotation.
 
     The pixels of each colour of a Bayer mosaic are interpolated linearly by themselves, without a
-    demosaic: no light moves between colours, and none further than two pixels. This blurs detail
-    of a micro-image that is finer than some pixels. Its pixels are divided by those of the white
-    image before, and views that are read from dark pixels too, beyond the image of the aperture, do
-    not count: both would lower slopes by 2 %.
+    demosaic: no light moves between colours, and none farther than two pixels. This blurs detail
+    of a micro-image that is finer than a few pixels. The pixels are first divided by those of the
+    white image, and views that are read also from dark pixels beyond the image of the aperture do
+    not count: without the one or the other, slopes would be 2 % too low.
 
     A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
     and along each row linear interpolation removes the offset of every other row and changes the
@@ -61,11 +62,11 @@ class DecodePlan:
     Hot and dead pixels, which the dark and the white image show, are replaced by their neighbours
     of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it
     comes from saturated pixels, or from bad ones without a good neighbour; or if its lenslet is too
-    dark there in the white image, although the view counts.
+    dark there in the white image, in a view that otherwise counts.
 
-    Views with light that is not their own lenslet's get weight 0: their parts are nearer to a
+    Views that receive light from a neighbouring lenslet get weight 0: their parts are nearer to a
     neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
-    image. Their light would change a slope by some per cent.
+    image. Their light would change a slope by a few per cent.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ class DecodePlan:
         Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic.
     saturation : float, optional
         Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
-        10, 12, 14 or 16 bits, if ten pixels or more are there.
+        10, 12, 14 or 16 bits, if at least ten pixels have it.
 
     Attributes
     ----------

@@ -45,14 +45,16 @@ def plan_effects(
     camera : PlenopticCamera
         Camera that records it.
     tolerance : float, optional
-        Largest acceptable error of the image, relative to its brightest pixel.
+        Largest acceptable error of the image: root mean square, relative to its brightest pixel.
     effects : mapping of str to bool, optional
-        Effects to simulate (True) or to leave out (False) regardless of their bounds.
+        Effects to simulate (True) or to leave out (False) regardless of their bounds, by name
+        (`lf_flame.simulation.planning.effects.EFFECTS`).
     typical : bool, optional
-        Whether to estimate also the effects whose causes the camera does not state, such as noise
+        Whether also to estimate the effects whose causes the camera does not state, such as noise
         without a sensor, at typical values; see `EffectPlan.typical`.
     stated : collection of str, optional
-        Fields of the camera that count as stated even if they have the default value.
+        Names of fields of the camera that were set on purpose, although to the default value;
+        effects that they cause are not among the typical ones.
 
     Returns
     -------
@@ -63,7 +65,7 @@ def plan_effects(
     ------
     InputError
         If the tolerance is not above 0, an effect is unknown, or the tolerance would need more
-        than 1,024 slabs or colours.
+        than 1,024 slabs (depth steps of a thick layer) or colours.
 
     Examples
     --------
