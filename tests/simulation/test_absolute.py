@@ -17,6 +17,9 @@ TINY = replace(BASE, views=3, lenslets=(8, 10))
 """For scenes of many slabs or colours."""
 
 
+LONG = replace(BASE, views=3, lenslets=(3, 200))
+
+
 def glow(depth=6.0, size=(1.4, 1.7), centre=(0.05, -0.05), cells=(5, 6), seed=5, **matter):
     """A coarse texture, whose cells and edges every effect moves."""
     rng = np.random.default_rng(seed)
@@ -67,12 +70,11 @@ CASES = {
     "defocus": Case([glow(10.0)], rays=None, allowed=1e-5),
     "in focus": Case([SHARP], rays=None, allowed=1e-5),
     "occlusion": Case([glow(10.0), net(-5.0)], rays=None, allowed=1e-5),
-    "occlusion by rays": Case([glow(10.0), net(-5.0)], rays=80, allowed=1e-3),
+    "occlusion by rays": Case([glow(10.0), net(-5.0)], camera=TINY, rays=80, allowed=1e-3),
     "absorption": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=None, allowed=1e-5),
-    "absorption by rays": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=80, allowed=1e-3),
     "thickness": Case([glow(1.0, thickness_mm=4.5)], tolerance=4e-3, rays=None),
     "thick absorption": Case(
-        [glow(2.0, sooty=True, thickness_mm=1.5)], {}, TINY, 0.01, 100, allowed=2e-3
+        [glow(2.0, sooty=True, thickness_mm=1.5)], {}, TINY, 0.01, 60, allowed=2e-3
     ),
     "falloff": Case([BROAD], FALLOFF, SHORT),
     "round": Case([glow()], ROUND),
@@ -84,7 +86,6 @@ CASES = {
     "shrunk": Case([glow()], {"lenslet_pitch_error": -0.02}),
     "colour": Case([glow()], COLOUR, tolerance=4e-3, rays=None),
     "occlusion, round, rim": Case([glow(10.0), net(-5.0)], ROUND | RIM, rays=80),
-    "occlusion, turned": Case([glow(10.0), net(-5.0)], TURNED, rays=100, allowed=1e-3),
     # Without rays cos^4 is that of the whole pixel, whatever part of it sees the light.
     "occlusion, falloff": Case([glow(10.0), net(-5.0)], FALLOFF, rays=None, allowed=3e-3),
     "absorption, stretched": Case(
@@ -95,12 +96,12 @@ CASES = {
     ),
     "thickness, rim": Case([glow(2.0, thickness_mm=4.0)], RIM, TINY, 0.01, 40),
     "thickness, occlusion inside": Case(
-        [glow(2.0, thickness_mm=3.0), net(2.5)], {}, TINY, 0.03, 60, allowed=8e-3
+        [glow(2.0, thickness_mm=3.0), net(2.5)], {}, TINY, 0.03, 40, allowed=8e-3
     ),
-    "falloff, stretched": Case([BROAD], FALLOFF | STRETCHED, SHORT),
-    "falloff, turned": Case([BROAD], FALLOFF | {"lenslet_rotation_rad": 0.01}, SHORT),
-    "round, rim": Case([glow()], ROUND | RIM),
-    "turned, rim": Case([glow()], TURNED | RIM),
+    "falloff, turned, stretched": Case(
+        [BROAD], FALLOFF | STRETCHED | {"lenslet_rotation_rad": 0.01}, SHORT
+    ),
+    "turned, rim": Case([glow()], TURNED | RIM, TINY),
     "stretched, round": Case([glow()], STRETCHED | ROUND),
     "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.1} | WIDE),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
@@ -108,8 +109,8 @@ CASES = {
     "one view": Case(
         [glow(3.0, cells=(2, 3))], ROUND, replace(BASE, views=1), rays=80, allowed=1e-3
     ),
-    "long, turned": Case([BROAD], TURNED, replace(BASE, lenslets=(3, 200))),
-    "long, white, stretched": Case([WHITE], STRETCHED | ROUND, replace(BASE, lenslets=(3, 200))),
+    "long, turned": Case([BROAD], TURNED, LONG),
+    "long, white, stretched": Case([WHITE], STRETCHED | ROUND, LONG),
     "small pixels, turned": Case([glow()], TURNED, replace(BASE, pixel_pitch_mm=0.016)),
     "diffraction": Case([glow()], {"wavelength_nm": 550.0}, rays=None, allowed=1e-3),
     "diffraction, small pixels": Case(
@@ -151,9 +152,9 @@ def test_the_tolerance_is_met_in_a_thick_absorber():
     )  # fmt: skip
     scene = Scene([body, glow(25.0)])
     tolerance = 0.01
-    camera = replace(TINY, lenslets=(4, 5))
+    camera = replace(TINY, lenslets=(3, 4))
     exact = render(scene, camera, tolerance, "exact")
-    pixels = draw_pixels(camera, 30, seed=8)
+    pixels = draw_pixels(camera, 16, seed=8)
     traced = trace_pixels(scene, camera, pixels, rays=2**11)
     difference, peak = exact.views[tuple(pixels.T)] - traced.mean, exact.views.max()
     assert np.all(np.abs(difference) <= 5 * traced.error + 0.2 * tolerance * peak)
@@ -165,7 +166,7 @@ def test_the_tolerance_is_met_in_a_thick_absorber():
 def test_all_effects_at_once_are_right():
     everything = WIDE | RIM | TURNED | STRETCHED | FALLOFF | {"chromatic_shift": 1e-3}
     camera = replace(TINY, views=2, lenslets=(3, 4), **everything)
-    layers = [glow(25.0), glow(4.0, seed=6, sooty=True, thickness_mm=0.1), net(-12.0)]
+    layers = [glow(25.0), glow(4.0, seed=6, sooty=True, thickness_mm=0.02), net(-12.0)]
     pixels = np.argwhere(np.ones((2, 2, 3, 4)))
     traced = trace_pixels(Scene(layers), camera, pixels, rays=2**10)
     found = render(Scene(layers), camera, 0.8, "rays", 20)
@@ -180,9 +181,9 @@ def test_what_exceeds_the_full_well_is_cut_off_pixel_by_pixel():
     """Behind lenslets that overlap, where no single bundle would fill the well."""
     camera = replace(BASE, **WIDE)
     scene = Scene([glow()])
-    pixels = draw_pixels(camera, 30, seed=3)
+    pixels = draw_pixels(camera, 16, seed=3)
     traced = trace_pixels(scene, camera, pixels, rays=2**12)
-    well = float(np.quantile(traced.mean, 0.8))
+    well = float(np.quantile(traced.mean, 0.7))
     sensor = Sensor(1000.0, full_well_e=1000.0 * well)
     only = {"shot_noise": False, "read_noise": False, "quantisation": False, "saturation": True}
     image = render(scene, replace(camera, sensor=sensor), 1e-3, "rays", 60, only).views

@@ -51,7 +51,7 @@ def exposure():
 
 @pytest.fixture(scope="module")
 def found(exposure):
-    return reconstruct_soot(exposure[0], GRID, exposure[1], bootstrap=6, iterations=40)
+    return reconstruct_soot(exposure[0], GRID, exposure[1], bootstrap=6, iterations=20)
 
 
 def test_temperature_and_absorption_of_sheets_come_from_one_exposure(found):
@@ -73,6 +73,6 @@ def test_bars_of_temperatures_are_neither_too_wide_nor_too_narrow(found):
 
 
 def test_sheets_taken_for_thin_are_too_cold(exposure):
-    thin = reconstruct_soot(exposure[0], GRID, exposure[1], absorbing=False, iterations=40)
+    thin = reconstruct_soot(exposure[0], GRID, exposure[1], absorbing=False, iterations=20)
     for apart, lit in zip(thin.temperatures.kelvin - KELVIN, LIT, strict=True):
         assert apart[lit].mean() < -6

@@ -173,22 +173,21 @@ def test_matter_inside_a_thick_layer_counts_where_it_covers_most(small_camera):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "cause", "lens"),
+    ("name", "cause", "fixed"),
     [
-        ("lenslet_pitch_error", {"lenslet_pitch_error": 1e-4}, (20.0, 200.0)),
-        ("lenslet_pitch_error", {"lenslet_pitch_error": 1e-4}, (150.0, 326.0)),
-        ("lenslet_rotation", {"lenslet_rotation_rad": 2e-4}, (20.0, 200.0)),
+        ("lenslet_pitch_error", {"lenslet_pitch_error": 1e-4}, {}),
+        ("lenslet_rotation", {"lenslet_rotation_rad": 2e-4}, {"integrator": "rays", "rays": 20}),
     ],
 )
-def test_lenslets_moved_change_an_even_slope_by_nearly_their_bound(name, cause, lens):
+def test_lenslets_moved_change_an_even_slope_by_nearly_their_bound(name, cause, fixed):
     """Most of it comes through the neighbour, from the next place along the slope."""
-    optics = dict(zip(("main_lens_focal_mm", "focus_distance_mm"), lens, strict=True))
+    optics = {"main_lens_focal_mm": 20.0, "focus_distance_mm": 200.0}
     camera = replace(PAPER_CAMERA, **optics, views=5, lenslets=(12, 100), **cause)
     slopes = [1 - np.abs(np.linspace(-1, 1, count)) for count in (401, 801)]
     height, width = camera.field_mm(0.0)
     scene = Scene([Layer(np.outer(*slopes), 0.0, (1.5 * height, 1.5 * width))])
     images = [
-        render(scene, camera, 1e-2, effects={name: on, "cos4": False}).views.astype(float)
+        render(scene, camera, 1e-2, effects={name: on, "cos4": False}, **fixed).views.astype(float)
         for on in (False, True)
     ]
     found = np.abs(images[0] - images[1]).max() / max(image.max() for image in images)
