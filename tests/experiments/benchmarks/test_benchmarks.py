@@ -22,6 +22,7 @@ def training():
         patch.setenv("OPENBLAS_NUM_THREADS", "1")  # which it sets, so that this is undone
         from experiments.benchmarks import training
 
+        patch.setattr(training, "TURN_S", 0.01)
         yield training
 
 
