@@ -67,7 +67,7 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     views += 0.002 * views.max() * rng.standard_normal(views.shape)
     np.savez("flame.npz", views=views)
     where = ["--camera", "camera.toml", "--axis-mm", 0, "--axis-depth", 0, "--radius", 2.1]
-    shown = run("abel", "flame.npz", *where, "--colours", "colours/colours.toml", "--bootstrap", 4)
+    shown = run("abel", "flame.npz", *where, "--colours", "colours/colours.toml", "--bootstrap", 2)
     assert "optical thickness of the soot, at most: blue 0.6" in shown.output
     run("temperature", "abel/flame", "--colours", "colours/colours.toml")
     kelvin = tifffile.imread("temperature/flame/temperature.tif").squeeze()

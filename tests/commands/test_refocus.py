@@ -231,9 +231,10 @@ def leaves(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_trained_network_refocuses(leaves, system_runs, tmp_path):
+def test_a_trained_network_refocuses(leaves, system_runs, tmp_path, monkeypatch):
     """It takes values from 0 to 1: brighter light fields are dimmed for it."""
     network = system_runs / "refocusnet"
+    monkeypatch.setattr(refocus_output, "SWEEP_FRAMES", 8)
     run(leaves, "--slope", 0.25, "--sweep", 0, 1, "--network", network, "--out", tmp_path / "out")
     stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     views = np.load(leaves)

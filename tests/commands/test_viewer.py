@@ -13,7 +13,7 @@ import pytest
 from builders import camera_toml
 from click.testing import CliRunner
 
-from lf_flame import PAPER_CAMERA, read_light_field
+from lf_flame import PAPER_CAMERA, LightField, read_light_field
 from lf_flame.commands.cli import commands
 from lf_flame.refocus import find_slope_range
 from lf_flame.viewer.demo import DEMO_CAMERA
@@ -120,7 +120,7 @@ def test_the_demo_holds_what_its_help_says(tmp_path):
     assert (tmp_path / "d.html").stat().st_size < 10e6
     light_field = read_light_field(tmp_path / "d.npy")
     assert light_field.views.shape == (9, 9, 180, 270)
-    found = find_slope_range(light_field)
+    found = find_slope_range(LightField(light_field.views[2:-2, 2:-2]))  # which are quicker
     assert found.low < DEMO_CAMERA.depth_to_slope(-10.0) < DEMO_CAMERA.depth_to_slope(15.0)
     assert DEMO_CAMERA.depth_to_slope(15.0) < found.high
 

@@ -279,12 +279,16 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
 def test_from_data_set_to_table(tmp_path):
     """Every step that make runs, on a data set of twelve samples."""
     text = (ROOT / "data_gen" / "flames.toml").read_text()
-    text = text.replace("smoke = 20", "smoke = 12").replace(
-        "lenslets = [270, 540]", "lenslets = [90, 180]"
-    )
-    text = text.replace("lenslet_focal_mm = 0.4", "lenslet_focal_mm = 1.2").replace(
-        "= 0.112", "= 0.336"
-    )
+    for old, new in (
+        ("smoke = 20", "smoke = 12"),
+        ("image = [90, 180]", "image = [45, 90]"),
+        ("lenslets = [270, 540]", "lenslets = [45, 90]"),
+        ("lenslet_focal_mm = 0.4", "lenslet_focal_mm = 2.4"),
+        ("= 0.112", "= 0.672"),
+        ("views = 15", "views = 5"),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
     (tmp_path / "flames.toml").write_text(text)
     shutil.copytree(
         ROOT / "experiments", tmp_path / "experiments", ignore=shutil.ignore_patterns("results")
@@ -338,7 +342,8 @@ def test_from_data_set_to_table(tmp_path):
     record = json.loads((tmp_path / "results" / "table2.json").read_text())
     assert record["seed"] == 2
     copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]
-    assert copied[2]["psnr_db"] > 80  # at 0 mm the input is the ground truth (deviation 5)
+    # At 0 mm the input is the ground truth (deviation 5), but for the slope that is searched for.
+    assert copied[2]["psnr_db"] > 50 > 10 + max(copied[k]["psnr_db"] for k in (0, 1, 3))
 
 
 @pytest.mark.slow

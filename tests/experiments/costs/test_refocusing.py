@@ -23,6 +23,7 @@ from experiments.costs.refocusing import (
     summarise,
 )
 from experiments.held_out import SAMPLES, find_scenes
+from lf_flame._common import figures
 from lf_flame._common.checksums import sealed
 from lf_flame._common.config import build, to_json
 from lf_flame.datasets.config import config_from_json
@@ -266,6 +267,7 @@ def test_labels_of_the_figure_overlap_neither_points_nor_each_other(measured):
 
 def test_the_program_measures_the_chapter_that_is_asked_for(measured, tmp_path, monkeypatch):
     monkeypatch.setattr(refocusing, "measure_refocusing", lambda run: measured[1])
+    monkeypatch.setattr(figures, "save", lambda figure, path, dpi=150: path.touch())
     options = ["--chapter", "refocusing", "--out", str(tmp_path)]
     done = CliRunner().invoke(commands, ["costs", *options], catch_exceptions=False)
     assert done.exit_code == 0

@@ -13,6 +13,7 @@ from experiments.studies.pca_bound import principal_component_bound, project
 from experiments.studies.report import COLUMNS, MEAN, _findings, find_crossing
 from experiments.studies.study import read_study, run_study, run_trial
 from lf_flame import InputError
+from lf_flame._common import figures
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.learning.decoder import build_refocus_resnet50
@@ -123,10 +124,16 @@ def run(path, **options):
     return run_study(path, Path("out"), Path("work"), PAPER, **options)
 
 
+def leave_undrawn(patch):
+    """Let figures be empty files: drawing one takes half a second."""
+    patch.setattr(figures, "save", lambda figure, path, dpi=150: path.touch())
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty working directory."""
     monkeypatch.chdir(tmp_path)
+    leave_undrawn(monkeypatch)
     return tmp_path
 
 
@@ -141,7 +148,9 @@ def done(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         path = write(folder, BARS, TIMED)
-        text = run(path, only=["as it is"]).read_text()
+        with pytest.MonkeyPatch.context() as inner:
+            leave_undrawn(inner)
+            text = run(path, only=["as it is"]).read_text()
         at_the_cut = text, pd.read_csv("out/tiny.csv"), model.stat().st_mtime_ns
         run(path)
     return folder, *at_the_cut

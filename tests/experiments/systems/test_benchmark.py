@@ -12,6 +12,7 @@ from experiments.__main__ import commands
 from experiments.systems import benchmark, compared_sets, entries, figures
 from experiments.systems.cost import Cost, measure_cost
 from lf_flame import InputError, LightField
+from lf_flame._common import figures as drawing
 from lf_flame.datasets.config import read_config
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.formulas import ShiftAndSum
@@ -175,8 +176,12 @@ def test_a_price_is_measured_in_a_process_of_its_own(sets):
 
 @pytest.fixture
 def _no_clock(monkeypatch):
-    """Times of nobody: each takes a process, and `measure_cost` has a test of its own."""
+    """Times of nobody: each takes a process, and `measure_cost` has a test of its own.
+
+    Figures are made and not drawn, which takes half a second for each.
+    """
     monkeypatch.setattr(benchmark, "measure_cost", lambda *_: Cost(2.0, 30.0))
+    monkeypatch.setattr(drawing, "save", lambda figure, path, dpi=150: path.touch())
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import pytest
 
 from experiments.systems.scene_counts import FIRST_SCORED, run_scene_counts, score_systems
 from lf_flame import InputError
+from lf_flame._common import figures
 from lf_flame._common.config import build
 from lf_flame.systems.aperturenet import ApertureNet
 from lf_flame.systems.formulas import ShiftAndSum
@@ -78,6 +79,7 @@ def test_what_is_scored_was_neither_learnt_nor_held_out(config, monkeypatch):
 @pytest.mark.slow
 def test_report_holds_every_run_and_the_sum_of_the_same_views(config, tmp_path, monkeypatch):
     monkeypatch.setattr(ApertureNet, "smallest", 1)  # the pictures are small
+    monkeypatch.setattr(figures, "save", lambda figure, path, dpi=150: path.touch())
     work, out = tmp_path / "work", tmp_path / "out"
     path = run_scene_counts(config, ["aperturenet"], [4, 2, 4], 2, 2, work, out)
     table = pd.read_csv(out / "scene_counts.csv")
