@@ -231,10 +231,10 @@ NEAR = {
     "cos4": (Scene([WHITE]), small(falloff_corrected=False), 1.1),
     "round_aperture": (Scene([WHITE]), small(6, aperture_diameter_mm=APERTURE_MM, **FEW), 1.1),
     "f_number_mismatch": (
-        Scene([WHITE]), small(1, aperture_diameter_mm=0.9 * APERTURE_MM, **FEW), 1.15
+        Scene([WHITE]), small(3, aperture_diameter_mm=0.9 * APERTURE_MM, **FEW), 1.75
     ),
     "f_number_mismatch, wide": (
-        Scene([WHITE]), small(1, aperture_diameter_mm=1.2 * APERTURE_MM, **FEW), 1.75
+        Scene([WHITE]), small(1, aperture_diameter_mm=1.2 * APERTURE_MM, **FEW), 2.7
     ),
     "vignetting": (Scene([WHITE]), small(rim_diameter_mm=60.0, rim_distance_mm=40.0, **FEW), 1.15),
     "lenslet_diffraction": (Scene([hole(0.2, 10.0)]), small(3, wavelength_nm=200.0, **FEW), 1.4),
