@@ -225,6 +225,7 @@ def test_nearest_rounds_halves_up(slope, rng):
         np.testing.assert_allclose(found[inside], expected, atol=1e-6)
 
 
+@pytest.mark.jit
 @pytest.mark.slow
 @pytest.mark.parametrize("depth", [20.0, -10.0])
 def test_a_layer_is_sharpest_at_its_slope(depth, rng):
@@ -234,6 +235,7 @@ def test_a_layer_is_sharpest_at_its_slope(depth, rng):
     assert found.slope == pytest.approx(camera.depth_to_slope(depth), abs=0.02)
 
 
+@pytest.mark.jit
 @pytest.mark.slow
 @given(slope=st.floats(-1.4, 1.4), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
