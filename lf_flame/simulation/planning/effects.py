@@ -183,12 +183,10 @@ def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: matched")
     excess = (camera.aperture_diameter_mm - camera.aperture_mm) / 2
-    # An arc inside a patch of side w is at most 2 w long, and a circle pi w, where the middle view
-    # sees all of it. Beyond the matched width each ring lights both its own and a neighbour's
-    # pixels.
-    narrower = min(camera.aperture_diameter_mm, camera.aperture_mm)
-    seen_whole = camera.views % 2 == 1 and narrower < math.sqrt(2) * camera.view_step_mm
-    length = math.pi if seen_whole else 2.0
+    # An arc inside a patch of side w is at most 2 w long, and the whole circle pi w, which a single
+    # view sees. (The middle one of three sees it where less than its patch is left: all is lost.)
+    # Beyond the matched width each ring lights both its own and a neighbour's pixels.
+    length = math.pi if camera.views == 1 else 2.0
     share = abs(excess) * length * (2 if excess > 0 else 1) / camera.view_step_mm
     share = min(share, float((1 + 2 * neighbours(camera)) ** 2))
     words = f"{camera.aperture_diameter_mm:.4g} mm for {camera.aperture_mm:.4g} mm"

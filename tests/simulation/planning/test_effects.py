@@ -272,6 +272,16 @@ def test_what_is_left_out_changes_the_image_by_nearly_its_bound(case):
     assert found <= plan_effects(scene, camera, 0.01, others)[name].bound <= times * found
 
 
+def test_a_single_view_sees_the_whole_rim_of_an_aperture():
+    """The light lost, 1 - 0.8^2 of a disc, relative to the darker image."""
+    camera = small(1, aperture_diameter_mm=0.8 * APERTURE_MM, **FEW)
+    states = [{"round_aperture": True, "f_number_mismatch": on} for on in (False, True)]
+    found, _ = change(Scene([WHITE]), camera, *states, tolerance=0.01)
+    bound = plan_effects(Scene([WHITE]), camera, 0.01)["f_number_mismatch"].bound
+    assert found == pytest.approx(1 / 0.8**2 - 1, abs=0.02)
+    assert found <= bound <= 1.7 * found
+
+
 @pytest.mark.slow
 def test_all_that_is_left_out_changes_the_image_by_no_more_than_all_bounds():
     matter = {"optical_thickness": 0.01, "thickness_mm": 0.01}
