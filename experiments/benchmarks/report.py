@@ -1,4 +1,4 @@
-"""What the benchmarks share: the command line, programs in another Python, files of a table."""
+"""Parts that benchmarks share: the command line, programs in another Python, files of a table."""
 
 import argparse
 import json

@@ -64,7 +64,7 @@ SETTINGS = {
 def measured_exponent(points: pd.DataFrame) -> float:
     """Fit the exponent with which the error falls with the rays, over the finer half of settings.
 
-    Of rows of one scene and method, with columns rays_per_pixel and error; NaN for fewer than two.
+    For rows of one scene and method, with columns rays_per_pixel and error; NaN for fewer than two.
     """
     fine = points.iloc[len(points) // 2 :] if len(points) > 3 else points
     if len(fine) < 2:
@@ -75,7 +75,7 @@ def measured_exponent(points: pd.DataFrame) -> float:
 def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
     """Seconds that a method takes for an error, read off its curve between two settings.
 
-    Of rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
+    For rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
     error. NaN where the error does not fall. The sign is "" where measured; "<" where the coarsest
     of several settings errs less; "~" where none does, and the curve is continued with its own
     exponent.

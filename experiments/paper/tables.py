@@ -49,7 +49,7 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     """Score SSIM by the table's window and by others: the paper does not state its own.
 
-    Of images [n, plane, h, w]: one row a window, one column a plane, the mean over the samples.
+    For images [n, plane, h, w]: one row a window, one column a plane, the mean over the samples.
     """
     pairs = list(zip(targets, predictions, strict=True))
     rows = {

@@ -97,7 +97,7 @@ class Study:
 
     Files of a data set and of a training experiment are named from the working directory; the
     preset is the recipe of the latter to start from. Its split makes three parts of the samples.
-    What all variants change is common; their own changes come behind it. With an axis x every
+    `common` holds the changes of all variants; their own come behind it. With an axis x every
     variant has a place on it. A timed study is about seconds, and has to be run on an idle machine;
     else none are shown.
     """

@@ -34,7 +34,8 @@ COLUMNS = [
 def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
     """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
 
-    What one refuses shows as missing, with its own words; so does an InputError in its place.
+    A system that refuses a set shows as missing there, with its own words; so does an InputError in
+    its place.
     """
     refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
     truths, drawn = [], {name: [] for name in systems}

@@ -22,7 +22,7 @@ SECONDS = 1.0
 
 @dataclass(frozen=True)
 class Cost:
-    """What a system takes; NaN where its process died.
+    """Time and memory of a system; NaN where its process died.
 
     Milliseconds for a frame, the fastest of 15, or of as many as a second holds; peak memory of its
     process, less the light field.
@@ -40,7 +40,7 @@ def measure_cost(
 ) -> Cost:
     """Time a system on a frame, in a process of its own that does nothing else.
 
-    What loads the system can be pickled; for the frame see `RefocusingSystem.refocus`.
+    The function that loads the system can be pickled; for the frame see `RefocusingSystem.refocus`.
     """
     with worker_pool(1, _shut_standard_error) as pool:
         try:

@@ -29,8 +29,8 @@ from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, sq
 class Entry:
     """A system that can be loaded, here or in another process, and how it was trained.
 
-    What loads it takes nothing, can be pickled, and raises InputError where it is missing. It is
-    for test sets whose name starts with `only`; "": all.
+    The function that loads it takes nothing, can be pickled, and raises InputError where it is
+    missing. It is for test sets whose name starts with `only`; "": all.
     """
 
     name: str

@@ -100,6 +100,7 @@ def flicker(
     from lf_flame.calibration import read_lens
     from lf_flame.commands.frames import find_frames, read_frames
     from lf_flame.flame_video import output
+    from lf_flame.flame_video.flame_series import measure_frames
     from lf_flame.formats.coding import notes_on_coding
 
     _check_rate(frames_per_second, timestamps)
@@ -113,7 +114,7 @@ def flicker(
     times = _times(paths, frames_per_second, timestamps)
     with output_folder(_folder_for(sources, paths, out), output.RECORD) as folder:
         frames = _checked_frames(read_frames(paths, reading), lens, measures.slope)
-        series = output.measure_frames(
+        series = measure_frames(
             paths,
             frames,
             measures,
@@ -174,8 +175,8 @@ def _checked_lens(lens, slope: float | None, depth_mm: float | None):
 
 def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
     """Choose slope and pixel size from the options."""
+    from lf_flame.flame_video.flame_series import Measures
     from lf_flame.flame_video.flame_shape import check_measures
-    from lf_flame.flame_video.output import Measures
 
     if lens is not None:
         lens.check_depths(depth_mm)

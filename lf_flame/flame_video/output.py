@@ -8,7 +8,6 @@ from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.flame_video.figures import flicker_figure
 from lf_flame.flame_video.flame_series import FlameSeries, Measures
-from lf_flame.flame_video.flame_series import measure_frames as measure_frames
 from lf_flame.flame_video.flicker import Flicker, find_flicker
 from lf_flame.flame_video.outliers import find_outliers
 

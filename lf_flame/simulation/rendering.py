@@ -81,7 +81,7 @@ def render(
     seed : int or sequence of int, optional
         Seed of the sensor's noise; required if the plan includes noise.
     layout : {"views", "raw"}, optional
-        What is contiguous in memory: the views, or the raw image of the sensor. The other one is
+        Whether the views or the raw image of the sensor are contiguous in memory. The other one is
         a NumPy view of the same pixels.
 
     Returns

@@ -26,8 +26,8 @@ from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.reading_options import Reading
 from lf_flame.flame_video import measure_flame
+from lf_flame.flame_video.flame_series import Measures, measure_frames
 from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
-from lf_flame.flame_video.output import Measures, measure_frames
 from lf_flame.formats import reading, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture

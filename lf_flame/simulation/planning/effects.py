@@ -183,9 +183,10 @@ def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: matched")
     excess = (camera.aperture_diameter_mm - camera.aperture_mm) / 2
-    # An arc inside a patch of side w is at most 2 w long, and the whole circle pi w, which a single
-    # view sees. (The middle one of three sees it where less than its patch is left: all is lost.)
-    # Beyond the matched width each ring lights both its own and a neighbour's pixels.
+    # An arc inside a patch of side w is at most 2 w long, and the whole circle, which a single view
+    # sees, pi w. (The middle one of three sees the circle only of an aperture so narrow that the
+    # share reaches its limit below.) Beyond the matched width each ring lights both its own and a
+    # neighbour's pixels.
     length = math.pi if camera.views == 1 else 2.0
     share = abs(excess) * length * (2 if excess > 0 else 1) / camera.view_step_mm
     share = min(share, float((1 + 2 * neighbours(camera)) ** 2))
