@@ -9,23 +9,21 @@ adds up and reaches each pixel through its own lenslet; otherwise only the bound
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import focus_spread, misplaced_mm
+from lf_flame.simulation.bundle_shifts import misplaced_mm
 from lf_flame.simulation.planning.scene_bounds import SceneBounds
 from lf_flame.simulation.stops import neighbours, round_stops
 
 PROBES = 64
 """Largest number of rows, and of columns, at whose crossings pixels are measured."""
-
-NEAR_AXIS = 0.1
-"""Weight of lines on the optical axis when lines are chosen; the farthest lines have 1 more."""
 
 SAFETY = 2.0
 """Factor on the largest error of a measured pixel, for the pixels that are not measured."""
@@ -34,13 +32,15 @@ REFINED = 4
 """Ratio of the numbers of parts of the two images that are compared. Errors fall at least as one
 over the number of parts, so the error of the finer image is at most a third of the difference."""
 
-
 CHUNK = 16
-"""Number of parts that are integrated at once, to limit memory."""
+"""Number of places in a spread that are integrated at once, to limit memory."""
+
+LINES = 1024
+"""Number of lines that are integrated at once to choose among them, to limit memory."""
 
 
 class Probes:
-    """Pixels of a layer's image at crossings of rows and columns where its texture changes most.
+    """Pixels of a layer's image at crossings of the rows and columns that change most.
 
     Parameters
     ----------
@@ -55,38 +55,104 @@ class Probes:
         self._texture = layer.texture
         # A stop can reduce a bundle to a part of a pixel; in the limit, a point, it blurs nothing.
         self._blurs = sorted({bounds.defocus, bounds.defocus and not round_stops(bounds.camera)})
-        self._lines = [ProbedLines.choose(bounds.camera, layer, axis, band) for axis in (0, 1)]
-        self._images: dict[int, list[np.ndarray]] = {}
+        self._lines = self._choose(
+            *(ProbedLines.of(bounds.camera, layer, axis, band) for axis in (0, 1))
+        )
 
     def error(self, parts: int) -> float:
         """Error of the image with this number of parts, in the unit of the texture.
 
         It is the largest error of a measured pixel, times `SAFETY`.
         """
-        few, many = self._image(parts), self._image(REFINED * parts)
-        largest = (np.abs(a - b).max(initial=0.0) for a, b in zip(few, many, strict=True))
-        return SAFETY * float(max(largest))
+        return SAFETY * float(self._errors(*self._lines, parts).max())
 
-    def _image(self, parts: int) -> list[np.ndarray]:
-        """Images of the pixels from the middles of equal parts, one image for each kind of blur."""
-        if parts not in self._images:
-            middles = (np.arange(parts) + 0.5) / parts
-            chunks = np.array_split(middles, math.ceil(parts / CHUNK))
-            self._images[parts] = [
-                np.add.reduce([self._integrate(chunk, blur) for chunk in chunks]) / parts
-                for blur in self._blurs
-            ]
-        return self._images[parts]
+    def _errors(self, rows: "ProbedLines", columns: "ProbedLines", parts: int) -> np.ndarray:
+        """Error of each crossing of some lines, the largest of all kinds of blur."""
+        rules = Rule.of_middles(parts), Rule.with_ends(REFINED * parts)
+        errors = []
+        for blur in self._blurs:
+            few, many = (
+                sum(self._integrate(rows, columns, some, blur) for some in rule.chunks())
+                for rule in rules
+            )
+            errors.append(np.abs(few - many))
+        return np.max(errors, axis=0)
 
-    def _integrate(self, places: np.ndarray, blur: bool) -> np.ndarray:
-        """Sum of the images of the pixels for light from each of some places of the spread."""
-        (top, down), (left, right) = (lines.bands(places, blur) for lines in self._lines)
-        # Sum over the cells of each row's band, then over those of each column's; the axes are
-        # place, cell, row.
-        rows = sum(down[..., k, None] * self._texture[top + k] for k in range(down.shape[2]))
-        rows, each = np.ascontiguousarray(rows.swapaxes(1, 2)), np.arange(len(places))[:, None]
-        pixels = sum(right[..., k, None] * rows[each, left + k] for k in range(right.shape[2]))
-        return pixels.sum(axis=0)
+    def _integrate(
+        self, rows: "ProbedLines", columns: "ProbedLines", rule: "Rule", blur: bool
+    ) -> np.ndarray:
+        """Image of the crossings, integrated over a part of the spread."""
+        texture, turned = self._texture, columns.count < rows.count
+        if turned:  # the fewer lines first, which takes less memory
+            rows, columns, texture = columns, rows, texture.T
+        places = len(rule.places)
+        seen = (rows.shares(rule.places, blur) @ texture).reshape(places, rows.count, -1)
+        seen = np.ascontiguousarray(seen.swapaxes(1, 2)).reshape(-1, rows.count)
+        pixels = columns.shares(rule.places, blur, apart=True) @ seen
+        image = np.tensordot(rule.weights, pixels.reshape(places, columns.count, -1), 1)
+        return image if turned else image.T
+
+    def _choose(
+        self, rows: "ProbedLines", columns: "ProbedLines"
+    ) -> tuple["ProbedLines", "ProbedLines"]:
+        """Choose the lines that a single part changes most.
+
+        The first rows are those of which any cell changes most by displacement along y, and the
+        first columns by displacement along x. Then come the rows in which the first columns, and
+        the columns in which the first rows, change most.
+        """
+        first = (
+            _spread_out(rows, self._changes_along(rows, self._texture)),
+            _spread_out(columns, self._changes_along(columns, self._texture.T)),
+        )
+        errors = (
+            self._errors(rows, columns.take(first[1]), 1).max(axis=1),
+            self._errors(rows.take(first[0]), columns, 1).max(axis=0),
+        )
+        chosen = (
+            lines.take(np.union1d(some, _spread_out(lines, error)))
+            for lines, some, error in zip((rows, columns), first, errors, strict=True)
+        )
+        return next(chosen), next(chosen)
+
+    def _changes_along(self, lines: "ProbedLines", cells: np.ndarray) -> np.ndarray:
+        """Largest change of each line by a single part, over all cells of the other axis."""
+        largest = np.zeros(lines.count)
+        rule = Rule.with_ends(REFINED)
+        for blur in self._blurs:
+            change = lines.shares(np.array([0.5]), blur)
+            for place, weight in zip(*rule, strict=True):
+                change = change - weight * lines.shares(np.array([place]), blur)
+            for start in range(0, lines.count, LINES):
+                some = slice(start, start + LINES)
+                here = np.abs(change[some] @ cells).max(axis=1)
+                largest[some] = np.maximum(largest[some], here)
+        return largest
+
+
+class Rule(NamedTuple):
+    """Places in a spread, from 0 to 1, and their weights in an integral over it."""
+
+    places: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def of_middles(cls, parts: int) -> "Rule":
+        """Give the middles of equal parts."""
+        return cls((np.arange(parts) + 0.5) / parts, np.full(parts, 1 / parts))
+
+    @classmethod
+    def with_ends(cls, parts: int) -> "Rule":
+        """Give the ends of equal parts: light that only an end of the spread sends is counted."""
+        weights = np.full(parts + 1, 1 / parts)
+        weights[[0, -1]] /= 2
+        return cls(np.arange(parts + 1) / parts, weights)
+
+    def chunks(self) -> Iterator["Rule"]:
+        """Split into a few places at a time, to limit memory."""
+        for start in range(0, len(self.places), CHUNK):
+            some = slice(start, start + CHUNK)
+            yield Rule(self.places[some], self.weights[some])
 
 
 class ProbedLines(NamedTuple):
@@ -111,8 +177,8 @@ class ProbedLines(NamedTuple):
     shift: float
 
     @classmethod
-    def choose(cls, camera: PlenopticCamera, layer: Layer, axis: int, band: bool) -> "ProbedLines":
-        """Choose lines along an axis that see a layer.
+    def of(cls, camera: PlenopticCamera, layer: Layer, axis: int, band: bool) -> "ProbedLines":
+        """All lines along an axis, by the place where they see a layer.
 
         Parameters
         ----------
@@ -123,19 +189,46 @@ class ProbedLines(NamedTuple):
         band : bool
             Whether the spread is the band of light; otherwise it is the layer's thickness.
         """
-        chosen, ends = _choose(camera, layer, axis), []
-        shift = camera.chromatic_shift if band else 0.0
+        shift, ends = camera.chromatic_shift if band else 0.0, []
         for side in (-0.5, 0.5):
             focal_mm = camera.main_lens_focal_mm * (1 + shift * side)
             depth_mm = layer.depth_mm + layer.thickness_mm * side * (not band)
             ends.append(trace_footprint(camera, depth_mm, axis, focal_mm))
+        centres = np.array([end.centres_mm.ravel() for end in ends])
         return cls(
             layer.cell_edges_mm(axis),
-            np.array([end.centres_mm.ravel()[chosen] for end in ends]),
+            centres[:, np.argsort(centres.sum(axis=0), kind="stable")],
             np.array([end.lenslet_width_mm for end in ends]),
             np.array([end.pixel_width_mm for end in ends]),
             shift,
         )
+
+    @property
+    def count(self) -> int:
+        """Number of lines."""
+        return self.centres_mm.shape[1]
+
+    def take(self, chosen: np.ndarray) -> "ProbedLines":
+        """Take some lines, by index."""
+        return self._replace(centres_mm=self.centres_mm[:, chosen])
+
+    def shares(self, places: np.ndarray, blur: bool, apart: bool = False) -> sparse.csr_array:
+        """Fraction of each line's light from each cell.
+
+        The first arguments are those of `bands`; `apart` gives each place cells of its own.
+
+        Returns
+        -------
+        csr_array, shape (places * lines, cells) or (places * lines, places * cells)
+        """
+        start, weights = self.bands(places, blur)
+        cells, width = self.edges_mm.size - 1, weights.shape[2]
+        if apart:
+            start = start + cells * np.arange(len(places))[:, None]
+        seen = start[..., None] + np.arange(width)
+        ends = np.arange(start.size + 1) * width
+        size = start.size, cells * (len(places) if apart else 1)
+        return sparse.csr_array((weights.ravel(), seen.ravel(), ends), size)
 
     def bands(self, places: np.ndarray, blur: bool) -> tuple[np.ndarray, np.ndarray]:
         """Weights of the cells that each line sees.
@@ -208,37 +301,9 @@ def measured_change(bounds: SceneBounds, layer: Layer, effect: str) -> float:
     return probes[0].error(1) if probes else math.inf
 
 
-def _choose(camera: PlenopticCamera, layer: Layer, axis: int) -> np.ndarray:
-    """Choose lines that see a layer: the one that may change most in each part, and of all.
-
-    Returns
-    -------
-    ndarray of int64, shape (lines,)
-        Indices of the lines, counted over views and then over lenslets.
-    """
-    low, high = layer.extent_mm(layer.texture, axis)
-    lit: np.ndarray | np.bool_ = np.False_
-    for depth_mm, focal_mm in focus_spread(camera, layer):
-        footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
-        centres, reach = footprint.centres_mm, footprint.half_width_mm
-        lit = lit | ((centres + reach > low) & (centres - reach < high))
-    centres = trace_footprint(camera, layer.depth_mm, axis).centres_mm.ravel()
-    lines = np.flatnonzero(lit)
-    lines = lines[np.argsort(centres[lines], kind="stable")]
-    edges = layer.cell_edges_mm(axis)
-    nearest = np.rint((centres[lines] - edges[0]) / (edges[1] - edges[0])).astype(int)
-    roughness = _roughness(layer.texture, axis)[nearest.clip(0, edges.size - 1)]
-    # The displacement of light is proportional to its distance from the optical axis.
-    change = roughness * (NEAR_AXIS + np.abs(centres[lines]) / max(np.abs(centres).max(), 1e-300))
-    parts = np.array_split(np.arange(lines.size), min(PROBES // 2, lines.size) or 1)
-    spread = [part[change[part].argmax()] for part in parts if part.size]
-    return lines[np.union1d(spread, np.argsort(change, kind="stable")[-PROBES // 2 :]).astype(int)]
-
-
-def _roughness(texture: np.ndarray, axis: int) -> np.ndarray:
-    """Largest change of light at each boundary of cells along an axis, or in cells next to it."""
-    cells = np.pad(np.moveaxis(texture, axis, 0), 1)
-    beside = np.abs(np.diff(cells, axis=1)).max(axis=1)
-    return np.maximum(
-        np.abs(np.diff(cells, axis=0)).max(axis=1), np.maximum(beside[1:], beside[:-1])
-    )
+def _spread_out(lines: ProbedLines, changes: np.ndarray) -> np.ndarray:
+    """Choose the lines that change most: the first of each part of the field, and of all."""
+    seen = np.flatnonzero(changes > 0) if changes.any() else np.arange(lines.count)
+    parts = np.array_split(seen, min(PROBES // 4, seen.size))
+    first = [part[changes[part].argmax()] for part in parts]
+    return np.union1d(first, seen[np.argsort(changes[seen], kind="stable")[-PROBES // 4 :]])

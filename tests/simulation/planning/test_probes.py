@@ -115,8 +115,8 @@ def test_bent_textures_change_by_a_twelfth_of_the_squared_travel(kind):
     camera = window(9, (6, 6))
     # Cells are 12 / 480 mm wide, and a step of 1 is 4 of them.
     truth = travel_cells(layer, camera, 4 * 12.0 / 480) ** 2 / 12
-    # Four parts in place of all leave out a sixteenth.
-    expected = SAFETY * truth * 15 / 16
+    # The ends of four parts count an eighth more.
+    expected = SAFETY * truth * 9 / 8
     assert measured(layer, camera, "thickness") == pytest.approx(expected, rel=0.03)
 
 
@@ -131,7 +131,7 @@ def test_a_wide_band_of_colours_is_not_even():
     )
     # A quadratic aside: a third of what it is at the ends, on average.
     truth = np.abs((ends[0] + ends[1]) / 2 - here).max() / 3 / (24.0 / 800)
-    assert measured(layer, camera, "chromatic") == pytest.approx(SAFETY * truth * 15 / 16, rel=0.05)
+    assert measured(layer, camera, "chromatic") == pytest.approx(SAFETY * truth * 9 / 8, rel=0.05)
 
 
 @pytest.mark.parametrize("band", [False, True])
@@ -139,11 +139,8 @@ def test_bundles_between_the_ends_of_a_spread_are_those_of_rays(small_camera, rn
     camera = replace(small_camera, chromatic_shift=0.03)
     layer = Layer(rng.uniform(size=(30, 40)), 0.5, (1.0, 1.2), thickness_mm=4.0)
     for axis in (0, 1):
-        lines = ProbedLines.choose(camera, layer, axis, band)
+        lines = ProbedLines.of(camera, layer, axis, band)
         middle = trace_footprint(camera, 0.5, axis).centres_mm.ravel()
-        own = ProbedLines.choose(camera, layer, axis, not band)  # the same lines
-        at = np.abs(own.bands(np.array([0.5]), True)[0] - lines.bands(np.array([0.5]), True)[0])
-        assert at.max() == 0
         for place in (0.0, 0.3, 1.0):
             depth = 0.5 + 4.0 * (place - 0.5) * (not band)
             focal = 150.0 * (1 + 0.03 * (place - 0.5) * band)
@@ -151,11 +148,9 @@ def test_bundles_between_the_ends_of_a_spread_are_those_of_rays(small_camera, rn
             widths = abs(bundle.lenslet_width_mm), abs(bundle.pixel_width_mm)
             edges = layer.cell_edges_mm(axis)
             all_lines = band_weights(edges, bundle.centres_mm.ravel(), *widths)
-            # Which lines were chosen shows where their bundles lie at the middle of the spread.
-            centre = lines.centres_mm.mean(axis=0) if not band else own.centres_mm.mean(axis=0)
-            chosen = np.abs(middle[:, None] - centre).argmin(axis=0)
+            order = np.argsort(middle)
             start, weights = (part[0] for part in lines.bands(np.array([place]), True))
-            for line, first, weight in zip(chosen, start, weights, strict=True):
+            for line, first, weight in zip(order, start, weights, strict=True):
                 expected, found = np.zeros((2, len(edges) + 99))
                 found[first : first + len(weight)] = weight
                 begin, shares = all_lines[0][line], all_lines[1][line]
