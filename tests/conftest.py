@@ -65,14 +65,14 @@ def coarse_data(tmp_path_factory):
     return paths
 
 
-TRAINED = {"run_folder", "runs", "exported", "system_runs"}
-"""Fixtures that train a network: whatever test takes one is slow."""
+SLOW_FIXTURES = {"run_folder", "runs", "exported", "system_runs", "chromium"}
+"""Fixtures that train a network or drive a browser: whatever test takes one is slow."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
-        if TRAINED & set(getattr(item, "fixturenames", ())):
+        if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
     if os.environ.get("NUMBA_DISABLE_JIT", "0") == "0":
         return
