@@ -55,9 +55,8 @@ class Probes:
         self._texture = layer.texture
         # A stop can reduce a bundle to a part of a pixel; in the limit, a point, it blurs nothing.
         self._blurs = sorted({bounds.defocus, bounds.defocus and not round_stops(bounds.camera)})
-        self._lines = self._choose(
-            *(ProbedLines.of(bounds.camera, layer, axis, band) for axis in (0, 1))
-        )
+        rows, columns = (ProbedLines.of(bounds.camera, layer, axis, band) for axis in (0, 1))
+        self._lines = self._choose(rows, columns)
 
     def error(self, parts: int) -> float:
         """Error of the image with this number of parts, in the unit of the texture.
@@ -82,48 +81,48 @@ class Probes:
         self, rows: "ProbedLines", columns: "ProbedLines", rule: "Rule", blur: bool
     ) -> np.ndarray:
         """Image of the crossings, integrated over a part of the spread."""
-        texture, turned = self._texture, columns.count < rows.count
+        texture, turned = self._texture, columns.number < rows.number
         if turned:  # the fewer lines first, which takes less memory
             rows, columns, texture = columns, rows, texture.T
         places = len(rule.places)
-        seen = (rows.shares(rule.places, blur) @ texture).reshape(places, rows.count, -1)
-        seen = np.ascontiguousarray(seen.swapaxes(1, 2)).reshape(-1, rows.count)
+        seen = (rows.shares(rule.places, blur) @ texture).reshape(places, rows.number, -1)
+        seen = np.ascontiguousarray(seen.swapaxes(1, 2)).reshape(-1, rows.number)
         pixels = columns.shares(rule.places, blur, apart=True) @ seen
-        image = np.tensordot(rule.weights, pixels.reshape(places, columns.count, -1), 1)
+        image = np.tensordot(rule.weights, pixels.reshape(places, columns.number, -1), 1)
         return image if turned else image.T
 
     def _choose(
         self, rows: "ProbedLines", columns: "ProbedLines"
     ) -> tuple["ProbedLines", "ProbedLines"]:
-        """Choose the lines that a single part changes most.
+        """Choose the lines of which a single part changes a cell or a crossing most.
 
-        The first rows are those of which any cell changes most by displacement along y, and the
-        first columns by displacement along x. Then come the rows in which the first columns, and
-        the columns in which the first rows, change most.
+        The first rows are those in which any column of cells changes most, and the first columns
+        those in which any row of cells does. Then come the rows that change most where they cross
+        the first columns, and the columns that do where they cross the first rows.
         """
         first = (
-            _spread_out(rows, self._changes_along(rows, self._texture)),
-            _spread_out(columns, self._changes_along(columns, self._texture.T)),
+            _largest(self._changes_along(rows, self._texture)),
+            _largest(self._changes_along(columns, self._texture.T)),
         )
         errors = (
             self._errors(rows, columns.take(first[1]), 1).max(axis=1),
             self._errors(rows.take(first[0]), columns, 1).max(axis=0),
         )
         chosen = (
-            lines.take(np.union1d(some, _spread_out(lines, error)))
+            lines.take(np.union1d(some, _largest(error)))
             for lines, some, error in zip((rows, columns), first, errors, strict=True)
         )
         return next(chosen), next(chosen)
 
     def _changes_along(self, lines: "ProbedLines", cells: np.ndarray) -> np.ndarray:
         """Largest change of each line by a single part, over all cells of the other axis."""
-        largest = np.zeros(lines.count)
+        largest = np.zeros(lines.number)
         rule = Rule.with_ends(REFINED)
         for blur in self._blurs:
             change = lines.shares(np.array([0.5]), blur)
             for place, weight in zip(*rule, strict=True):
-                change = change - weight * lines.shares(np.array([place]), blur)
-            for start in range(0, lines.count, LINES):
+                change = change - weight * lines.shares(place[None], blur)
+            for start in range(0, lines.number, LINES):
                 some = slice(start, start + LINES)
                 here = np.abs(change[some] @ cells).max(axis=1)
                 largest[some] = np.maximum(largest[some], here)
@@ -204,7 +203,7 @@ class ProbedLines(NamedTuple):
         )
 
     @property
-    def count(self) -> int:
+    def number(self) -> int:
         """Number of lines."""
         return self.centres_mm.shape[1]
 
@@ -301,9 +300,6 @@ def measured_change(bounds: SceneBounds, layer: Layer, effect: str) -> float:
     return probes[0].error(1) if probes else math.inf
 
 
-def _spread_out(lines: ProbedLines, changes: np.ndarray) -> np.ndarray:
-    """Choose the lines that change most: the first of each part of the field, and of all."""
-    seen = np.flatnonzero(changes > 0) if changes.any() else np.arange(lines.count)
-    parts = np.array_split(seen, min(PROBES // 4, seen.size))
-    first = [part[changes[part].argmax()] for part in parts]
-    return np.union1d(first, seen[np.argsort(changes[seen], kind="stable")[-PROBES // 4 :]])
+def _largest(changes: np.ndarray) -> np.ndarray:
+    """Choose the lines of the largest changes, half as many as are measured."""
+    return np.sort(np.argsort(changes, kind="stable")[-PROBES // 2 :])
