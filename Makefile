@@ -169,7 +169,7 @@ STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
 scenes: scenes_shapes.study scenes_flames.study  ## measure PSNR and SSIM against the number of scenes to learn from (two hours and 20 GB: LF_FLAME_MEMORY_GB=18)
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
-pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
+pretraining: pretraining_flames.study dropout_flames.study  ## measure what ImageNet's weights do, and the dropout (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
 	$(EXPERIMENT) depth-test $(PAPERS_NETWORK) \
 	  $$(dirname runs/studies/encodings_flames/*/model.keras) --out results/depth_test
