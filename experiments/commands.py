@@ -190,7 +190,8 @@ def study(
     from experiments.studies.study import run_study
     from lf_flame._common.provenance import cpu_count
 
-    path = run_study(study, out, work, paper, only, workers or cpu_count(), imagenet)
+    crew = workers or cpu_count()
+    path = run_study(study, out, work, paper, only=only, workers=crew, imagenet=imagenet)
     show(path, "costs" if "costs" in path.stem else "studies")
 
 

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +25,7 @@ from experiments.studies.report import write
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, build_record, strict, to_json
 from lf_flame._common.input_files import read_record, read_toml
+from lf_flame._common.progress import progress_bar
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
@@ -260,9 +261,9 @@ def run_study(
     out: Path,
     work: Path,
     paper_values: Path,
+    *,
     only: Collection[str] = (),
     workers: int = 1,
-    progress: Callable | None = None,
     imagenet: Path | None = None,
 ) -> Path:
     """Train and score the variants of a study that are not yet done; report after each.
@@ -287,7 +288,7 @@ def run_study(
         if trial.variant.name in (only or names) and trial.read_score(runs) is None:
             tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
             try:
-                run_trial(trial, runs, Path(work) / "data", workers, progress, imagenet)
+                run_trial(trial, runs, Path(work) / "data", workers=workers, imagenet=imagenet)
             except ImagenetUnavailable:
                 tqdm.write("Left out: Keras cannot get its ImageNet weights; see --imagenet.")
             report()
@@ -298,14 +299,14 @@ def run_trial(
     trial: Trial,
     runs: Path,
     data: Path,
+    *,
     workers: int = 1,
-    progress: Callable | None = None,
     imagenet: Path | None = None,
 ) -> None:
     """Make the data set, train and score, going on where an earlier call was cut off."""
     dataset, folder = data / trial.dataset_name, runs / trial.variant.folder
     if not dataset.exists():
-        make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress)
+        make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress_bar)
     keras.utils.clear_session()  # frees the networks of the variants before
     training = trial.training
     if imagenet is not None and training.model.backbone_weights == "imagenet":

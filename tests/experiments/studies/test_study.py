@@ -11,7 +11,7 @@ from experiments.__main__ import commands
 from experiments.studies import pca_bound
 from experiments.studies.pca_bound import principal_component_bound, project
 from experiments.studies.report import COLUMNS, MEAN, _findings, find_crossing
-from experiments.studies.study import read_study, run_study, run_trial
+from experiments.studies.study import read_study, run_study
 from lf_flame import InputError
 from lf_flame._common import figures
 from lf_flame.datasets.split import split_indices
@@ -299,11 +299,14 @@ def test_a_file_may_stand_in_for_keras_imagenet_weights(folder, monkeypatch):
         "experiments.studies.study.train",
         lambda config, *_: asked.append(config.model.backbone_weights),
     )
+    Path("weights.npz").touch()
     _, trials = read_study(path)
     for trial in trials:
-        (folder / "data" / trial.dataset_name).mkdir(parents=True, exist_ok=True)  # made before
-        with pytest.raises(InputError, match="no finished run"):
-            run_trial(trial, folder / "runs", folder / "data", imagenet=Path("weights.npz"))
+        Path("work/data", trial.dataset_name).mkdir(parents=True, exist_ok=True)  # made before
+        words = "study", str(path), "--work", "work", "--imagenet", "weights.npz"
+        ended = CliRunner().invoke(commands, [*words, "--only", trial.variant.name])
+        assert isinstance(ended.exception, InputError)
+        assert "no finished run" in str(ended.exception)
     assert asked == ["weights.npz", "random"]
     # What is asked for stays, so that what is done with a file is done without naming it again.
     assert trials[0].request["training"]["model"]["backbone_weights"] == "imagenet"
