@@ -7,9 +7,6 @@ from tabulate import tabulate
 
 from lf_flame.optics.camera import PlenopticCamera
 
-FASTEST = 0.5
-"""F-number of the fastest lens in air, by Abbe's sine condition."""
-
 ALIKE = 1.02
 """Largest ratio of an aperture to the matched one at which micro-images hardly overlap."""
 
@@ -52,13 +49,7 @@ def _doubts(camera: PlenopticCamera) -> list[str]:
     """List what is unlikely or unfortunate in a camera that can be computed all the same."""
     matched, given = camera.aperture_mm, camera.aperture_diameter_mm
     if given is None:
-        if camera.main_lens_focal_mm >= FASTEST * matched:
-            return []
-        return [
-            f"note: lenslets of this pitch and focal length match f/"
-            f"{camera.main_lens_focal_mm / matched:.2g}; no lens is faster than "
-            f"f/{FASTEST:g}. All lengths are in mm."
-        ]
+        return []
     if given > matched * ALIKE:
         return [
             f"note: the aperture is wider than the {matched:.2f} mm that match the lenslets: "

@@ -151,6 +151,7 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
     (1, 9)
     """
     entries = build(SceneFile, read_toml(path), path)
+    _check_aperture(entries.camera, path)
     layers: list[Layer] = []
     need = 0
     for number, entry in enumerate(entries.layers, 1):
@@ -166,6 +167,9 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
         raise InputError(f"{path}: {error}") from None
 
 
+FASTEST = 0.5
+"""F-number of the fastest lens in air, by Abbe's sine condition."""
+
 CHANGED = (
     "; for a changed camera, write the entries of its camera that are not null as a table [camera] "
     "of a TOML file, and give that"
@@ -179,8 +183,8 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     Raises
     ------
     InputError
-        If the file cannot be read, is a record that does not fit its own hash, has no camera, or a
-        value cannot be used.
+        If the file cannot be read, is a record that does not fit its own hash, has no camera, a
+        value cannot be used, or no lens has such an aperture.
 
     Examples
     --------
@@ -196,7 +200,22 @@ def read_camera(path: str | Path) -> PlenopticCamera:
         )
     if "camera" not in values:
         raise InputError(f"{path} has no camera: it must hold a table of that name.")
-    return build(PlenopticCamera, values["camera"], f"{path}: camera")
+    camera = build(PlenopticCamera, values["camera"], f"{path}: camera")
+    _check_aperture(camera, path)
+    return camera
+
+
+def _check_aperture(camera: PlenopticCamera, path: str | Path) -> None:
+    """Refuse a camera that no lens can have, as one of which a length is not in mm."""
+    width_mm = camera.aperture_diameter_mm or camera.aperture_mm
+    f_number = camera.main_lens_focal_mm / width_mm
+    if f_number < FASTEST:
+        raise InputError(
+            f"{path}: camera: an aperture of {width_mm:.4g} mm, "
+            f"{'as stated' if camera.aperture_diameter_mm else 'which matches the lenslets'}, is "
+            f"f/{f_number:.2g} at a focal length of {camera.main_lens_focal_mm:g} mm, and no lens "
+            f"is faster than f/{FASTEST:g}; all lengths are in mm."
+        )
 
 
 def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -48,7 +48,6 @@ def test_the_command_writes_the_picture(tmp_path, drawn):
         ({"f_number": 1.6}, "wider than the 77.80 mm that match the lenslets"),
         ({"f_number": 1.6}, "From f/1.93 on"),
         ({"f_number": 8}, "lights 3.6 of the 15 pixels"),
-        ({"lenslet_pitch_mm": 112.0}, "no lens is faster than f/0.5"),
     ],
 )
 def test_what_is_unlikely_in_a_camera_is_said(changes, words):

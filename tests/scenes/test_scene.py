@@ -13,7 +13,7 @@ from lf_flame.datasets.config import read_config
 from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture, projected_glow
 from lf_flame.scenes.scene import BRIGHTEST
-from lf_flame.scenes.scene_files import LayerEntry, read_scene
+from lf_flame.scenes.scene_files import LayerEntry, read_camera, read_scene
 from lf_flame.scenes.shapes import shape_texture
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"
@@ -259,3 +259,34 @@ def test_unknown_keys_are_told_all_at_once_with_those_that_are_like_them(tmp_pat
     with pytest.raises(InputError, match=many) as found:
         read_scene(tmp_path / "scene.toml")
     assert len(str(found.value)) < 1000
+
+
+@pytest.mark.parametrize("read", [read_camera, read_scene])
+@pytest.mark.parametrize(
+    ("lengths", "words"),
+    [
+        # 277.84 mm from the main lens a lenslet of 0.112 mm and f/3.57 sees 77.80 mm.
+        ("lenslet_pitch_mm = 0.112", ""),
+        ("lenslet_pitch_mm = 0.112\naperture_diameter_mm = 299.0", ""),
+        (
+            "lenslet_pitch_mm = 0.112\naperture_diameter_mm = 301.0",
+            "301 mm, as stated, .* faster than f/0.5;",
+        ),
+        (
+            "lenslet_pitch_mm = 112.0",
+            r"7.78e\+04 mm, which matches the lenslets, is f/0.0019 at",
+        ),
+    ],
+)
+def test_a_camera_that_no_lens_can_have_is_refused(tmp_path, read, lengths, words):
+    path = tmp_path / "camera.toml"
+    path.write_text(
+        "[camera]\nmain_lens_focal_mm = 150.0\nfocus_distance_mm = 326.0\nlenslet_focal_mm = 0.4\n"
+        f"views = 15\nlenslets = [9, 9]\n{lengths}\n"
+        '[[layers]]\nshape = "square"\ndepth_mm = 0.0\nsize_mm = [1.0, 1.0]\n'
+    )
+    if not words:
+        read(path)
+        return
+    with pytest.raises(InputError, match=words):
+        read(path)
