@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 import tifffile
 from builders import camera_toml
-from click.testing import CliRunner
 from PIL import Image
+from programs import run
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.commands.cli import commands
 
 CAMERA = camera_toml(5, (48, 60))
 
@@ -20,10 +19,6 @@ ACROSS, DEPTH, WIDTH, PEAK = -0.6, 3.0, 0.9, 0.5
 
 
 COARSE = ("--block", 2, "--bootstrap", 0)
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")

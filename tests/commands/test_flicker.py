@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import camera_toml
-from click.testing import CliRunner
+from programs import run
 from skimage.io import imread, imsave
 
 from lf_flame import (
@@ -21,7 +21,6 @@ from lf_flame import (
     Scene,
     render,
 )
-from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.reading_options import Reading
@@ -36,10 +35,6 @@ CAMERA = camera_toml(5, (48, 40))
 LENS = replace(PAPER_CAMERA, views=5, lenslets=(48, 40))
 DEPTH_MM, FOOT_MM, CELL_MM = 6.0, 2.7, 0.04
 FRAMES, RATE_HZ, FLICKER_HZ = 24, 60.0, 11.6
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 def heights_of_textures():

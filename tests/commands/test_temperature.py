@@ -7,19 +7,14 @@ import re
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner
+from programs import run
 
-from lf_flame.commands.cli import commands
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography.axisymmetric.section_folder import read_sections
 from lf_flame.tomography.emission_folder import Place
 from lf_flame.tomography.temperature_figure import temperature_figure
 
 HEIGHTS, RADII = 12, 8
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 def soot(wavelength_nm, kelvin):

@@ -11,20 +11,15 @@ import numpy as np
 import pytest
 import tifffile
 from builders import camera_toml
-from click.testing import CliRunner
+from programs import run
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.commands.cli import commands
 from lf_flame.commands.emission import read_thickness, thickness_facts
 from lf_flame.scenes.flames import flame_texture
 
 CAMERA = camera_toml(5, (48, 60))
 
 COARSE = ("--depth-mm", 6, "--depth-mm", -4, "--block", 2)
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 @pytest.fixture
