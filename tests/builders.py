@@ -2,6 +2,8 @@
 
 import json
 
+from lf_flame import PlenopticCamera
+
 OPTICS = {
     "main_lens_focal_mm": 150.0,
     "focus_distance_mm": 326.0,
@@ -27,6 +29,14 @@ def scene_toml(views, lenslets, shape="circle", depth_mm=5.0, side_mm=1.5):
     """Text of a scene file with one layer."""
     layer = f'shape = "{shape}"\ndepth_mm = {depth_mm}\nsize_mm = [{side_mm}, {side_mm}]\n'
     return f"{camera_toml(views, lenslets)}[[layers]]\n{layer}"
+
+
+def camera_of(lens):
+    """Camera of the package with the numbers of a lens of `own_rays`."""
+    return PlenopticCamera(
+        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus, views=lens.views,
+        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, lenslets=lens.lenslets,
+    )  # fmt: skip
 
 
 def toml(values):
