@@ -52,10 +52,15 @@ def count_rays(scene, layer, camera, rays, sequence="random"):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("depth", [20.0, 10.0, 0.0, -10.0, -60.0])
 @pytest.mark.parametrize(
-    "changes",
-    [{}, {"views": 4}, {"pixel_pitch_mm": 0.02}, {"main_lens_focal_mm": 90.0}],
+    ("depth", "changes"),
+    [
+        (20.0, {}),
+        (0.0, {"views": 4}),
+        (-60.0, {}),
+        (-10.0, {"pixel_pitch_mm": 0.02}),
+        (10.0, {"main_lens_focal_mm": 90.0}),
+    ],
     ids=str,
 )
 def test_each_pixel_counts_as_many_rays_as_the_closed_form_says(small_camera, rng, depth, changes):
