@@ -141,7 +141,6 @@ def test_lines_of_the_reader_stand_above_the_progress_bar(boards):
     [
         ("refocus", ("--depth-mm", 100), "holds for depths from -37.5 to 37.5 mm"),
         ("refocus", ("--depth-mm", 0, "--f-number", 8), "thin-lens camera"),
-        ("reconstruct", ("--depth-mm", 40), "holds for depths from -37.5 to 37.5 mm"),
         ("abel", ("--axis-depth", 40), "holds for depths from -37.5 to 37.5 mm"),
     ],
 )
@@ -161,7 +160,6 @@ def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
     [
         (lambda placed: placed[:2], "3 different distances"),
         (lambda placed: [*placed[:3], placed[3].replace("@25", "@nan")], "its depth in mm"),
-        (lambda placed: [*placed[:3], placed[3].partition("@")[0]], "its depth in mm"),
         (lambda placed: [*placed, "--step-mm", 10], "and not both"),
         (lambda placed: [*placed[:1], placed[1].partition("@")[0], "--step-mm", 9], "not both"),
         (lambda placed: [*placed[:3], "none.npz@25"], "there is no"),

@@ -291,7 +291,6 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--region", 0, 5, 0, 50], "11 pixels or more along each side, got 5 x 50"),
         (["--region", 10, 50, 10, 500], "inside the 60 x 120 lenslets"),
         (["--region", 0, 50, 0, 50, "--network", "refocusnet"], "not the network of `volumetric`"),
         (["--region", 0, 50, 0, 50, "--background", 90], "from -15 to 15, beyond which"),
