@@ -93,21 +93,6 @@ def test_the_count_would_notice_small_mistakes(small_camera, rng):
 
 @pytest.mark.slow
 @pytest.mark.jit
-def test_a_card_hides_what_it_hides(small_camera, rng):
-    layer = two_tone(rng, 20.0)
-    holed = rng.random((6, 8)) < 0.5
-    card = Layer(np.zeros((6, 8)), -10.0, (1.4, 1.8), (-0.1, 0.2), opaque=True, coverage=holed)
-    glowing_card = replace(card, depth_mm=40.0)  # behind: hides nothing
-    scene = Scene([glowing_card, layer, card])
-    counts, weight = count_rays(scene, layer, small_camera, RAYS)
-    traced = backward(scene, small_camera, integrator="rays", rays=60) / weight
-    open_view = backward(Scene([layer]), small_camera) / weight
-    assert misfit(counts, traced, RAYS) < 4
-    assert misfit(counts, open_view, RAYS) > 100
-
-
-@pytest.mark.slow
-@pytest.mark.jit
 def test_half_covered_and_absorbing_layers_dim_alike(small_camera, rng):
     """Glow before and behind a half-open screen and a hot gas, to a thousandth of the peak."""
     screen = Layer(
