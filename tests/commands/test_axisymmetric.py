@@ -75,7 +75,7 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
 def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
     np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
     np.save(tmp_path / "bright.npy", views + np.float32(0.2))
-    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, "--bootstrap", 0]
+    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, *COARSE]
     sections = []
     for name, more in (("ball", []), ("bright", ["--dark", tmp_path / "dark.npy"])):
         out = tmp_path / f"{name}-found"
@@ -105,6 +105,7 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["--radius", 0.1], "at least four pixels"),
         (["--radius", -1], "--radius must be above 0"),
         (["--radius", 1e20], "--radius must be above 0 and at most the camera's focus distance"),
         (["--bootstrap", 1000000000], "bootstrap must be 0, or 2 to 10000"),

@@ -160,6 +160,7 @@ def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
     [
         (lambda placed: placed[:2], "3 different distances"),
         (lambda placed: [*placed[:3], placed[3].replace("@25", "@nan")], "its depth in mm"),
+        (lambda placed: [*placed[:3], placed[3].partition("@")[0]], "its depth in mm"),
         (lambda placed: [*placed, "--step-mm", 10], "and not both"),
         (lambda placed: [*placed[:1], placed[1].partition("@")[0], "--step-mm", 9], "not both"),
         (lambda placed: [*placed[:3], "none.npz@25"], "there is no"),
