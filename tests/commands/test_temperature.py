@@ -131,11 +131,15 @@ def test_sections_that_do_not_fit_are_one_sentence(colours, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_wavelengths_in_another_unit_are_refused(colours, tmp_path):
-    words = ["--out", tmp_path / "out", "--wavelengths", 5.5e-4, 6.5e-4]
-    assert "if these are mm, give 550 and 650" in str(
-        run("temperature", *colours, *words).exception
-    )
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--wavelengths", 5.5e-4, 6.5e-4], "if these are mm, give 550 and 650"),
+        (["--wavelengths", 550, 650, "--soot-exponent", 6], "soot_exponent must be from -1 to 5"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(colours, tmp_path, words, says):
+    assert says in str(run("temperature", *colours, *words, "--out", tmp_path / "out").exception)
 
 
 @pytest.mark.slow
