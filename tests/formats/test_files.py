@@ -263,7 +263,7 @@ def test_an_array_with_more_views_than_pixels_is_read_where_its_axes_are_stated(
     np.testing.assert_array_equal(read_light_field(tmp_path / "a.npy", axes="vuts").views, array)
 
 
-@pytest.mark.parametrize("axes", ["", "vut", "vutt", "nvts", "xyzw"])
+@pytest.mark.parametrize("axes", ["", "vut", "vutsc", "vutt", "nvts", "xyzw"])
 def test_axes_that_do_not_fit_are_refused(tmp_path, axes):
     np.save(tmp_path / "a.npy", np.ones((2, 2, 3, 4)))
     with pytest.raises(InputError, match=r"axes must be one letter for each axis of .*, got "):
