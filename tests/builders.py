@@ -1,5 +1,9 @@
 """Small cameras, scenes and data sets that the tests of several files build."""
 
+import json
+
+from lf_flame import PlenopticCamera
+
 OPTICS = {
     "main_lens_focal_mm": 150.0,
     "focus_distance_mm": 326.0,
@@ -25,6 +29,27 @@ def scene_toml(views, lenslets, shape="circle", depth_mm=5.0, side_mm=1.5):
     """Text of a scene file with one layer."""
     layer = f'shape = "{shape}"\ndepth_mm = {depth_mm}\nsize_mm = [{side_mm}, {side_mm}]\n'
     return f"{camera_toml(views, lenslets)}[[layers]]\n{layer}"
+
+
+def camera_of(lens):
+    """Camera of the package with the numbers of a lens of `own_rays`."""
+    return PlenopticCamera(
+        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus, views=lens.views,
+        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, lenslets=lens.lenslets,
+    )  # fmt: skip
+
+
+def toml(values):
+    """Text of a TOML file with these values, tables in one line each."""
+
+    def written(value):
+        if isinstance(value, dict):
+            return f"{{ {', '.join(f'{name} = {written(x)}' for name, x in value.items())} }}"
+        if isinstance(value, list):
+            return f"[{', '.join(map(written, value))}]"
+        return json.dumps(value)
+
+    return "\n".join(f"{name} = {written(value)}" for name, value in values.items())
 
 
 def shapes(samples, image=(40, 64), views=5, coarser=6, sides_mm=(10.0, 9.0), off_axis_mm=10.0):

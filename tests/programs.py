@@ -9,6 +9,9 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
+from click.testing import CliRunner
+
+from lf_flame.commands import cli
 
 ROOT = Path(__file__).parents[1]
 
@@ -29,11 +32,15 @@ def warnings_as_python_shows_them(errors):
         yield
 
 
+def run(*words):
+    """Call a command of ``lf-flame``; its result holds what it printed and raised."""
+    return CliRunner().invoke(cli.commands, [str(word) for word in words])
+
+
 def run_here(*words, cwd=ROOT, program="lf_flame"):
     """Run a program as ``python -m PROGRAM WORDS`` does: its exit status, output and errors."""
     from experiments import __main__
-    from lf_flame.commands import cli
-    from lf_flame.commands.program import run
+    from lf_flame.commands import program as programs
 
     commands = {"lf_flame": cli.commands, "experiments": __main__.commands}[program]
     out, errors = io.StringIO(), io.StringIO()
@@ -43,7 +50,7 @@ def run_here(*words, cwd=ROOT, program="lf_flame"):
         patch.object(sys, "argv", [program, *map(str, words)]),
         patch.object(sys, "unraisablehook", sys.unraisablehook), pytest.raises(SystemExit) as ended,
     ):  # fmt: skip
-        run(commands, program)
+        programs.run(commands, program)
     return SimpleNamespace(
         returncode=ended.value.code, stdout=out.getvalue(), stderr=errors.getvalue()
     )

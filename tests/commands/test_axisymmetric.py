@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 import tifffile
 from builders import camera_toml
-from click.testing import CliRunner
 from PIL import Image
+from programs import run
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.commands.cli import commands
 
 CAMERA = camera_toml(5, (48, 60))
 
@@ -20,10 +19,6 @@ ACROSS, DEPTH, WIDTH, PEAK = -0.6, 3.0, 0.9, 0.5
 
 
 COARSE = ("--block", 2, "--bootstrap", 0)
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +75,7 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
 def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
     np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
     np.save(tmp_path / "bright.npy", views + np.float32(0.2))
-    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, "--bootstrap", 0]
+    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, *COARSE]
     sections = []
     for name, more in (("ball", []), ("bright", ["--dark", tmp_path / "dark.npy"])):
         out = tmp_path / f"{name}-found"
@@ -111,15 +106,12 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     ("words", "said"),
     [
         (["--radius", 0.1], "at least four pixels"),
-        (["--radius", 40], "at most the field's width"),
         (["--radius", -1], "--radius must be above 0"),
         (["--radius", 1e20], "--radius must be above 0 and at most the camera's focus distance"),
         (["--bootstrap", 1000000000], "bootstrap must be 0, or 2 to 10000"),
         (["--strength", "inf"], "'inf' is no finite number"),
         (["--axis-depth", 1e20], "Depths must lie above -326 mm"),
-        (["--axis-mm", 99], "must stand within the field"),
         (["--block", 7], "block must be"),
-        (["--bootstrap", 1], "bootstrap must be"),
         (["--burner", 50], "burner_mm must be within the field"),
     ],
 )

@@ -13,8 +13,7 @@ from lf_flame.commands.cli import commands
 from lf_flame.errors import InputError
 
 
-@pytest.mark.parametrize("depth", [20.0, 0.0, -10.0])
-@pytest.mark.parametrize("height", [-38.0, 7.0])
+@pytest.mark.parametrize(("depth", "height"), [(20.0, -38.0), (0.0, 7.0), (-10.0, 7.0)])
 def test_rays_run_towards_the_point_s_image(depth, height):
     """From the lens to the image at 1/f - 1/distance, and on to a lenslet's focal plane."""
     distance = 326.0 + depth

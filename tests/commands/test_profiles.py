@@ -7,14 +7,9 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner
+from programs import run
 
 from lf_flame import InputError
-from lf_flame.commands.cli import commands
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 @pytest.fixture
@@ -97,17 +92,17 @@ def test_a_flipped_bit_is_found(folder, tmp_path, name):
 PLANES = np.ones((2, 6, 8), np.float32)
 
 
-@pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("name", "content", "says"),
     [
-        (PLANES[:, :3], "must hold planes as emission.tif does"),
-        (PLANES[:1], "must hold 2 planes of float32"),
-        (PLANES[0, 0], "must hold pictures of rows and columns"),
-        (PLANES.astype(np.float64), "must hold 2 planes of float32"),
-        (PLANES * np.float32(np.nan), "must hold finite numbers"),
-        (b"no picture", "cannot be read"),
-        (b"II*\0\x08\0\0\0" + 300 * b"\xff", "cannot be read"),
+        ("draws.tif", PLANES[:, :3], "must hold planes as emission.tif does"),
+        ("emission.tif", np.stack([PLANES] * 2), "must hold 2 planes, got 4"),
+        ("draws.tif", PLANES[:1], "must hold 2 planes of float32"),
+        ("emission.tif", PLANES[0, 0], "must hold pictures of rows and columns"),
+        ("emission.tif", PLANES.astype(np.float64), "must hold 2 planes of float32"),
+        ("draws.tif", PLANES * np.float32(np.nan), "must hold finite numbers"),
+        ("draws.tif", b"no picture", "cannot be read"),
+        ("emission.tif", b"II*\0\x08\0\0\0" + 300 * b"\xff", "cannot be read"),
     ],
 )
 def test_files_that_a_record_vouches_for_are_checked_all_the_same(
@@ -154,7 +149,7 @@ def test_no_file_is_opened_that_a_file_names(folder, tmp_path):
     assert {float(row["emission"]) for row in rows_of(tmp_path / "out" / "axial.csv")} == {1.0}
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", [1, 2])
 def test_one_plane_is_read_back_as_one(tmp_path, count):
     """A stack of one plane, or of one draw's plane, is rows and columns alone to a TIFF reader."""
     folder = tmp_path / "one"

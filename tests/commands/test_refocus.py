@@ -193,28 +193,26 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
     ("args", "message"),
     [
         (["--depth-mm", 3], "need the camera"),
-        (["--f-number", 8], "need the camera"),
+        (["--slope", 0.5, "--f-number", 0], "need the camera"),
         (["--slope", "nan"], "finite"),
         (["--slope", 1e9], "from -20 to 20, beyond which views .* got 1e[+]09"),
         (["--sweep", "nan", 1], "finite .* got nan"),
-        (["--sweep", 1, 1], "two slopes, got 1.0 twice"),
+        (["--slope", 0.5, "--sweep", 1, 1], "two slopes, got 1.0 twice"),
         (["--map", -1, 1, "--interpolation", "sinc"], "linear, nearest, cubic, got 'sinc'"),
         (["--views", 5], "--views does not apply to the folder"),
         (["--layout", "hexagonal"], "--layout does not apply"),
         (["--pitch", 9], "is a folder of views"),
-        (["--pitch", 0], "is a folder of views"),
         (["--slope", 1, "--interpolation", "sinc", "--method", "space"], "does not know 'sinc'"),
-        (["--slope", 1, "--aperture", -1], "width above 0"),
-        (["--order", "up,down"], "order"),
-        (["--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
+        (["--slope", 0.5, "--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
         (["--slope", 1, "--gain", 1e308], "gain must be from 1e-06 to 1e[+]06, got 1e[+]308"),
         (["--slope", 1, "--gamma", "nan"], "gamma must be from 0.01 to 100, got nan"),
     ],
 )
-def test_mistakes_are_one_sentence(folder, tmp_path, args, message):
+def test_mistakes_are_one_sentence_and_write_nothing(folder, tmp_path, args, message):
     with pytest.raises(InputError, match=message) as caught:
         run(folder, *args, "--out", tmp_path / "out")
     assert len(str(caught.value).splitlines()) == 1
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.fixture
@@ -293,7 +291,6 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--region", 0, 5, 0, 50], "11 pixels or more along each side, got 5 x 50"),
         (["--region", 10, 50, 10, 500], "inside the 60 x 120 lenslets"),
         (["--region", 0, 50, 0, 50, "--network", "refocusnet"], "not the network of `volumetric`"),
         (["--region", 0, 50, 0, 50, "--background", 90], "from -15 to 15, beyond which"),
@@ -304,20 +301,6 @@ def test_mistakes_of_regions_are_one_sentence(leaves, system_runs, tmp_path, arg
     with pytest.raises(InputError, match=words):
         run(leaves, "--slopes", -2, 2, "--cross", *args, "--out", tmp_path / "out",
             command="refocus-regions")  # fmt: skip
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--sweep", 1, 1], "two slopes"),
-        (["--map", 1, 0], "lower slope first"),
-        (["--f-number", 0], "need the camera"),
-    ],
-)
-def test_nothing_is_written_of_what_cannot_be_finished(folder, tmp_path, args, words):
-    with pytest.raises(InputError, match=words):
-        run(folder, "--slope", 0.5, *args, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -11,10 +11,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from builders import camera_toml
-from click.testing import CliRunner
+from programs import run
 
 from lf_flame import PAPER_CAMERA, LightField, read_light_field
-from lf_flame.commands.cli import commands
 from lf_flame.refocus import find_slope_range
 from lf_flame.viewer.demo import DEMO_CAMERA
 
@@ -33,10 +32,6 @@ def source(tmp_path, rng):
     ]
     np.save(tmp_path / "views.npy", np.array(views).astype(np.uint8))
     return tmp_path / "views.npy"
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 def test_a_single_file_is_written(source, tmp_path):

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from micro_images import nearest_lenslet
 
 from lf_flame.formats import DecodePlan, LensletGrid
 
@@ -14,16 +15,9 @@ def drawn(layout, radius, black, rng, evenly=False):
     """Round micro-images of a scene of bars, in levels of 10 bits with noise; and their grid."""
     grid = LensletGrid(7.0, 7.0, PITCH, layout=layout)
     y, x = np.mgrid[:240, :300].astype(float)
-    apart = np.full(y.shape, np.inf)
-    bright = np.zeros(y.shape)
-    for row in range(-1, 20):
-        for column in range(-1, 22):
-            cy, cx = grid.position(row, column)
-            away = np.hypot(y - cy, x - cx)
-            nearer = away < apart
-            apart[nearer] = away[nearer]
-            bright[nearer] = 500 if evenly else 60 + 800 * (column // 3 % 2)
-    lit = np.clip((radius - apart) / 2 + 0.5, 0, 1)
+    _, place, *way = nearest_lenslet(y - 7, x - 7, PITCH, hexagonal=layout == "hexagonal")
+    bright = 500 if evenly else 60 + 800 * (np.floor(place) // 3 % 2)
+    lit = np.clip((radius - np.hypot(*way)) / 2 + 0.5, 0, 1)
     levels = black + bright * lit + rng.normal(0, 1.5, y.shape)
     return np.rint(levels.clip(0, 1023)).astype(np.uint16), grid
 

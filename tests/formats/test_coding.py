@@ -74,8 +74,7 @@ def test_of_a_folder_the_first_picture_tells(tmp_path):
     assert notes_on_coding(tmp_path / "broken.png") == []
 
 
-@pytest.mark.parametrize("bits", [10, 12, 14])
-@pytest.mark.parametrize("suffix", [".png", ".tif", ".npy"])
+@pytest.mark.parametrize(("bits", "suffix"), [(10, ".png"), (12, ".tif"), (14, ".npy")])
 def test_levels_that_fill_only_some_of_their_bits_are_said(tmp_path, rng, bits, suffix):
     levels = rng.integers(0, 2**bits, (6, 9), np.uint16)
     levels[4, 5] = 2**bits - 1

@@ -139,8 +139,13 @@ def test_views_that_do_not_divide_a_lenslet_image_are_refused(tmp_path, rng):
         read_light_field(tmp_path / "b.png", views=3)
 
 
-@pytest.mark.parametrize("dtype", ["f2", "f4", "f8", ">f4", "u1", "u2"])
-@pytest.mark.parametrize("shape", [(2, 3, 4, 5), (2, 2, 3, 4, 3)])
+@pytest.mark.parametrize(
+    ("dtype", "shape"),
+    [
+        *((name, (2, 3, 4, 5)) for name in ("f2", ">f4", "u2")),
+        *((name, (2, 2, 3, 4, 3)) for name in ("f4", "f8", "u1")),
+    ],
+)
 def test_arrays_come_back(tmp_path, rng, dtype, shape):
     array = (rng.uniform(size=shape) * (200 if "u" in dtype else 1)).astype(dtype)
     top = {"u1": 255, "u2": 65535}.get(dtype, 1)
@@ -228,10 +233,8 @@ def test_odd_arrays_are_refused(tmp_path, rng):
     [
         ("ntsc", (81, 80, 64, 3)),
         ("tsvu", (80, 64, 9, 9)),
-        ("ncts", (81, 3, 80, 64)),
         ("cnts", (3, 81, 80, 64)),
         ("vucts", (9, 9, 3, 80, 64)),
-        ("cvuts", (3, 9, 9, 80, 64)),
         ("tsvuc", (80, 64, 9, 9, 3)),
         ("vtus", (9, 80, 9, 64)),
         ("nts", (81, 80, 90)),
@@ -260,15 +263,14 @@ def test_an_array_with_more_views_than_pixels_is_read_where_its_axes_are_stated(
     np.testing.assert_array_equal(read_light_field(tmp_path / "a.npy", axes="vuts").views, array)
 
 
-@pytest.mark.parametrize("axes", ["", "vut", "vutt", "vutsc", "nvts", "xyzw", "ntsv"])
+@pytest.mark.parametrize("axes", ["", "vut", "vutsc", "vutt", "nvts", "xyzw"])
 def test_axes_that_do_not_fit_are_refused(tmp_path, axes):
     np.save(tmp_path / "a.npy", np.ones((2, 2, 3, 4)))
     with pytest.raises(InputError, match=r"axes must be one letter for each axis of .*, got "):
         read_light_field(tmp_path / "a.npy", axes=axes)
 
 
-@pytest.mark.parametrize("bits", [8, 16, 32])
-@pytest.mark.parametrize("channels", [(), (3,)])
+@pytest.mark.parametrize(("bits", "channels"), [(8, ()), (32, ()), (16, (3,)), (32, (3,))])
 def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
     views = rng.uniform(size=(3, 3, 10, 12, *channels)).astype(np.float32)
     kept, top = views, 1
@@ -290,12 +292,6 @@ def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
         np.testing.assert_array_equal(back, kept / np.float32(top), err_msg=path.name)
         turned = read_light_field(path, order="col,row", **stated).views
         np.testing.assert_array_equal(turned, back.swapaxes(0, 1))
-
-
-def test_a_tiff_of_one_page_is_a_lenslet_image(tmp_path, rng):
-    views = rng.uniform(size=(3, 3, 4, 5)).astype(np.float32)
-    tifffile.imwrite(tmp_path / "raw.tif", LightField(views).to_raw())
-    np.testing.assert_array_equal(read_light_field(tmp_path / "raw.tif", views=3).views, views)
 
 
 def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):

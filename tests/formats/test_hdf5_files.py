@@ -64,8 +64,9 @@ def numbered(dtype, channels=()):
     return (count % 251 if dtype == np.uint8 else count).astype(dtype)
 
 
-@pytest.mark.parametrize("kind", ["uint8", "uint16", "single", "double"])
-@pytest.mark.parametrize("channels", [(), (3,)])
+@pytest.mark.parametrize(
+    ("kind", "channels"), [("uint8", ()), ("single", ()), ("uint16", (3,)), ("double", (3,))]
+)
 def test_axes_of_matlab_are_those_that_matlab_shows(tmp_path, kind, channels):
     dtype = {"single": np.float32, "double": np.float64}.get(kind, kind)
     array = numbered(dtype, channels)
@@ -184,8 +185,7 @@ def write_hci(path, views, depth=None, facts=FACTS):
     return path
 
 
-@pytest.mark.parametrize("flipped", [0, 1])
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("flipped", "turned"), [(0, False), (1, True)])
 def test_hci_files_give_the_slopes_of_their_depths(tmp_path, rng, flipped, turned):
     views, depth = scene(rng)
     stored, depths = (np.flip(x, flipped) for x in (views, depth))

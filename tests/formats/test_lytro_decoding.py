@@ -9,6 +9,7 @@ import logging
 import lytro_files as own
 import numpy as np
 import pytest
+from micro_images import nearest_lenslet
 
 from lf_flame import InputError
 from lf_flame.formats import read_light_field, read_raw
@@ -19,19 +20,13 @@ PUPIL = (0.0973 + 3.7e-5) / 0.0973
 COLOURS = {"r": 0.5, "g": 0.9, "b": 0.35}
 
 
-def nearest_lenslet(offset=OFFSET):
+def lenslets(offset=OFFSET):
     """For each pixel: centre of its lenslet, and the pixel's distance from it, as x + iy."""
     y, x = np.indices(SHAPE)
     middle = complex((SHAPE[1] - 1) / 2 + offset[0], (SHAPE[0] - 1) / 2 + offset[1])
-    z = (x + 1j * y - middle) * np.exp(-1j * TURN) / (PITCH * PUPIL)
-    step = np.sqrt(3) / 2 * 1.0003
-    best = np.full(SHAPE, np.inf + 0j)
-    for down in (0, 1):
-        row = np.floor(z.imag / step) + down
-        place = np.round(z.real - row % 2 / 2) + row % 2 / 2
-        away = z - (place + 1j * step * row)
-        best = np.where(np.abs(away) < np.abs(best), away, best)
-    away = best * np.exp(1j * TURN) * PITCH * PUPIL
+    z, pitch = (x + 1j * y - middle) * np.exp(-1j * TURN), PITCH * PUPIL
+    *_, down, along = nearest_lenslet(z.imag, z.real, pitch, np.sqrt(3) / 2 * 1.0003 * pitch, True)
+    away = (along + 1j * down) * np.exp(1j * TURN)
     return x + 1j * y - away, away
 
 
@@ -46,7 +41,7 @@ def texture(place):
 
 def frames(model, slope, offset=OFFSET):
     """Raw and white image of the camera in levels; a slope in row distances per view."""
-    centre, away = nearest_lenslet(offset)
+    centre, away = lenslets(offset)
     rows = PITCH * PUPIL * np.sqrt(3) / 2 * 1.0003
     seen = centre - slope * rows / (PITCH * PUPIL / VIEWS) * away
     disc = np.clip(0.47 * PITCH - np.abs(away) + 0.5, 0, 1)

@@ -29,8 +29,10 @@ def assert_same(path, whole=None, **options):
     return opened
 
 
-@pytest.mark.parametrize("axes", [None, "tsvuc", "cvuts", "vtusc"])
-@pytest.mark.parametrize("kind", [np.float32, np.uint8])
+@pytest.mark.parametrize(
+    ("axes", "kind"),
+    [(None, np.uint8), ("tsvuc", np.float32), ("cvuts", np.uint8), ("vtusc", np.float32)],
+)
 def test_arrays_in_any_file_and_order_of_axes(views, axes, kind, tmp_path):
     levels = views if kind == np.float32 else to_levels(views, 8)
     stored = levels.transpose(["vutsc".index(letter) for letter in axes or "vutsc"])

@@ -11,6 +11,7 @@ import pytest
 import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from micro_images import nearest_lenslet
 from scipy import ndimage
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
@@ -27,27 +28,16 @@ from lf_flame.refocus.focus_map import TRUSTED
 MICROSCOPE = Path(__file__).parents[3] / "shared" / "lightfields" / "guv"
 
 
-def nearest_lenslet(grid, shape):
-    """For each pixel: row, place along the row and offset (down, along) from its lenslet.
-
-    The place counts pitches from (x0, y0), the offset pixels. Written apart from the package: all
-    lenslets of the two rows beside a pixel are compared.
-    """
+def lenslets_of(grid, shape):
+    """For each pixel: row, place along the row and offset (down, along) from its lenslet."""
     y, x = np.indices(shape)
     z = (x - grid.x0 + 1j * (y - grid.y0)) * np.exp(-1j * grid.rotation)
-    best = np.full((4, *shape), np.inf)
-    for row in (np.floor(z.imag / grid.row_pitch), np.ceil(z.imag / grid.row_pitch)):
-        shifted = (row % 2) / 2 if grid.layout == "hexagonal" else 0
-        place = np.round(z.real / grid.pitch - shifted) + shifted
-        down, along = z.imag - row * grid.row_pitch, z.real - place * grid.pitch
-        found = np.stack([row, place, down, along])
-        best = np.where(np.hypot(down, along) < np.hypot(*best[2:]), found, best)
-    return best
+    return nearest_lenslet(z.imag, z.real, grid.pitch, grid.row_pitch, grid.layout == "hexagonal")
 
 
 def white_image(grid, shape, rng, radius=0.45, gap=0.05, noise=0.0, falloff=0.0, dead=0.0):
     """Round micro-images, darker towards the corners of the sensor, some of them dead."""
-    row, place, down, along = nearest_lenslet(grid, shape)
+    row, place, down, along = lenslets_of(grid, shape)
     image = gap + (1 - gap) * np.clip(radius * grid.pitch - np.hypot(down, along) + 0.5, 0, 1)
     is_dead = rng.uniform(size=(500, 500)) < dead
     image[is_dead[row.astype(int) % 500, np.floor(place).astype(int) % 500]] = 0.02
@@ -104,8 +94,7 @@ def test_a_separate_row_pitch_is_found(rng):
     assert farthest(found, true, (300, 380)) < 0.02
 
 
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-@pytest.mark.parametrize("radius", [0.2, 0.5])
+@pytest.mark.parametrize(("radius", "layout"), [(0.2, "hexagonal"), (0.5, "rectangular")])
 def test_small_and_touching_micro_images_are_found(radius, layout, rng):
     true = LensletGrid(20, 30, 15.2, 0.02, layout)
     found = estimate_grid(white_image(true, (400, 420), rng, radius=radius, noise=0.02))
@@ -195,7 +184,7 @@ def test_flattening_takes_out_the_mean_under_a_triangle(width):
     np.testing.assert_allclose(found[:, 60:-60], np.tile(expected, (100, 1))[:, 60:-60], atol=1e-12)
 
 
-@pytest.mark.parametrize(("down", "along"), [(0.0, 0.0), (0.9, -1.4), (1.45, 1.45)])
+@pytest.mark.parametrize(("down", "along"), [(0.0, 0.0), (1.45, 1.45)])
 def test_peaks_are_found_from_a_step_and_a_half_away(down, along):
     """Each parabola moves by a step at most; a Gaussian's curvature is that of its middle part."""
     y, x, step = *np.indices((40, 44)), 2.0
@@ -325,7 +314,7 @@ def test_light_is_kept(rng):
         np.testing.assert_allclose(decoded.mean(axis=(0, 1)), expected, rtol=1e-5)
 
 
-@pytest.mark.parametrize("part", [0.68, 1.0, 2.14, 3.75, 15.0])
+@pytest.mark.parametrize("part", [0.68, 2.14, 15.0])
 def test_weights_of_a_part_of_any_breadth_are_whole_and_centred(part):
     """Wherever the part lies; pixels before and after those of the table would have none."""
     for step, beyond in ((1, 0.0), (1, 1 + 2 * MOVE), (2, 0.0), (2, 1 + 2 * MOVE)):
@@ -363,8 +352,7 @@ def test_the_views_asked_for():
             decode_raw(raw, LensletGrid(50, 50, 20), views)
 
 
-@pytest.mark.parametrize("bayer", [None, "gbrg"])
-@pytest.mark.parametrize("rotation", [0.004, -0.03, 0.4])
+@pytest.mark.parametrize(("rotation", "bayer"), [(0.004, "gbrg"), (-0.03, None), (0.4, "gbrg")])
 def test_a_ramp_is_decoded_at_the_places_of_the_parts(rotation, bayer):
     """Interpolation keeps straight lines, so a pixel of a view is the ramp at its part's centre."""
     grid, shape = LensletGrid(101.3, 87.6, 10.4, rotation), (200, 220)
@@ -389,17 +377,16 @@ def sampled_scene(grid, shape, slope, views):
     def scene(t, s):
         return 2 + np.sin(0.55 * t + 0.4) * np.cos(0.45 * s) + 0.5 * np.sin(0.3 * t - 0.5 * s)
 
-    row, place, down, along = nearest_lenslet(grid, shape)
+    row, place, down, along = lenslets_of(grid, shape)
     view = grid.pitch / views  # pixels from view to view
     t = row - slope * down / view
     s = place * grid.pitch / grid.row_pitch - slope * along / view
     return scene(t, s), scene
 
 
-@pytest.mark.parametrize("rotation", [0.0, 0.03])
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-def test_a_known_slope_is_decoded(layout, rotation):
-    grid = LensletGrid(161.3, 149.6, 14.3, rotation, layout)
+def test_a_known_slope_is_decoded(layout):
+    grid = LensletGrid(161.3, 149.6, 14.3, 0.03, layout)
     shape, views, slope = (301, 333), 13, 0.7
     raw, scene = sampled_scene(grid, shape, slope, views)
     decoded = decode_raw(raw, grid).views
@@ -566,8 +553,9 @@ def as_mosaic(image, order=ORDERS[0]):
     return image * np.choose(2 * (y % 2) + x % 2, [BAYER[name] for name in order])
 
 
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-@pytest.mark.parametrize("pitch", [9, 14, 14.29])
+@pytest.mark.parametrize(
+    ("pitch", "layout"), [(9, "rectangular"), (14, "hexagonal"), (14.29, "rectangular")]
+)
 def test_colour_mosaics_are_refused_and_grey_images_are_not(pitch, layout, rng):
     """Even pitches repeat in 2 x 2 pixels, as a mosaic does."""
     grid = LensletGrid(20.25, 30.5, pitch, 0, layout)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
+from micro_images import nearest_lenslet, waves
 
 from lf_flame import InputError, LightField
 from lf_flame.commands.reading_options import Reading
@@ -24,24 +25,9 @@ def raw_of_a_plane(slope, hexagonal, rows=18, columns=20, seed=1, falloff=0.0):
     shape = int(row_pitch * (rows + 1) + PITCH), int(PITCH * (columns + 2.5))
     y, x = (((np.arange(n * SUB) + 0.5) / SUB - 0.5 - PITCH - 0.25) for n in shape)
     y, x = np.meshgrid(y, x, indexing="ij")
-    nearest = np.full(y.shape, np.inf)
-    place = np.zeros((2, *y.shape))
-    for step in (-1, 0, 1):
-        row = np.rint(y / row_pitch) + step
-        offset = row % 2 / 2 if hexagonal else 0
-        column = np.rint(x / PITCH - offset) + offset
-        down, right = y - row * row_pitch, x - column * PITCH
-        closer = down**2 + right**2 < nearest
-        nearest = np.where(closer, down**2 + right**2, nearest)
-        seen = np.stack([row * row_pitch / PITCH - slope * down, column - slope * right])
-        place = np.where(closer, seen, place)
-    light = 0.5
-    for length, angle, phase in zip(
-        rng.uniform(4, 8, 20), rng.uniform(0, 6.28, (20)), rng.uniform(0, 6.28, 20), strict=True
-    ):
-        along = np.sin(angle) * place[0] + np.cos(angle) * place[1]
-        light = light + 0.05 * np.cos(2 * np.pi * along / length + phase)
-    height = nearest / (PITCH / 2) ** 2
+    row, column, down, right = nearest_lenslet(y, x, PITCH, row_pitch, hexagonal)
+    light = 0.5 + waves(row * row_pitch / PITCH - slope * down, column - slope * right, 0.05, rng)
+    height = (down**2 + right**2) / (PITCH / 2) ** 2
     lit = (height <= 1) * (1 - falloff * height)
     pixels = (shape[0], SUB, shape[1], SUB)
     return tuple(a.reshape(pixels).mean(axis=(1, 3)) for a in (light * lit, lit))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner
+from micro_images import waves
 
 from lf_flame import InputError, LightField
 from lf_flame.commands.cli import commands
@@ -28,11 +29,7 @@ def raw_of_a_highlight(pitch, slope, lenslets=(30, 34), sub=3):
     t, s = np.meshgrid(t, s, indexing="ij")
     rng = np.random.default_rng(1)
     light = 0.5 + 2 * np.exp(-((t - 3) ** 2 + (s + 2) ** 2) / 25)
-    for length, angle, phase in zip(
-        rng.uniform(4, 8, 20), rng.uniform(0, 6.28, 20), rng.uniform(0, 6.28, 20), strict=True
-    ):
-        along = np.sin(angle) * t + np.cos(angle) * s
-        light = light + 0.03 * np.cos(2 * np.pi * along / length + phase)
+    light = light + waves(t, s, 0.03, rng)
     return light.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
 
 

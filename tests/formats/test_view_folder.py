@@ -68,7 +68,6 @@ def numbered(rows, columns, form, first=0, step=1):
         (numbered(range(1), range(9), "view_{:02}_{:02}.png"), (1, 9)),
         (numbered(range(5), range(1), "{}_{}.PNG", first=1), (5, 1)),
         ([f"input_Cam{n:03}.png" for n in range(9)], (3, 3)),
-        ([f"2067_{n}.png" for n in range(16)], (4, 4)),
         ([f"scene1_{n:03}.png" for n in range(9)], (3, 3)),
         ([f"frame{n}.png" for n in (3, 7, 8, 12)], (2, 2)),
         (numbered((0, 15), (0, 3, 100), "mm_{:03}_{:03}.png"), (2, 3)),
@@ -77,12 +76,10 @@ def numbered(rows, columns, form, first=0, step=1):
             (5, 3),
         ),
         (numbered((-40, -24, -8), (-40, -8), "pos_{}_{}.png"), (3, 2)),
-        (numbered(range(-2, 3), range(-2, 3), "lf_{}_{}.png"), (5, 5)),
         (numbered((-12.5, 0, 2.25), (-1, 0.5), "y{:+.2f}_x{:.2f}.png"), (3, 2)),
         (numbered(range(9, 12), range(8, 11), "scene.{}.{}.png"), (3, 3)),
         (numbered(range(9, 12), range(8, 11), "view-{}-{}.png"), (3, 3)),
         ([f"cam_{n}.png" for n in range(-4, 5)], (1, 9)),
-        ([f"cam_{n}.png" for n in range(1, 17)], (2, 8)),
         ([f"{20240101120000000000 + 7**n}.png" for n in range(4)], (2, 2)),
     ],
     ids=lambda value: value[1] if isinstance(value, list) else "",
@@ -98,12 +95,10 @@ def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
     ("names", "slope"),
     [
         ([f"y{y:.2f}_x{x}" for y in (0, 1.37, 2.74, 4.11, 5.48) for x in (0, 3, 6, 9, 12)], 0.6),
-        ([f"y{y:.2f}_x{x}" for y in np.linspace(-2.74, 2.74, 5) for x in range(3, 16, 3)], 0.6),
         ([f"y{y:.2f}_x{x}" for y in np.linspace(-2.74, 2.74, 5) for x in range(-6, 7, 3)], 0.6),
-        (numbered(range(-40, -7, 8), range(-40, -7, 8), "pos_{}_{}"), 0.6),
         (numbered(range(-2, 3), range(-2, 3), "lf_{}_{}"), -0.6),
     ],
-    ids=["decimals", "signed decimals", "both signed", "negative", "signs"],
+    ids=["decimals", "both signed", "signs"],
 )
 def test_positions_give_the_slope(tmp_path, rng, names, slope):
     views = np.rint(255 * textured(rng, slope, views=(5, 5))).astype(np.uint8)
@@ -128,8 +123,7 @@ def in_a_row(rng, count, slope=0.6, axis=1):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("count", [4, 25])
+@pytest.mark.parametrize(("count", "axis"), [(4, 0), (25, 1)])
 def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):
     views = in_a_row(rng, count, axis=axis)
     stored = np.rint(255 * views).astype(np.uint8)
@@ -149,8 +143,7 @@ def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):
     assert found.slope == pytest.approx(0.6, abs=0.02)
 
 
-@pytest.mark.parametrize("count", [4, 9])
-@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("count", "axis"), [(4, 0), (9, 1)])
 def test_a_row_of_slanted_stripes_is_no_square(rng, count, axis):
     """Where gradients down and right go together, rows and columns seem alike."""
     t, s = np.mgrid[:60, :60]
@@ -163,7 +156,7 @@ def test_a_row_of_slanted_stripes_is_no_square(rng, count, axis):
             fold(row, "row")
 
 
-@pytest.mark.parametrize("shape", [(4, 9), (2, 8), (3, 12)])
+@pytest.mark.parametrize("shape", [(4, 9), (2, 8)])
 def test_a_square_number_in_other_rows_is_no_square(rng, shape):
     views = textured(rng, 0.6, views=shape)
     with pytest.raises(InputError, match="shows no"):
@@ -177,8 +170,10 @@ def as_a_snake(views, order):
     return np.concatenate([line[::-1] if k % 2 else line for k, line in enumerate(lines)])
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (4, 4), (3, 5), (4, 3)])
-@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+@pytest.mark.parametrize(
+    ("shape", "order"),
+    [((2, 2), "row,col"), ((4, 4), "-row,col"), ((3, 5), "col,row"), ((4, 3), "row,col")],
+)
 def test_rows_that_turn_back_are_found(tmp_path, rng, shape, order):
     views = np.rint(255 * textured(rng, 0.6, views=shape)).astype(np.uint8)
     walked = as_a_snake(views, order)
@@ -207,15 +202,13 @@ def test_a_snake_is_said_and_holds_for_the_dark_image(tmp_path, rng):
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("count", [9, 16])
-def test_what_does_not_tell_is_no_snake(rng, count):
-    for views in (rng.normal(size=(count, 60, 60)), np.ones((count, 60, 60)), in_a_row(rng, count)):
+def test_what_does_not_tell_is_no_snake(rng):
+    for views in (rng.normal(size=(9, 60, 60)), np.ones((9, 60, 60)), in_a_row(rng, 9)):
         with pytest.raises(InputError, match="shows no"):
             fold(views, "views")
 
 
-@pytest.mark.parametrize("side", [2, 3])
-@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+@pytest.mark.parametrize(("side", "order"), [(2, "row,col"), (3, "-row,col"), (2, "col,row")])
 def test_a_square_with_one_running_number_is_found(tmp_path, rng, side, order):
     views = np.rint(255 * textured(rng, 0.6, views=(side, side))).astype(np.uint8)
     counted = views[::-1] if "-row" in order else views
@@ -230,7 +223,7 @@ def test_a_square_with_one_running_number_is_found(tmp_path, rng, side, order):
         np.testing.assert_array_equal(found, views / np.float32(255))
 
 
-@pytest.mark.parametrize("grid", ["9", "1x", "0x9", "3x3x3", "axb", (3,), (-3, -3), (3, 0)])
+@pytest.mark.parametrize("grid", ["9", "0x9", "axb", (3,), (3, 0)])
 def test_a_grid_is_two_numbers(tmp_path, rng, grid):
     save(tmp_path, [f"{n}.png" for n in range(9)], levels(rng, (3, 3, 3, 4)))
     with pytest.raises(InputError, match=r"grid must be rows x columns"):
@@ -287,8 +280,9 @@ def test_a_stated_order_is_obeyed(tmp_path, rng, order):
     np.testing.assert_array_equal(light_field.views, views / np.float32(255))
 
 
-@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row", "col,-row"])
-@pytest.mark.parametrize("slope", [-3.0, -0.2, 0.7])
+@pytest.mark.parametrize(
+    ("order", "slope"), [("row,col", -3.0), ("-row,col", 0.7), ("col,row", -0.2), ("col,-row", 0.7)]
+)
 def test_the_order_is_found_by_the_parallax(rng, order, slope):
     views = textured(rng, slope)
     counted = next(
@@ -376,9 +370,7 @@ def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small
         assert np.sign(found.slopes[0]) == np.sign(depth)
 
 
-@pytest.mark.parametrize(
-    "order", ["row", "row-col", "col,col", "up,col", "row,col,row", "", "snake,", "snake,row"]
-)
+@pytest.mark.parametrize("order", ["row", "col,col", "", "snake,row"])
 def test_another_order_is_refused(tmp_path, rng, order):
     save(tmp_path, numbered(range(2), range(2), "{}_{}.png"), levels(rng, (2, 2, 3, 3)))
     with pytest.raises(InputError, match=r"order must be one of row,col; .*got '"):
@@ -493,7 +485,7 @@ def test_damaged_views_are_named(tmp_path, rng, name):
 
 @pytest.mark.parametrize(
     ("shape", "told"),
-    [((3, 5), "3 x 5 grey"), ((3, 4, 3), "3 x 4 colour"), ((4, 3), "4 x 3 grey")],
+    [((3, 5), "3 x 5 grey"), ((3, 4, 3), "3 x 4 colour")],
 )
 def test_views_that_differ_are_named(tmp_path, rng, shape, told):
     save(tmp_path, numbered(range(3), range(3), "{}_{}.png"), levels(rng, (3, 3, 3, 4)))
@@ -514,7 +506,7 @@ def test_odd_channels_and_levels_are_named(tmp_path, rng):
         read_view_folder(tmp_path)
 
 
-@pytest.mark.parametrize("mode", ["LA", "RGBA", "P", "1"])
+@pytest.mark.parametrize("mode", ["RGBA", "P", "1"])
 def test_transparency_palettes_and_single_bits_are_read(tmp_path, rng, mode):
     grey = rng.integers(0, 2, (4, 5, 6)) * 255
     for k, view in enumerate(grey.astype(np.uint8)):

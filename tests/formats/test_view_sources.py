@@ -47,7 +47,7 @@ def numbered(views, form="view_{}_{}.png"):
     return {form.format(*at): png(views[at]) for at in np.ndindex(views.shape[:2])}
 
 
-@pytest.mark.parametrize("folder", ["", "scene/", "/abs/", "../../out/", "a/b/c/"])
+@pytest.mark.parametrize("folder", ["", "/abs/", "../../out/", "a/b/c/"])
 def test_an_archive_is_read_like_a_folder_and_nothing_is_written(tmp_path, rng, folder):
     views = drawn(rng)
     files = numbered(views[::-1], folder + "view_{}_{}.png")
@@ -225,8 +225,9 @@ def test_lists_that_are_too_short_or_too_wide_are_refused(tmp_path, monkeypatch)
         read_light_field(path)
 
 
-@pytest.mark.parametrize("colour", [False, True])
-@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+@pytest.mark.parametrize(
+    ("order", "colour"), [("row,col", True), ("-row,col", False), ("col,row", True)]
+)
 def test_views_side_by_side_are_cut_apart(tmp_path, rng, order, colour):
     views = drawn(rng)
     views = np.stack([views, views // 2, 255 - views], axis=-1) if colour else views
@@ -259,35 +260,26 @@ def test_mosaics_that_do_not_fit_are_refused(tmp_path):
             read_light_field(tmp_path / path, mosaic="3x3", **stated)
 
 
-def test_the_program_says_the_order_that_it_found(tmp_path, rng):
-    views = drawn(rng)[::-1]
-    picture = np.concatenate([np.concatenate(list(line), axis=1) for line in views])
-    Image.fromarray(picture).save(tmp_path / "a.png")
-    call = ["convert", str(tmp_path / "a.png"), "--mosaic", "3x4"]
-    done = CliRunner().invoke(commands, [*call, str(tmp_path / "a.npy")])
-    assert "order -row,col, by the parallax, of which it explains" in done.stderr
-    stated = CliRunner().invoke(commands, [*call, str(tmp_path / "b.npy"), "--order=-row,col"])
-    assert stated.exit_code == 0
-    assert "order" not in stated.stderr
-
-
-def test_the_program_reads_them_and_says_what_is_missing(tmp_path, rng):
+def test_the_program_says_the_order_that_it_found_and_what_is_missing(tmp_path, rng):
     views = drawn(rng)
     files = numbered(views)
     files.pop("view_0_3.png")
     pack(tmp_path / "a.zip", files)
-    Image.fromarray(np.concatenate(list(views.reshape(12, 60, 66)), axis=1)).save(
-        tmp_path / "row.png"
-    )
-    run = CliRunner().invoke
-    done = run(commands, ["convert", str(tmp_path / "a.zip"), str(tmp_path / "a.npz")])
-    assert done.exit_code == 0, done.output
-    assert "1 view is missing and has weight 0: 0_3" in done.stderr
+    picture = np.concatenate([np.concatenate(list(line), axis=1) for line in views[::-1]])
+    Image.fromarray(picture).save(tmp_path / "mosaic.png")
+
+    def convert(source, target, *words):
+        call = ["convert", str(tmp_path / source), str(tmp_path / target), *words]
+        return CliRunner().invoke(commands, call)
+
+    assert "1 view is missing and has weight 0: 0_3" in convert("a.zip", "a.npz").stderr
     assert np.load(tmp_path / "a.npz")["weights"].sum() == 11
-    done = run(commands, ["convert", str(tmp_path / "row.png"), str(tmp_path / "b.npy"),
-                          "--mosaic", "1x12"])  # fmt: skip
-    assert done.exit_code == 0, done.output
-    assert np.load(tmp_path / "b.npy").shape == (1, 12, 60, 66)
-    done = run(commands, ["convert", str(tmp_path / "row.png"), str(tmp_path / "c.npy"),
-                          "--mosaic", "1x12", "--views", "3"])  # fmt: skip
+    mosaic = "--mosaic", "3x4"
+    done = convert("mosaic.png", "b.npy", *mosaic)
+    assert "order -row,col, by the parallax, of which it explains" in done.stderr
+    np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), views / np.float32(255))
+    stated = convert("mosaic.png", "c.npy", *mosaic, "--order=-row,col")
+    assert stated.exit_code == 0
+    assert "order" not in stated.stderr
+    done = convert("mosaic.png", "d.npy", *mosaic, "--views", "3")
     assert "--views does not apply to a mosaic of views" in str(done.exception) + done.output

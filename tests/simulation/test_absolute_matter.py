@@ -26,7 +26,7 @@ def by_rays(scene, camera, rays=60, tolerance=1e-3, **options):
     return render(scene, camera, tolerance, "rays", rays, **options).views.astype(float)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 8])
+@pytest.mark.parametrize("count", [1, 3])
 def test_slabs_keep_the_middle_the_width_and_the_light_of_a_thick_layer(count):
     """Midpoints of n parts: mean at the middle, variance thickness^2 (1 - 1 / n^2) / 12."""
     layer = Layer([[0.8, 0.3]], 7.0, (1.0, 2.0), optical_thickness=[[0.6, 2.0]], thickness_mm=12.0)
@@ -37,7 +37,7 @@ def test_slabs_keep_the_middle_the_width_and_the_light_of_a_thick_layer(count):
     assert np.all(np.diff(depths) > 0)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 8])
+@pytest.mark.parametrize("count", [1, 3])
 def test_slabs_that_absorb_keep_them_too(count):
     """Each slab is as thick as its share of the optical thickness; together they are the layer."""
     layer = Layer([[0.8, 0.3]], 7.0, (1.0, 2.0), optical_thickness=[[0.6, 2.0]], thickness_mm=12.0)

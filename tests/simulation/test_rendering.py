@@ -128,16 +128,6 @@ def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
         np.testing.assert_allclose(render(wide, small_camera, **options).views, 0.7, rtol=1e-7)
 
 
-def test_half_plane_has_the_closed_form_of_its_trapezoid(small_camera):
-    depth, edge = 12.0, 0.123
-    half = Scene([Layer([[1.0]], depth, (80.0, 40.0), (0.0, edge + 20.0))])
-    columns = trace_footprint(small_camera, depth, axis=1)
-    widths = abs(columns.lenslet_width_mm), abs(columns.pixel_width_mm)
-    expected = 1 - trapezoid_cdf(edge - columns.centres_mm, *widths)
-    views = render(half, small_camera).views
-    np.testing.assert_allclose(views[1, :, 5, :], expected, atol=1e-7)
-
-
 def test_sinusoid_has_the_closed_form_of_its_trapezoid(small_camera):
     """The mean of sin(k x) over both boxes is damped by a sinc for each; cells far finer."""
     depth, k, cells = 12.0, 2 * np.pi / 1.5, 240_000
@@ -191,51 +181,6 @@ def test_trapezoid_is_the_integral_of_two_boxes():
         counted = np.searchsorted(sums, x) / sums.size
         np.testing.assert_allclose(trapezoid_cdf(x, a, b), counted, atol=1.5e-3)
     np.testing.assert_array_equal(trapezoid_cdf(np.array([-1.0, 0.0, 2.0]), 0, 0), [0, 0.5, 1])
-
-
-def test_light_of_layers_adds(small_camera, rng):
-    near, far = random_layer(rng, -10.0), random_layer(rng, 20.0)
-    both = render(Scene([near, far]), small_camera).views
-    alone = [render(Scene([layer]), small_camera).views for layer in (near, far)]
-    np.testing.assert_allclose(both, alone[0] + alone[1], rtol=1e-6)
-    turned = render(Scene([far, near]), small_camera).views
-    np.testing.assert_allclose(both, turned, rtol=1e-6)
-
-
-def test_flux_of_a_bounded_object_is_its_size_times_its_radiance(small_camera):
-    camera = replace(small_camera, lenslets=(60, 60))
-    layer = Layer([[0.5]], 10.0, (2.0, 1.5))
-    views = render(Scene([layer]), camera).views
-    mm_per_lenslet = camera.field_mm(10.0)[0] / 60
-    per_view = views.sum(axis=(2, 3), dtype=float) * mm_per_lenslet**2
-    # Out of focus the lenslets' footprints are not spaced by their own width, so one view alone
-    # counts an edge cell a little too often or too seldom.
-    np.testing.assert_allclose(per_view, 0.5 * 2.0 * 1.5, rtol=2e-4)
-
-
-def test_images_are_upright(small_camera):
-    """Rows run down and columns right: light below and right of the axis lands there."""
-    layer = Layer([[1.0]], 0.0, (0.4, 0.4), centre_mm=(0.8, 0.5))
-    photograph = render(Scene([layer]), small_camera).photograph
-    t, s = np.unravel_index(photograph.argmax(), photograph.shape)
-    assert t > 13
-    assert s > 16
-
-
-def test_views_move_by_the_slope(small_camera):
-    """A point behind the focal plane moves toward larger t as v grows, by its slope."""
-    camera = replace(small_camera, lenslets=(60, 60))
-    depth = 15.0
-    layer = Layer([[1.0]], depth, (0.5, 0.5))
-    views = render(Scene([layer]), camera).views.astype(float)
-    t = np.arange(60)
-    centroid = (views.sum(axis=3) * t).sum(axis=2) / views.sum(axis=(2, 3))
-    np.testing.assert_allclose(np.diff(centroid[:, 2]), camera.depth_to_slope(depth), rtol=1e-3)
-
-
-def test_scene_in_focus_on_the_focal_plane_is_the_same_in_every_view(small_camera, rng):
-    views = render(Scene([random_layer(rng, 0.0)]), small_camera).views
-    np.testing.assert_allclose(views, np.broadcast_to(views[2, 2], views.shape), atol=1e-6)
 
 
 def test_two_images_that_agree_by_chance_do_not_do(small_camera, monkeypatch):
@@ -297,12 +242,6 @@ def test_the_field_ends_where_no_bundle_reaches_on_every_side(small_camera, axis
 def test_impossible_options_are_refused(small_camera, options):
     with pytest.raises(InputError, match="must be"):
         render(Scene([Layer([[1.0]], 0.0, (1.0, 1.0))]), small_camera, **options)
-
-
-def test_a_virtual_image_is_rendered(small_camera):
-    """A layer inside the focal length has no real image; the matrices do not mind."""
-    layer = Layer([[1.0]], -200.0, (1.0, 1.0))
-    assert 0 < render(Scene([layer]), small_camera).views.max() < 1
 
 
 def test_circle_covers_its_area():

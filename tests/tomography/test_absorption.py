@@ -291,15 +291,11 @@ def test_thickness_is_laid_on_the_cells(grid):
     ("thickness", "says"),
     [
         (float("nan"), "must be finite"),
-        ([0.1, float("inf"), 0.0], "must be finite"),
-        (-0.1, "0 or above"),
         ([0.1, -0.1, 0.1], "0 or above"),
-        (2.1, "at most 2 in total, got 2.1"),
-        ([1.0, 0.5, 0.6], "at most 2 in total"),
+        ([1.0, 0.5, 0.6], "at most 2 in total, got 2.1"),
         ([0.1, 0.1], "numbers for 3 planes"),
         (np.zeros((3, 54, 59)), "54 x 60 pixels, got shape"),
         ("0.5", "must be a number"),
-        (1j, "must be a number"),
         (True, "must be a number"),
     ],
 )

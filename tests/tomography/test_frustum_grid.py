@@ -50,12 +50,6 @@ def test_averaging_keeps_light_and_place(camera):
         assert abs(found - wanted) < 0.5
 
 
-def test_a_constant_stays_constant_under_averaging(camera):
-    grid = FrustumGrid(camera, [5.0])
-    layer = Layer(np.full((3, 3), 0.7), 5.0, (50.0, 50.0))
-    assert grid.average(layer, 0) == pytest.approx(0.7)
-
-
 @pytest.mark.parametrize(
     ("depths", "block", "says"),
     [
@@ -120,9 +114,3 @@ def test_a_view_counts_with_the_one_on_the_other_side(camera):
     counted[0, 1] = False
     grid = FrustumGrid(camera, [0.0], counted=counted)
     assert np.argwhere(~grid.counted).tolist() == [[0, 1], [camera.views - 1, camera.views - 2]]
-
-
-def test_one_plane_in_focus_is_a_grid(camera):
-    grid = FrustumGrid(camera, [0.0])
-    assert grid.shape[0] == 1
-    assert grid.slopes == pytest.approx([0.0])

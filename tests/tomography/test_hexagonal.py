@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from micro_images import nearest_lenslet
 from own_rays import Lens, Sheet, cells
 
 from lf_flame import PAPER_CAMERA
@@ -22,26 +23,18 @@ def raw_and_white(rows=34, columns=32):
     shape = round(VIEWS * (ROW * rows + 1)), round(VIEWS * (columns + 1.5))
     y, x = ((np.arange(n * SUB) + 0.5) / SUB - 0.5 - VIEWS / 2 for n in shape)
     y, x = np.meshgrid(y, x, indexing="ij")
-    nearest, place = np.full(y.shape, np.inf), np.zeros((4, *y.shape))
-    for step in (-1, 0, 1):
-        row = np.rint(y / VIEWS / ROW) + step
-        column = np.rint(x / VIEWS - row % 2 / 2) + row % 2 / 2
-        down, right = y - row * ROW * VIEWS, x - column * VIEWS
-        closer = np.hypot(down, right) < nearest
-        nearest = np.where(closer, np.hypot(down, right), nearest)
-        place = np.where(closer, [row * ROW, column, down, right], place)
+    row, column, down, right = nearest_lenslet(y, x, VIEWS, hexagonal=True)
     light, middle = 0.0, (ROW * (rows - 1) / 2, (columns - 0.5) / 2)
     for sheet in SHEETS:
         far = sheet.depth / LENS.focus
         one = sheet.peak
-        for axis in (0, 1):
-            at = LENS.cell * (place[axis] - middle[axis]) * (1 + far)
-            at = at - LENS.step * place[2 + axis] * far
+        for axis, (place, way) in enumerate(((row * ROW, down), (column, right))):
+            at = LENS.cell * (place - middle[axis]) * (1 + far) - LENS.step * way * far
             width = np.sqrt(sheet.width[axis] ** 2 + 10 / 72 * (LENS.cell * (1 + far)) ** 2)
             seen = np.exp(-(((at - sheet.middle[axis]) / width) ** 2))
             one = one * seen * sheet.width[axis] / width
         light = light + one
-    lit = nearest <= VIEWS / 2
+    lit = np.hypot(down, right) <= VIEWS / 2
     pixels = (shape[0], SUB, shape[1], SUB)
     return tuple(a.reshape(pixels).mean(axis=(1, 3)) for a in (light * lit, 1.0 * lit))
 

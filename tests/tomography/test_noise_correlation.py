@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from builders import camera_of
 from own_rays import Lens, Sheet, record
 from scipy.ndimage import convolve1d
 
-from lf_flame import LightField, PlenopticCamera
+from lf_flame import LightField
 from lf_flame.tomography import (
     AxisymmetricGrid,
     AxisymmetricOperator,
@@ -72,11 +73,9 @@ def test_light_is_no_correlation(rng):
 
 @pytest.mark.slow
 def test_bars_of_a_section_are_wider_by_the_factor(rng):
-    camera = PlenopticCamera(
-        main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
-        lenslet_pitch_mm=0.112, views=5, lenslets=(32, 36),
-    )  # fmt: skip
-    grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.0)
+    grid = AxisymmetricGrid(
+        camera_of(Lens(views=5, lenslets=(32, 36))), axis_mm=0.0, depth_mm=0.0, radius_mm=1.0
+    )
     height, radius = np.meshgrid(grid.heights_mm, grid.radii_mm, indexing="ij")
     glow = np.exp(-((height / 0.6) ** 2) - (radius / 0.4) ** 2)
     views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.view_shape)
@@ -91,12 +90,7 @@ def test_bars_of_a_section_are_wider_by_the_factor(rng):
 @pytest.mark.slow
 def test_bars_of_planes_are_wider_by_the_factor(rng):
     lens = Lens(views=5, lenslets=(48, 56))
-    camera = PlenopticCamera(
-        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus,
-        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, views=5,
-        lenslets=lens.lenslets,
-    )  # fmt: skip
-    grid = FrustumGrid(camera, [4.0])
+    grid = FrustumGrid(camera_of(lens), [4.0])
     views = record(lens, [Sheet(4.0, (0.0, 0.0), (0.6, 0.6))])
     errors = []
     for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
@@ -110,16 +104,11 @@ def test_bars_of_planes_are_wider_by_the_factor(rng):
 def test_photon_noise_is_measured_where_there_is_light(views, is_shared, rng):
     """In the dark there is no noise that could tell, and light of two sheets is in the way."""
     lens = Lens(views=views, lenslets=(48, 56))
-    camera = PlenopticCamera(
-        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus,
-        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, views=views,
-        lenslets=lens.lenslets,
-    )  # fmt: skip
     sheets = [Sheet(4.0, (0.0, -0.4), (0.6, 0.6)), Sheet(-2.0, (0.3, 0.5), (0.4, 0.6))]
     light = record(lens, sheets)
     noise = shared_noise(rng, light.shape) if is_shared else rng.standard_normal(light.shape)
     light_field = LightField(light + 0.03 * np.sqrt(light * light.max()) * noise)
-    grid = FrustumGrid(camera, [4.0, 1.0, -2.0])
+    grid = FrustumGrid(camera_of(lens), [4.0, 1.0, -2.0])
     errors = [
         reconstruct(LightField(one), grid, strength=0.1, noise=0.01).sigma_linear
         for one in (light_field.views, light + 0.01 * rng.standard_normal(light.shape))

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from builders import camera_of
 from own_rays import Lens
 from own_soot import SootFlame, planck, record
 
-from lf_flame import LightField, PlenopticCamera
+from lf_flame import LightField
 from lf_flame.tomography import (
     AbsorbingSection,
     AxisymmetricGrid,
@@ -19,15 +20,7 @@ LENS = Lens(views=5, lenslets=(44, 40))
 FLAME = SootFlame()
 GAINS = np.array([1 / planck(nm, 1800.0) for nm in COLOURS])
 CALIBRATION = ColourCalibration(SpectralResponses.single(COLOURS), GAINS, [0, 0], (1000, 2500))
-CAMERA = PlenopticCamera(
-    main_lens_focal_mm=LENS.focal,
-    focus_distance_mm=LENS.focus,
-    lenslet_focal_mm=LENS.lenslet_focal,
-    lenslet_pitch_mm=LENS.pitch,
-    views=LENS.views,
-    lenslets=LENS.lenslets,
-)
-GRID = AxisymmetricGrid(CAMERA, axis_mm=0.0, depth_mm=0.0, radius_mm=2.6)
+GRID = AxisymmetricGrid(camera_of(LENS), axis_mm=0.0, depth_mm=0.0, radius_mm=2.6)
 
 
 @pytest.fixture(scope="module")

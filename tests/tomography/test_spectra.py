@@ -174,8 +174,6 @@ def test_files_give_back_what_was_written(tmp_path):
         ("wavelength_nm,red,green\n500,1,0\n600,1,0\n", "'green' responds to no wavelength"),
         ("wavelength_nm,red\n500,nan\n600,1\n", "must be finite"),
         ("wavelength_nm,../up\n500,1\n600,1\n", "must be 1 to 40 letters.*got '../up'"),
-        ("wavelength_nm,/etc\n500,1\n600,1\n", "must be 1 to 40 letters"),
-        ("wavelength_nm,a\\b\n500,1\n600,1\n", "must be 1 to 40 letters"),
         ("wavelength_nm,..\n500,1\n600,1\n", "must be 1 to 40 letters"),
         ("wavelength_nm,red,red\n500,1,1\n600,1,1\n", "must have different names"),
     ],

@@ -294,9 +294,3 @@ def test_other_networks_are_one_sentence():
     network = keras.Model(image, keras.layers.Conv2D(2, 3, name="single")(image))
     with pytest.raises(InputError, match="is made of single; it must be a backbone and a decoder"):
         latency.check_parts(network, Path("theirs.keras"))
-
-
-def test_help_teaches():
-    shown = " ".join(run("latency", "--help").output.split())
-    assert "Fewer bits need not be faster" in shown
-    assert "no convolutions in int8" in shown

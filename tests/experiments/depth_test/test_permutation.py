@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from builders import shapes
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
@@ -27,29 +28,11 @@ from lf_flame.learning.training import _Training, train
 from lf_flame.learning.training_config import TrainingConfig
 from lf_flame.systems.resnet50 import ResNet50
 
-DATA = {
-    "kind": "shapes",
-    "seed": 5,
-    "image": [40, 64],
-    "samples": {"smoke": 24},
-    "camera": {
-        "main_lens_focal_mm": 150.0,
-        "focus_distance_mm": 326.0,
-        "lenslet_focal_mm": 2.0,
-        "lenslet_pitch_mm": 0.56,
-        "views": 5,
-        "lenslets": [40, 64],
-    },
-    "template": {
-        "position_mm": 0.4,
-        "size": 0.08,
-        "brightness": [0.85, 1.0],
-        "objects": [
-            {"shape": "square", "depth_mm": 40.0, "size_mm": [9, 9], "centre_mm": [0.0, -12.0]},
-            {"shape": "circle", "depth_mm": -40.0, "size_mm": [9, 9], "centre_mm": [0.0, 12.0]},
-        ],
-    },
-}
+DATA = shapes(24, sides_mm=(9, 9), off_axis_mm=12.0)
+DATA["camera"] |= {"lenslet_focal_mm": 2.0, "lenslet_pitch_mm": 0.56}
+DATA["template"] |= {"position_mm": 0.4, "size": 0.08, "brightness": [0.85, 1.0]}
+for thing, depth in zip(DATA["template"]["objects"], (40.0, -40.0), strict=True):
+    thing["depth_mm"] = depth
 TRAINING = {
     "title": "test",
     "seed": 1,

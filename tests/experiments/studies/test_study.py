@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from builders import shapes, toml
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
@@ -23,35 +24,6 @@ from lf_flame.learning.scores import score
 
 ROOT = Path(__file__).parents[3]
 PAPER = ROOT / "experiments" / "paper_values.toml"
-
-DATA = """
-kind = "shapes"
-seed = 5
-image = [40, 64]
-[samples]
-smoke = 20
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 2.4
-lenslet_pitch_mm = 0.672
-views = 5
-lenslets = [40, 64]
-[template]
-position_mm = 1.0
-size = 0.1
-brightness = [0.8, 1.0]
-[[template.objects]]
-shape = "square"
-depth_mm = 10.0
-size_mm = [10.0, 10.0]
-centre_mm = [0.0, -10.0]
-[[template.objects]]
-shape = "circle"
-depth_mm = -10.0
-size_mm = [9.0, 9.0]
-centre_mm = [0.0, 10.0]
-"""
 
 TRAINING = """
 title = "tiny"
@@ -114,7 +86,7 @@ recipe = { epochs = 1 }
 
 def write(folder, variants, study=STUDY):
     """Write a study and the files that it names."""
-    (folder / "data.toml").write_text(DATA)
+    (folder / "data.toml").write_text(toml(shapes(20)))
     (folder / "training.toml").write_text(TRAINING)
     (folder / "tiny.toml").write_text(study + variants)
     return Path("tiny.toml")

@@ -113,20 +113,6 @@ def test_slabs_crowd_at_the_faces_as_they_say(tau):
     np.testing.assert_allclose(found, np.arange(1, 12) / 24, rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["block of cells", "flame", "patchy flame", "picture in haze"])
-def test_slabs_keep_all_light_and_matter(name):
-    layer = LAYERS[name]
-    planes = slice_scene(Scene([layer]), {layer: 7}, absorption=True, dimming={"self_absorption"})
-    passed = np.prod([plane.transmission for plane in planes], axis=0)
-    np.testing.assert_allclose(passed, np.exp(-layer.optical_thickness), rtol=1e-12)
-    light, clear = 0.0, 1.0
-    for plane in planes:
-        light = light + clear * plane.emission
-        clear = clear * plane.transmission
-    tau = np.maximum(layer.optical_thickness, 1e-300)
-    np.testing.assert_allclose(light, layer.texture * -np.expm1(-tau) / tau, rtol=1e-12)
-
-
 @pytest.mark.parametrize("behind", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", LAYERS)
 def test_slabs_err_by_no_more_than_their_bound(name, behind):
