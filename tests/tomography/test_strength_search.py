@@ -1,11 +1,13 @@
 """What noise leaves of a fit, against noise itself."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lf_flame import LightField
 from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
-from lf_flame.tomography.strength_search import STRENGTHS, roughness
+from lf_flame.tomography.strength_search import STRENGTHS, StrengthSearch, roughness
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +43,36 @@ def test_roughness_is_of_third_differences():
     cubic = np.broadcast_to(n**3, (1, 12, 12))
     assert roughness(cubic) == pytest.approx(6 / 11**3)
     assert roughness(5 * cubic) == pytest.approx(6 / 11**3)
+
+
+class Curve:
+    """Problem whose misfit is a given function of the strength's index; all else is noise."""
+
+    modes = 1.0
+
+    def __init__(self, misfit):
+        self.misfit = misfit
+
+    def solve(self, strength, nonnegative, iterations, start=None):
+        index = STRENGTHS.index(strength)
+        cells = np.zeros((1, 4, 4), np.float32)
+        return SimpleNamespace(cells=cells, state=None, misfit=self.misfit(index))
+
+    def count_modes(self, strength):
+        return 0.0
+
+
+def search(misfit):
+    return StrengthSearch(Curve(misfit), 1.0, np.ones((1, 1)), False, 1)
+
+
+@pytest.mark.parametrize("best", range(len(STRENGTHS)))
+def test_a_search_ends_at_the_strength_that_its_rule_names(best):
+    """The strongest within the noise, a misfit of 1 here; and the least risk."""
+    within = search(lambda index: 1.0 + (index - best if index > best else 1e-3 * (index - best)))
+    assert within.find() == STRENGTHS[best]
+    assert search(lambda index: abs(index - best)).find_by_risk() == STRENGTHS[best]
+
+
+def test_a_fit_that_never_falls_to_the_noise_is_that_of_the_least_excess():
+    assert search(lambda index: 2.0 + abs(index - 6)).find() == STRENGTHS[6]
