@@ -316,7 +316,10 @@ def test_light_is_kept(rng):
 
 @pytest.mark.parametrize("part", [0.68, 2.14, 15.0])
 def test_weights_of_a_part_of_any_breadth_are_whole_and_centred(part):
-    """Wherever the part lies; pixels before and after those of the table would have none."""
+    """Wherever the part lies; pixels before and after those of the table would have none.
+
+    On average over places, their variance is that of the boxes whose convolution they are.
+    """
     for step, beyond in ((1, 0.0), (1, 1 + 2 * MOVE), (2, 0.0), (2, 1 + 2 * MOVE)):
         values, start, steps = _weights(part, step, beyond)
         values = values[:-1]  # the last is read for its slope alone, which is times 0
@@ -324,6 +327,11 @@ def test_weights_of_a_part_of_any_breadth_are_whole_and_centred(part):
         places = np.arange(values.shape[1]) + start - fractions[:, None]
         np.testing.assert_allclose(values.sum(axis=1), 1, atol=1e-6)
         np.testing.assert_allclose((values * places).sum(axis=1), 0, atol=2e-5)
+        if beyond == 0:
+            rest = max(part - 1, 0)  # of the part; a pixel of a mosaic averages over one already
+            boxes = (1, 1, 1, part) if step == 1 else (2, 2, rest)
+            variance = step**2 * (values * places**2).sum(axis=1)[:steps].mean()
+            assert variance == pytest.approx(np.square(boxes).sum() / 12, rel=5e-3)
 
 
 def test_smooth_micro_images_are_averaged_over_parts():
