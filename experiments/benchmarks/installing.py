@@ -1,8 +1,8 @@
 """Install the package in new environments: seconds, megabytes, and whether the tests pass there.
 
-The light and the learning installation with this Python; the oldest versions that ``setup.cfg``
-allows; and other Pythons. Each in an environment of its own, removed afterwards; in those with
-learning the quick tests run.
+The light and the learning installation with this Python; all extras in the oldest versions that
+``setup.cfg`` allows, and on other Pythons. Each in an environment of its own, removed afterwards; in
+those with all extras the quick tests run.
 """
 
 import os
@@ -22,9 +22,6 @@ from lf_flame._common.config import load_record
 from lf_flame.errors import InputError
 
 ROOT = Path(__file__).parents[2]
-
-TOOLS = ("pytest", "pytest-xdist", "hypothesis")
-"""What the quick tests need beside the package."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,6 @@ def measure(environment: Environment) -> dict:
             "failed": None,
         }
         if environment.tested:
-            _run(*install, *TOOLS)
             row |= _test(python)
         listed = _run(*pip, "list", "--format", "freeze").split()
         return row | {
@@ -153,12 +149,12 @@ def main() -> None:
     parser.add_argument("--python", action="append", default=[], help="another interpreter")
     parser.add_argument("--only", default="", help="environments whose name holds this")
     asked = parser.parse_args()
-    learn = "[learn,movie]"
+    test = "[test]"
     environments = [
         Environment("light: pip install .", tested=False),
         Environment("learning: pip install '.[learn]'", extras="[learn]", tested=False),
-        Environment("oldest versions allowed", extras=learn, oldest=True),
-        *(Environment(f"Python {_python(x)}", x, learn) for x in asked.python),
+        Environment("oldest versions allowed", extras=test, oldest=True),
+        *(Environment(f"Python {_python(x)}", x, test) for x in asked.python),
     ]
     rows = {row["environment"]: row for row in _read_rows(asked.out / "installing.json")}
     for environment in environments:
