@@ -1,8 +1,8 @@
 """Install the package in new environments: seconds, megabytes, and whether the tests pass there.
 
 The light and the learning installation with this Python; all extras in the oldest versions that
-``setup.cfg`` allows, and on other Pythons. Each in an environment of its own, removed afterwards; in
-those with all extras the quick tests run.
+``setup.cfg`` allows, and on other Pythons. Each has an environment of its own, removed afterwards;
+where all extras are, the quick tests run.
 """
 
 import os
