@@ -15,8 +15,9 @@ from lf_flame._common.tiff_files import FLOAT
 from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views
-from lf_flame.formats.view_files.orders import Grid, as_grid, check_grid
-from lf_flame.formats.view_files.parallax_order import fold
+from lf_flame.formats.view_files.orders import Grid, arranged_light_field, as_grid, check_grid
+from lf_flame.formats.view_files.parallax_order import FoundOrder
+from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.lightfield import LightField
 
 HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
@@ -58,6 +59,7 @@ def read_array(
     axes: str | None = None,
     grid: Grid | str | None = None,
     array: str | None = None,
+    order: str | None = None,
 ) -> LightField:
     """Read a light field from a file of arrays.
 
@@ -79,6 +81,9 @@ def read_array(
         Number of rows and columns of views for a running number, such as (9, 9) or ``9x9``.
     array : str, optional
         Name of the array, where the file holds several.
+    order : str, optional
+        Order of the views, as in `lf_flame.formats.scan_view_folder`. Default: for a running number
+        the one that the parallax shows, otherwise the stored one.
 
     Returns
     -------
@@ -103,6 +108,23 @@ def read_array(
     >>> formats.read_array("views.npy")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
+    stored, found = read_stored_array(path, views, axes=axes, grid=grid, array=array, order=order)
+    return arranged_light_field(stored, order if found is None else found.order)
+
+
+def read_stored_array(
+    path: str | Path,
+    views: int | None,
+    *,
+    axes: str | None,
+    grid: Grid | str | None,
+    array: str | None,
+    order: str | None,
+) -> tuple[LightField, FoundOrder | None]:
+    """Read the views in the order stored, and find the order of those with a running number.
+
+    Arguments and errors are those of `read_array`; the order is None for any other array.
+    """
     with open_file(path) as file:
         name = choose_array(file, axes, array)
         stored = file.header(name).dtype.itemsize
@@ -116,8 +138,8 @@ def read_array(
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
         held, weights, valid = _without_weight(held, path)
     if axes is not None:
-        ours = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid))
-        return LightField(ours, weights=weights, valid=valid)
+        ours, found = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid), order)
+        return LightField(ours, weights=weights, valid=valid), found
     if grid is not None:
         raise InputError(f"grid is for views with a running number: state the axes of {path}, too.")
     if held.ndim not in (2, 3, 4, 5) or held.size == 0:
@@ -128,7 +150,7 @@ def read_array(
     check_shape(held.shape, path)
     held = to_unit(held, path)
     ours = cut_views(held, views, path) if held.ndim < 4 else held
-    return LightField(ours, weights=weights, valid=valid)
+    return LightField(ours, weights=weights, valid=valid), None
 
 
 AnyFile = ArrayFile | Hdf5File | MatlabFile | ZarrFile
@@ -173,8 +195,13 @@ def _without_weight(
     return array[..., :COLOURS], None if np.all(weights == 1) else weights, valid
 
 
-def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None) -> np.ndarray:
-    """Reorder an array with stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``."""
+def _arrange(
+    array: np.ndarray, axes: str, path: str | Path, shape: Grid | None, order: str | None
+) -> tuple[np.ndarray, FoundOrder | None]:
+    """Reorder an array with stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``.
+
+    The second result is the order of views with a running number.
+    """
     wanted = ("n" if "n" in axes else "vu") + "ts" + ("c" if "c" in axes else "")
     if sorted(axes) != sorted(wanted) or len(axes) != array.ndim:
         raise InputError(
@@ -183,9 +210,9 @@ def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None)
         )
     ours = array.transpose([axes.index(letter) for letter in wanted])
     if "n" in axes:
-        return fold(ours, path, shape)
+        return fold(ours, path, shape, order)
     check_grid(shape, ours.shape[:2], path)
-    return ours
+    return ours, None
 
 
 def check_shape(shape: tuple[int, ...], path: str | Path) -> None:

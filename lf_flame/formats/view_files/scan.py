@@ -9,13 +9,14 @@ from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.folder import ViewFolder, check_view_memory
 from lf_flame.formats.view_files.names import grid_of, number_grid
 from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_grid, check_order
-from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, fold
+from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
 from lf_flame.formats.view_files.positions import (
     Pair,
     off_grid,
     pairs_off_grid,
     place_views,
 )
+from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.formats.view_files.sources import LIST, find_files, read_list
 from lf_flame.lightfield import LightField
 
@@ -86,7 +87,6 @@ def scan_view_folder(
         if shape is None and off_grid(list(listed)):
             return _placed_folder(path, list(listed.values()), list(listed), order, left_out)
         numbered, missing = grid_of(list(listed.values()), list(listed), path)
-        check_grid(shape, numbered.shape, path)
     else:
         files, left_out = find_files(path)
         placed = pairs_off_grid(files) if shape is None else None
@@ -96,12 +96,14 @@ def scan_view_folder(
     places = 0 if larger else numbered.size
     check_view_memory([file for file in numbered.flat if file], path, places)
     if numbered.ndim == 1:
-        numbered = fold(numbered, path, shape, read_image)
-    if order is None:
+        numbered, found = fold(numbered, path, shape, order, read=read_image)
+    elif order is None:
         found = find_order(numbered, read_image)
     else:
         found = FoundOrder(check_order(order), "as stated")
-    return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
+    ordered = arranged(numbered, found.order)
+    check_grid(shape, ordered.shape, path)
+    return ViewFolder(path, ordered, found, left_out, missing)
 
 
 def _placed_folder(
