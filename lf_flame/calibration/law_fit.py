@@ -91,9 +91,9 @@ def notes_on(position: float, p: np.ndarray) -> list[str]:
     notes = []
     if p[1] > 0:
         notes.append(
-            "Slopes fall with depth, and those of a camera rise: the views are stored turned round, "
-            "in both axes; state the turned order (--order=-row,-col instead of row,col) here and "
-            "for every picture, or the signs of all slopes stay reversed."
+            "Slopes fall with depth, and those of a camera rise: the views are stored turned "
+            "round, in both axes; state the turned order (--order=-row,-col instead of row,col) "
+            "here and for every picture, or the signs of all slopes stay reversed."
         )
     if position > 0:
         notes.append(
