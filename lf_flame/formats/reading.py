@@ -53,12 +53,12 @@ def read_light_field(
         Number of pixels under a lenslet along each axis, for a lenslet image or a raw array.
     order : str, optional
         Meaning of the numbers of views, such as ``row,-col``; see `scan_view_folder`. Default: for
-        folders, pages, mosaics and HDF5 files of the HCI data set, the order that the parallax
-        between views shows; otherwise the stored order.
+        folders, pages, arrays with an axis n, mosaics and HDF5 files of the HCI data set, the order
+        that the parallax between views shows; otherwise the stored order.
     grid : (int, int) or str, optional
-        Number of rows and columns of views that are numbered one by one, such as (1, 9) or ``1x9``:
-        of a folder, of pages, of an array with an axis n. Default: a square, if the parallax shows
-        one.
+        Number of rows and columns of a light field whose views are numbered one by one, in any
+        order, such as (1, 9) or ``1x9``: in a folder, pages or an array with an axis n. Default:
+        a square, if the parallax shows one.
     axes : str, optional
         Meaning of an array's axes, as in `read_array`. Default: ``vuts`` or ``vutsc``.
     dark : str or Path, optional

@@ -80,15 +80,16 @@ def test_an_opened_array_is_in_the_order_of_the_one_read(tmp_path, rng):
     np.testing.assert_array_equal(opened.view(1, 4), views[1, 4] / np.float32(255))
 
 
-def test_the_dark_image_has_the_order_of_the_light(tmp_path, rng):
-    views = moved(rng) // 2 + 60
+@pytest.mark.parametrize(("shape", "grid"), [((3, 5), "3x5"), ((3, 3), None)])
+def test_the_dark_image_has_the_order_of_the_light(tmp_path, rng, shape, grid):
+    views = moved(rng, views=shape) // 2 + 60
     dark = rng.integers(0, 40, views.shape, np.uint8)
     for kind in ("folder", ".tif", ".npy"):
         (light, stated), (black, _) = (
             write(tmp_path / name, counted(kept, "snake,col,row"), kind)
             for name, kept in (("light", views), ("dark", dark))
         )
-        found = read_light_field(light, grid="3x5", dark=black, **stated).views
+        found = read_light_field(light, grid=grid, dark=black, **stated).views
         np.testing.assert_allclose(255 * found, views.astype(float) - dark, atol=1e-3)
 
 

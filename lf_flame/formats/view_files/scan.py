@@ -34,9 +34,9 @@ def scan_view_folder(
     numbers: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
     ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
     ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and so on. A running number counts a square
-    row by row, if the parallax shows one, or the rows of `grid`. Numbers may start anywhere. Other
-    files are left out; a second set of images half as large or larger is refused. Places with
-    decimals that fill no grid of equal steps are kept as positions (`LightField.positions`).
+    if the parallax shows one, or fills the `grid`. Numbers may start anywhere. Other files are left
+    out; a second set of images half as large or larger is refused. Places with decimals that fill
+    no grid of equal steps are kept as positions (`LightField.positions`).
 
     Parameters
     ----------
@@ -47,11 +47,12 @@ def scan_view_folder(
         Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
         way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
         bottom), ``row,-col``, and so on; with ``snake,`` before it where every other row (of
-        ``col,row``: column) runs back. Default: the order that the parallax of the four central
-        views shows (`lf_flame.formats.view_files.parallax_order.find_order`), else ``row,col``.
+        ``col,row``: column) runs back. Default: the order that the parallax between views shows
+        (`lf_flame.formats.view_files.parallax_order.find_order`), else ``row,col``.
     grid : (int, int) or str, optional
-        Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
-        than a third of the views are missing. What is missing gets weight 0.
+        Number of rows and columns of the light field, such as (1, 9) or ``1x9``, for a running
+        number in any order, or where more than a third of the views are missing. What is missing
+        gets weight 0.
     larger : bool, optional
         Whether the views together may exceed the memory limit, for `ViewFolder.unpack`.
 
