@@ -84,8 +84,17 @@ class LawFit:
 
 
 def notes_on(position: float, p: np.ndarray) -> list[str]:
-    """Sentences on errors of the positions in mm, and on a second centre (p is a, b, c, d, e)."""
+    """Sentences on turned views, errors of the positions in mm and a second centre.
+
+    The positions are those of the targets; p is (a, b, c, d) or (a, b, c, d, e).
+    """
     notes = []
+    if p[1] > 0:
+        notes.append(
+            "Slopes fall with depth, and those of a camera rise: the views are stored turned "
+            "round, in both axes; state the turned order (--order=-row,-col instead of row,col) "
+            "here and for every picture, or the signs of all slopes stay reversed."
+        )
     if position > 0:
         notes.append(
             f"The noise of the pictures alone does not explain the residuals: errors of "

@@ -67,6 +67,7 @@ def _folder(source: Path) -> Found:
     colour = "grey" if channels < 3 else "colour"
     found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
     found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
+    found.notes += folder.found.describe()[1:]
     if folder.missing:
         found.facts["missing"] = f"{len(folder.missing)} views, which have weight 0"
     if folder.left_out:
@@ -179,9 +180,9 @@ def _middle(image: "np.ndarray") -> "np.ndarray":
 
 def _views(source: Path) -> Found:
     """Any other file, which is read as a light field."""
-    from lf_flame import formats
+    from lf_flame.formats.reading import Stated, note_on_order, read_ordered
 
-    light_field = formats.read_light_field(source)
+    light_field, order = read_ordered(source, None, Stated())
     v, u, t, s, *channels = light_field.views.shape
     found = Found("light field", shape=(v, u, t, s))
     colour = f"{channels[0]} channels" if channels else "grey"
@@ -191,5 +192,9 @@ def _views(source: Path) -> Found:
         found.facts["weights"] = light_field.uncounted
     if light_field.unknown:
         found.facts["unknown pixels"] = light_field.unknown
+    if order is not None:
+        found.facts["order"] = f"{order.order}, {order.reason}"
+    told = [note_on_order(light_field, source)] if order is None else order.describe()[1:]
+    found.notes += [note for note in told if note]
     found.command = typed("refocus", source)
     return found

@@ -125,7 +125,7 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
         if not share:
             click.echo(
                 "No slope is certain: the range is too narrow to compare slopes, or there is too "
-                "little texture. --map auto finds a range.",
+                f"little texture.{'' if focus.map_auto else ' --map auto finds a range.'}",
                 err=True,
             )
 

@@ -226,7 +226,7 @@ class Reading:
 
     def _open(self, source: Path, over: InputError) -> "LazyLightField":
         """Open a light field that exceeds the memory limit, as an error says."""
-        from lf_flame import formats
+        from lf_flame.formats.opening import open_ordered
         from lf_flame.formats.view_files.sources import is_view_folder
 
         reason = str(over).partition(";")[0]
@@ -235,12 +235,14 @@ class Reading:
             folder = self.scan(source, larger=True)
             return folder.unpack()
         try:
-            opened = formats.open_light_field(
+            opened, found = open_ordered(
                 source, order=self.order, grid=self.grid, axes=self.axes, array=self.array
             )
         except InputError as error:
             raise InputError(f"{over} {error}") from None
         tell(f"{reason}: bands of rows are read from the file")
+        for line in () if found is None else found.describe():
+            tell(line)
         return opened
 
     def read(self, source: Path) -> "LightField":
@@ -249,6 +251,7 @@ class Reading:
         from lf_flame.formats.reading import Stated, note_on_order, subtract_dark
         from lf_flame.formats.view_files.sources import is_view_folder
 
+        doubt = ""
         if self.is_raw:
             plan, image = self.plan(source)
             light_field = plan.decode(image)
@@ -260,11 +263,11 @@ class Reading:
             light_field, found = self._read_ordered(source)
             for line in () if found is None else found.describe():
                 tell(line)
+            if found is None and self.order is None:
+                doubt = note_on_order(light_field, source)
         v, u, t, s = light_field.views.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
-        kept = [light_field.uncounted, light_field.unknown]
-        if not self.is_raw and (self.views, self.order, self.axes) == (None, None, None):
-            kept.append(note_on_order(light_field, source))
+        kept = (light_field.uncounted, light_field.unknown, doubt)
         for note in (*kept, *notes_on_values(light_field, source)):
             if note:
                 tell(note)

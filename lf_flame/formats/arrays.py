@@ -15,8 +15,9 @@ from lf_flame._common.tiff_files import FLOAT
 from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views
-from lf_flame.formats.view_files.orders import Grid, as_grid, check_grid
-from lf_flame.formats.view_files.parallax_order import fold
+from lf_flame.formats.view_files.orders import Grid, arranged_light_field, as_grid, check_grid
+from lf_flame.formats.view_files.parallax_order import FoundOrder
+from lf_flame.formats.view_files.running_numbers import fold, grids_of
 from lf_flame.lightfield import LightField
 
 HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
@@ -40,12 +41,14 @@ MOST_NAMED = 5
 """Largest number of arrays that an error names."""
 
 ORDERS_OF_AXES = (
-    "tsvu", "ntsc", "ncts", "cnts", "vtus", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
+    "tsvu", "stuv", "ntsc", "ncts", "cnts", "vtus", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
+    "cstuv",
 )  # fmt: skip
-"""Axis orders of other programs' light fields, beside ``vuts`` and ``vutsc``."""
+"""Axis orders of other programs' light fields, beside ``vuts`` and ``vutsc``; those of MATLAB are
+backwards in HDF5 files."""
 
 MOST_COLOURS = 4
-"""Number of channels that an array may have with images of any size."""
+"""Largest number of channels of an array whose axes are not stated."""
 
 SQUARE_OF_VIEWS = 25
 """Number from which a square count beside an axis of 3 or 4 means views beside colours."""
@@ -58,6 +61,7 @@ def read_array(
     axes: str | None = None,
     grid: Grid | str | None = None,
     array: str | None = None,
+    order: str | None = None,
 ) -> LightField:
     """Read a light field from a file of arrays.
 
@@ -79,6 +83,9 @@ def read_array(
         Number of rows and columns of views for a running number, such as (9, 9) or ``9x9``.
     array : str, optional
         Name of the array, where the file holds several.
+    order : str, optional
+        Order of the views, as in `lf_flame.formats.scan_view_folder`. Default: for a running number
+        the one that the parallax shows, otherwise the stored one.
 
     Returns
     -------
@@ -103,6 +110,23 @@ def read_array(
     >>> formats.read_array("views.npy")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
+    stored, found = read_stored_array(path, views, axes=axes, grid=grid, array=array, order=order)
+    return arranged_light_field(stored, order if found is None else found.order)
+
+
+def read_stored_array(
+    path: str | Path,
+    views: int | None,
+    *,
+    axes: str | None,
+    grid: Grid | str | None,
+    array: str | None,
+    order: str | None,
+) -> tuple[LightField, FoundOrder | None]:
+    """Read the views in the order stored, and find the order of those with a running number.
+
+    Arguments and errors are those of `read_array`; the order is None for any other array.
+    """
     with open_file(path) as file:
         name = choose_array(file, axes, array)
         stored = file.header(name).dtype.itemsize
@@ -116,8 +140,11 @@ def read_array(
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
         held, weights, valid = _without_weight(held, path)
     if axes is not None:
-        ours = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid))
-        return LightField(ours, weights=weights, valid=valid)
+        ours, found = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid), order)
+        if found is None:
+            ours = cut_views(ours, views, path) if ours.ndim < 4 else ours
+            check_grid(as_grid(grid), ours.shape[:2], path)
+        return LightField(ours, weights=weights, valid=valid), found
     if grid is not None:
         raise InputError(f"grid is for views with a running number: state the axes of {path}, too.")
     if held.ndim not in (2, 3, 4, 5) or held.size == 0:
@@ -128,7 +155,7 @@ def read_array(
     check_shape(held.shape, path)
     held = to_unit(held, path)
     ours = cut_views(held, views, path) if held.ndim < 4 else held
-    return LightField(ours, weights=weights, valid=valid)
+    return LightField(ours, weights=weights, valid=valid), None
 
 
 AnyFile = ArrayFile | Hdf5File | MatlabFile | ZarrFile
@@ -173,19 +200,26 @@ def _without_weight(
     return array[..., :COLOURS], None if np.all(weights == 1) else weights, valid
 
 
-def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None) -> np.ndarray:
-    """Reorder an array with stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``."""
-    wanted = ("n" if "n" in axes else "vu") + "ts" + ("c" if "c" in axes else "")
+def _arrange(
+    array: np.ndarray, axes: str, path: str | Path, shape: Grid | None, order: str | None
+) -> tuple[np.ndarray, FoundOrder | None]:
+    """Reorder an array with stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``.
+
+    A raw lenslet array has no v and u. The second result is the order of views with a running
+    number.
+    """
+    of_views = "n" if "n" in axes else "vu" if set(axes) & set("vu") else ""
+    wanted = of_views + "ts" + ("c" if "c" in axes else "")
     if sorted(axes) != sorted(wanted) or len(axes) != array.ndim:
         raise InputError(
             f"axes must be one letter for each axis of {path}, whose shape is {array.shape}: v and "
-            f"u or n for views, t and s for pixels, c for channels, got {axes!r}."
+            f"u or n for views (none in a raw array), t and s for pixels, c for channels, got "
+            f"{axes!r}."
         )
     ours = array.transpose([axes.index(letter) for letter in wanted])
     if "n" in axes:
-        return fold(ours, path, shape)
-    check_grid(shape, ours.shape[:2], path)
-    return ours
+        return fold(ours, path, shape, order)
+    return ours, None
 
 
 def check_shape(shape: tuple[int, ...], path: str | Path) -> None:
@@ -194,38 +228,57 @@ def check_shape(shape: tuple[int, ...], path: str | Path) -> None:
     if not _unlikely(shape, axes):
         return
     like = [other for other in ORDERS_OF_AXES if len(other) == len(shape)]
+    if Path(path).suffix.lower() in HDF5_SUFFIXES:
+        like.sort(key=lambda other: other != axes[::-1])  # MATLAB's comes first
     like = [other for other in like if not _unlikely(shape, other)]
-    like.sort(key=lambda other: _oddness(shape, other))
-    looks = f", and looks like axes {like[0]}" if like else ""
+    if not like and axes.endswith("c") and not _unlikely(shape[:-1], axes[:-1]):
+        return  # as many channels as a spectrum has
+    best = min(like, key=lambda other: _oddness(shape, other), default="")
+    looks = f", and looks like axes {best}" if best else ""
+    stated = f"as --axes {best}{_grid_option(shape, best)}" if best else "by --axes"
     raise InputError(
         f"{path} holds an array of shape {shape}, which can hardly be [{', '.join(axes)}]{looks}: "
-        f"state what they are, as --axes {like[0] if like else axes} (v, u or a running n: views; "
-        f"t, s: rows and columns of pixels; c: channels)."
+        f"state what they are, {stated} (v, u or a running n: views; t, s: rows and columns of "
+        f"pixels; c: channels)."
     )
 
 
-def _oddness(shape: tuple[int, ...], axes: str) -> tuple[float, int]:
-    """Ratio of view rows to view columns, 1 or above, and the number of channels."""
+def _grid_option(shape: tuple[int, ...], axes: str) -> str:
+    """Option that states rows x columns of views with a running number, unless it is a square."""
+    if "n" not in axes or _is_square(shape[axes.index("n")]):
+        return ""
+    return f" --grid {grids_of(shape[axes.index('n')])[0]}"
+
+
+def _is_square(count: int) -> bool:
+    return isqrt(count) ** 2 == count
+
+
+def _oddness(shape: tuple[int, ...], axes: str) -> tuple[bool, float, int, int]:
+    """Rank a shape among likely ones, the most usual first.
+
+    Unusual are a running number that is no square, rows and columns of views of unlike numbers,
+    many channels and many views, in this order.
+    """
     size = dict(zip(axes, shape, strict=True))
-    v, u = size.get("v", 1), size.get("u", 1)
-    return max(v, u) / min(v, u), size.get("c", 1)
+    n, v, u = (size.get(name, 1) for name in "nvu")
+    return not _is_square(n), max(v, u) / min(v, u), size.get("c", 1), n
 
 
 def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
     """Whether a shape is unlikely for these axes.
 
-    It is, if there are more views than pixels or more channels than colours and pixels, or if the
-    views look like a running number beside 3 or 4 colours.
+    It is, if there are more views than pixels or more channels than colours, or if the views look
+    like a running number beside 3 or 4 colours.
     """
     size = dict(zip(axes, shape, strict=True))
     views = size.get("n", 1) * size.get("v", 1) * size.get("u", 1)
     channels, across = size.get("c", 1), sorted((size.get("v", 1), size.get("u", 1)))
-    square = isqrt(max(across)) ** 2 == max(across) >= SQUARE_OF_VIEWS
+    square = _is_square(max(across)) and max(across) >= SQUARE_OF_VIEWS
     return (
         views >= max(2, size["t"] * size["s"])
-        or channels > max(MOST_COLOURS, min(size["t"], size["s"]) - 1)
+        or channels > MOST_COLOURS
         or (square and across[0] in (3, 4))
-        or ("n" in axes and isqrt(views) ** 2 != views)
     )
 
 

@@ -66,13 +66,14 @@ def find_hci_order(path: str | Path, views: np.ndarray, read: Callable = np.asar
     true = np.percentile(slopes, (5, 95))
     turned = np.abs(-seen[::-1] - true).sum() < np.abs(seen - true).sum()
     if not turned:
-        return found
+        return replace(found, half_turn=False)
     low, high = found.slopes
     return replace(
         found,
         order=turned_round(found.order),
         reason=f"{found.reason}, with the sign by the depths of {DEPTH}",
         slopes=(-high, -low),
+        half_turn=False,
     )
 
 

@@ -25,7 +25,8 @@ from lf_flame.formats.arrays import (
 )
 from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_grid
-from lf_flame.formats.view_files.parallax_order import fold
+from lf_flame.formats.view_files.parallax_order import FoundOrder
+from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.formats.view_files.scan import scan_view_folder
 from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lazy_light_field import LazyLightField
@@ -73,6 +74,22 @@ def open_light_field(
     path = Path(path)
     if is_view_folder(path):
         return scan_view_folder(path, order, grid=grid, larger=True).unpack()
+    return open_ordered(path, order=order, grid=grid, axes=axes, array=array)[0]
+
+
+def open_ordered(
+    path: Path,
+    *,
+    order: str | None,
+    grid: Grid | str | None,
+    axes: str | None,
+    array: str | None,
+) -> tuple[LazyLightField, FoundOrder | None]:
+    """Open an array, and find the order of its views.
+
+    Arguments and errors are those of `open_light_field`; the order is None where it was stated, or
+    the views are used as stored.
+    """
     if path.suffix.lower() not in ARRAY_SUFFIXES:
         raise InputError(
             f"Parts of {path} cannot be read: a light field larger than memory must be a folder of "
@@ -80,10 +97,11 @@ def open_light_field(
         )
     with open_file(path) as file:
         stored = _open_array(file, path, axes, array)
-    found = _numbers(stored, path, order, as_grid(grid), axes)
-    if stored.weights is None:
-        return stored.rearranged(found)
-    return stored.rearranged(found, weights=stored.weights.ravel()[found])
+    lines, found = _lines(stored, path, order, as_grid(grid), axes)
+    ours = order if found is None else found.order
+    numbers = lines if ours is None else arranged(lines, ours)
+    weights = None if stored.weights is None else stored.weights.ravel()[numbers]
+    return stored.rearranged(numbers, weights=weights), None if order else found
 
 
 def _open_array(file: AnyFile, path: Path, axes: str | None, array: str | None) -> LazyLightField:
@@ -120,10 +138,10 @@ def _open_array(file: AnyFile, path: Path, axes: str | None, array: str | None) 
     )
 
 
-def _numbers(
+def _lines(
     stored: LazyLightField, path: Path, order: str | None, grid: Grid | None, axes: str | None
-) -> np.ndarray:
-    """Numbers of the views, in rows and columns, as stored."""
+) -> tuple[np.ndarray, FoundOrder | None]:
+    """Numbers of the views, in lines as stored, and their order if it is found."""
     shape = stored.shape[:2]
     numbers = np.arange(prod(shape))
 
@@ -131,10 +149,9 @@ def _numbers(
         return stored.view(*divmod(int(number), shape[1]))
 
     if axes is not None and "n" in axes.lower():
-        numbers = fold(numbers, path, grid, read)
-    else:
-        check_grid(grid, shape, path)
-        numbers = numbers.reshape(shape)
+        return fold(numbers, path, grid, order, read=read)
+    check_grid(grid, shape, path)
+    lines = numbers.reshape(shape)
     if order is None and axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
-        order = find_hci_order(path, numbers, read).order
-    return numbers if order is None else arranged(numbers, order)
+        return lines, find_hci_order(path, lines, read)
+    return lines, None

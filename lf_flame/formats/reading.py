@@ -8,15 +8,15 @@ import numpy as np
 
 from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_array
+from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_stored_array
 from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
-from lf_flame.formats.stacks import is_stack, read_view_stack
+from lf_flame.formats.stacks import is_stack, read_view_lines
 from lf_flame.formats.view_files.mosaic import read_view_mosaic
-from lf_flame.formats.view_files.orders import Grid, arranged
+from lf_flame.formats.view_files.orders import Grid, arranged_light_field
 from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
 from lf_flame.formats.view_files.scan import scan_view_folder
 from lf_flame.formats.view_files.sources import ARCHIVE, LIST, is_view_folder
@@ -53,12 +53,12 @@ def read_light_field(
         Number of pixels under a lenslet along each axis, for a lenslet image or a raw array.
     order : str, optional
         Meaning of the numbers of views, such as ``row,-col``; see `scan_view_folder`. Default: for
-        folders, pages, mosaics and HDF5 files of the HCI data set, the order that the parallax
-        between views shows; otherwise the stored order.
+        folders, pages, arrays with an axis n, mosaics and HDF5 files of the HCI data set, the order
+        that the parallax between views shows; otherwise the stored order.
     grid : (int, int) or str, optional
-        Number of rows and columns of views that are numbered one by one, such as (1, 9) or ``1x9``:
-        of a folder, of pages, of an array with an axis n. Default: a square, if the parallax shows
-        one.
+        Number of rows and columns of a light field whose views are numbered one by one, in any
+        order, such as (1, 9) or ``1x9``: in a folder, pages or an array with an axis n. Default:
+        a square, if the parallax shows one.
     axes : str, optional
         Meaning of an array's axes, as in `read_array`. Default: ``vuts`` or ``vutsc``.
     dark : str or Path, optional
@@ -129,21 +129,18 @@ def read_ordered(
         raise InputError(f"There is no light field {path}: no such file or folder.")
     if is_lytro(path):
         return _read_lytro(path, dark, stated), None
-    stored = _read_stored(path, stated)
+    stored, found = _read_stored(path, stated)
+    numbered = found is not None
+    if stated.order is None and found is None:
+        found = _find_order(path, stored, stated)
+    order = stated.order if found is None else found.order
+    light_field = arranged_light_field(stored, order)
     if dark is not None:
-        counted = stored.light_field.views.shape[:2] if stored.has_pages else stated.grid
         # A dark image has no parallax that would show its grid and order.
-        of_dark = stated._replace(order="row,col", grid=counted)
-        stored = stored._replace(light_field=subtract_dark(stored.light_field, dark, of_dark))
-    found = None if stated.order is not None else _find_order(path, stored, stated)
-    return _arranged(stored.light_field, stated.order if found is None else found.order), found
-
-
-class _Stored(NamedTuple):
-    """Light field with its views in the order stored, and whether each view is a page."""
-
-    light_field: LightField
-    has_pages: bool = False
+        counted = light_field.views.shape[:2] if numbered else stated.grid
+        of_dark = stated._replace(order=order or "row,col", grid=counted)
+        light_field = subtract_dark(light_field, dark, of_dark)
+    return light_field, None if stated.order is not None else found
 
 
 MEANT_FOR = {
@@ -171,23 +168,28 @@ def _read_folder(path: Path, dark: str | Path | None, stated: Stated) -> LightFi
     return subtract_dark(folder.read(), dark, found)
 
 
-def _read_stored(path: Path, stated: Stated) -> _Stored:
-    """Read an array, pages, a mosaic or a lenslet image."""
+def _read_stored(path: Path, stated: Stated) -> tuple[LightField, FoundOrder | None]:
+    """Read an array, pages, a mosaic or a lenslet image, with the views in the order stored.
+
+    The second result is the order of views with a running number.
+    """
     suffix = path.suffix.lower()
     views, grid, mosaic = stated.views, stated.grid, stated.mosaic
     if suffix in ARRAY_SUFFIXES:
         stated.refuse(path, "mosaic")
-        return _Stored(read_array(path, views, axes=stated.axes, grid=grid, array=stated.array))
+        return read_stored_array(
+            path, views, axes=stated.axes, grid=grid, array=stated.array, order=stated.order
+        )
     stated.refuse(path, "axes", "array")
     if mosaic is not None and suffix in IMAGE_SUFFIXES:
         stated.refuse(path, "grid")
-        return _Stored(read_view_mosaic(path, mosaic))
+        return read_view_mosaic(path, mosaic), None
     stated.refuse(path, "mosaic")
     if suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path)):
-        return _Stored(read_view_stack(path, "row,col", grid=grid), has_pages=True)
+        return read_view_lines(path, stated.order, grid)
     stated.refuse(path, "grid")
     if suffix in IMAGE_SUFFIXES:
-        return _Stored(read_lenslet_image(path, views))
+        return read_lenslet_image(path, views), None
     raise InputError(
         f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one, or {LIST}), "
         f"an array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
@@ -195,45 +197,34 @@ def _read_stored(path: Path, stated: Stated) -> _Stored:
     )
 
 
-def _find_order(path: Path, stored: _Stored, stated: Stated) -> FoundOrder | None:
+def _find_order(path: Path, stored: LightField, stated: Stated) -> FoundOrder | None:
     """Order of the views as the parallax shows it; None if they are used as stored."""
-    if stored.has_pages or stated.mosaic is not None:
-        return find_order(stored.light_field.views)
+    if stated.mosaic is not None:
+        return find_order(stored.views)
     if stated.axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
-        return find_hci_order(path, stored.light_field.views)
+        return find_hci_order(path, stored.views)
     return None
 
 
 def note_on_order(light_field: LightField, path: Path) -> str:
-    """Say where the parallax contradicts the order in which an array holds its views, or nothing.
+    """Say where the parallax contradicts the order in which a file holds its views, or nothing.
 
     Parameters
     ----------
     light_field : LightField
-        Views as stored, which no order was stated for.
+        Views as stored, which no order was stated or found for.
     path : Path
         File that they were read from.
     """
-    suffix = path.suffix.lower()
-    if suffix not in ARRAY_SUFFIXES or (suffix in HDF5_SUFFIXES and is_hci(path)):
-        return ""  # the order was found
+    if is_lytro(path):
+        return ""  # the views were made here
     found = find_order(light_field.views)
     if found.order == "row,col":
         return ""
     return (
-        f"The views of {path} do not move as those of an array [v, u, t, s]: {found.reason}, they "
-        f"are stored as {found.order}. Slopes are wrong unless --order or --axes says so"
-    )
-
-
-def _arranged(light_field: LightField, order: str | None) -> LightField:
-    """Reorder the views of a light field, their weights and known pixels, from a stated order."""
-    if not order:
-        return light_field
-    beside = {"weights": light_field.weights, "valid": light_field.valid}
-    return LightField(
-        arranged(light_field.views, order),
-        **{name: None if one is None else arranged(one, order) for name, one in beside.items()},
+        f"The views of {path} do not move as those of rows and columns [v, u, t, s]: "
+        f"{found.reason}, they are stored as {found.order}. Slopes are wrong unless "
+        f"--order={found.order}, or other --axes of an array, says so"
     )
 
 

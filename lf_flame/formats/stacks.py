@@ -16,8 +16,14 @@ from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import open_tiff, read_series, transparency
 from lf_flame.errors import InputError
-from lf_flame.formats.view_files.orders import Grid, arranged, as_grid
-from lf_flame.formats.view_files.parallax_order import find_order, fold, order_memory
+from lf_flame.formats.view_files.orders import (
+    Grid,
+    arranged_light_field,
+    as_grid,
+    check_order,
+)
+from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, order_memory
+from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4
@@ -62,7 +68,7 @@ def read_view_stack(
         Meaning of the page numbers, as in `lf_flame.formats.scan_view_folder`: ``row,col`` is row
         by row. Default: the order that the parallax shows.
     grid : (int, int) or str, optional
-        Number of rows and columns of views in the order of the pages, such as (1, 9) or ``1x9``.
+        Number of rows and columns of views, such as (1, 9) or ``1x9``.
 
     Returns
     -------
@@ -84,16 +90,27 @@ def read_view_stack(
     >>> read_view_stack("pages.tif", grid=(3, 3))
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
+    lines, found = read_view_lines(path, order, grid)
+    return arranged_light_field(lines, found.order)
+
+
+def read_view_lines(
+    path: str | Path, order: str | None, grid: Grid | str | None
+) -> tuple[LightField, FoundOrder]:
+    """Read the pages of a TIFF file as views in the order of the pages, and find their order.
+
+    Arguments and errors are those of `read_view_stack`.
+    """
     pages, image_axes, metadata, letters = _read(path)
     if "slopes" in metadata:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
     shape, image = as_grid(grid), pages.shape[-image_axes:]
     check_memory(2 * pages.nbytes + order_memory(image), path)
     if shape is None and len(letters) == 2 and set(letters) <= UNNAMED:
-        views = pages
-    else:
-        views = fold(pages.reshape(-1, *image), path, shape)
-    return LightField(arranged(views, order or find_order(views).order))
+        found = find_order(pages) if order is None else FoundOrder(check_order(order), "as stated")
+        return LightField(pages), found
+    lines, found = fold(pages.reshape(-1, *image), path, shape, order)
+    return LightField(lines), found
 
 
 def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:

@@ -56,6 +56,15 @@ def test_the_law_of_a_thin_lens_is_found_exactly():
     assert law.focus_distance_mm == pytest.approx(400, abs=1e-6)
 
 
+def test_slopes_that_fall_with_depth_are_those_of_turned_views():
+    """With the views turned round a point moves the other way, and its scale stays."""
+    upright = measured()
+    turned = fit_law(replace(upright, slopes=-upright.slopes), views=5, lenslets=(44, 52))
+    assert not fit().notes
+    assert "views are stored turned round" in turned.notes[0]
+    assert turned.law.slope_to_depth(-Bench().slope(425.0)) == pytest.approx(425.0 - ZERO, abs=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("depths", [DEPTHS, DEPTHS[::2]])
 def test_stated_errors_of_depth_and_scale_cover_the_truth(depths):

@@ -388,6 +388,16 @@ def test_the_range_of_a_slope_map_is_found(folder, light_field, tmp_path):
     assert (tmp_path / "out" / "slope_map.tif").exists()
 
 
+@pytest.mark.parametrize(("words", "advised"), [(("auto",), False), ((-1, 1), True)])
+def test_a_map_in_which_nothing_is_certain_advises_what_was_not_asked(
+    tmp_path, rng, words, advised
+):
+    np.save(tmp_path / "noise.npy", rng.normal(size=(3, 3, 24, 30)).astype(np.float32))
+    result = run(tmp_path / "noise.npy", "--map", *words, "--out", tmp_path / "out")
+    assert "No slope is certain" in result.output
+    assert ("--map auto finds a range" in result.output) == advised
+
+
 def test_two_ranges_of_a_slope_map_are_refused(folder, tmp_path):
     with pytest.raises(InputError, match="cannot both be given"):
         run(folder, "--map=auto", "--map", -1, 1, "--out", tmp_path / "out")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import zlib
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -237,6 +238,7 @@ def test_odd_arrays_are_refused(tmp_path, rng):
         ("vucts", (9, 9, 3, 80, 64)),
         ("tsvuc", (80, 64, 9, 9, 3)),
         ("vtus", (9, 80, 9, 64)),
+        ("cstuv", (3, 64, 80, 9, 9)),
         ("nts", (81, 80, 90)),
         ("tsn", (20, 30, 81)),
     ],
@@ -253,6 +255,42 @@ def test_arrays_in_another_order_are_named_and_read(tmp_path, rng, axes, shape):
     expected = np.einsum(f"{axes}->{wanted}", array).reshape(views.shape)
     assert views.shape[:2] == (9, 9)
     np.testing.assert_array_equal(views, expected / np.float32(255))
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "said"),
+    [
+        ("a.h5", (3, 128, 96, 7, 5), "looks like axes cstuv: .* as --axes cstuv "),
+        ("a.h5", (3, 128, 96, 5, 5), "looks like axes cstuv: .* as --axes cstuv "),
+        ("a.h5", (128, 96, 7, 5), "looks like axes stuv: "),
+        ("a.npy", (128, 96, 7, 5), "looks like axes tsvu: "),
+        ("a.npy", (35, 96, 128), "looks like axes nts: .* as --axes nts --grid 5x7 "),
+        ("a.npy", (96, 128, 35), "looks like axes tsn: .* as --axes tsn --grid 5x7 "),
+        ("a.npy", (3, 96, 128), "looks like axes cts: .* as --axes cts "),
+        ("a.npy", (40, 50, 6, 7, 9), "be .v, u, t, s, c.: state what they are, by --axes "),
+    ],
+)
+def test_the_axes_that_are_offered_are_read(tmp_path, rng, name, shape, said):
+    """As MATLAB writes HDF5, its axes are backwards; stated axes that were refused are no help."""
+    path, array = tmp_path / name, rng.integers(0, 256, shape, np.uint8)
+    if name.endswith(".h5"):
+        with h5py.File(path, "w") as file:
+            file["LF"] = array
+    else:
+        np.save(path, array)
+    with pytest.raises(InputError, match=said) as refused:
+        read_light_field(path, views=1)
+    if " as --axes " in str(refused.value):
+        axes, _, grid = (
+            str(refused.value).partition(" as --axes ")[2].partition(" (")[0].partition(" --grid ")
+        )
+        read_light_field(path, axes=axes, grid=grid or None, views=None if grid else 1)
+
+
+def test_a_spectrum_of_channels_is_read_where_no_other_axes_are_likely(tmp_path, rng):
+    array = rng.uniform(size=(5, 5, 20, 24, 8)).astype(np.float32)
+    np.save(tmp_path / "a.npy", array)
+    np.testing.assert_array_equal(read_light_field(tmp_path / "a.npy").views, array)
 
 
 def test_an_array_with_more_views_than_pixels_is_read_where_its_axes_are_stated(tmp_path, rng):

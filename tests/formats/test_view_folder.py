@@ -17,7 +17,8 @@ from lf_flame import InputError, Layer, LightField, Scene, read_light_field, ren
 from lf_flame._common.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
 from lf_flame.formats.view_files.orders import ORDERS, arranged
-from lf_flame.formats.view_files.parallax_order import find_order, fold
+from lf_flame.formats.view_files.parallax_order import find_order
+from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
 from lf_flame.systems import ShiftAndSum
 
@@ -179,13 +180,11 @@ def test_rows_that_turn_back_are_found(tmp_path, rng, shape, order):
     walked = as_a_snake(views, order)
     save(tmp_path / "f", [f"input_Cam{n:03}.png" for n in range(len(walked))], walked[None])
     imwrite(tmp_path / "a.tif", walked, photometric="minisblack")
-    # Of a column that is walked first the grid has as many rows as there are columns.
-    rows, columns = shape[::-1] if order.startswith("col") else shape
-    grid = None if rows == columns else (rows, columns)
+    grid = None if shape[0] == shape[1] else shape
     for name in ("f", "a.tif"):
         found = read_light_field(tmp_path / name, grid=grid).views
         np.testing.assert_array_equal(found, views / np.float32(255))
-        stated = read_light_field(tmp_path / name, f"snake, {order}", grid=(rows, columns)).views
+        stated = read_light_field(tmp_path / name, f"snake, {order}", grid=shape).views
         np.testing.assert_array_equal(stated, views / np.float32(255))
 
 
@@ -603,7 +602,7 @@ def test_parallel_cameras_counted_from_the_bottom_right_are_turned():
     plain = scan_view_folder(example("shop_mossberg"))
     assert plain.found.order == "row,col"
     assert 0.5 < plain.found.slopes[0] < plain.found.slopes[1] < 6.5
-    assert "the order is -row,-col" in plain.describe()
+    assert "state --order=-row,-col if" in plain.describe()
     turned = scan_view_folder(example("shop_mossberg"), "-row,-col")
     views = replace(turned, files=turned.files[1:6, 1:6]).read().views[..., 1]
     views = np.ascontiguousarray(views[:, :, ::2, ::2])  # halves the slopes

@@ -53,11 +53,8 @@ class ViewFolder:
 
     @property
     def counted(self) -> tuple[int, int] | None:
-        """Number of rows and columns as the names count them, the value of ``grid``, if they do."""
-        if self.positions is not None:
-            return None
-        rows, columns = self.files.shape
-        return (columns, rows) if "col," in self.found.order else (rows, columns)
+        """Number of rows and columns, the value of ``grid``, if the names count them."""
+        return self.files.shape if self.positions is None else None
 
     def describe(self) -> str:
         """Describe the views and their order in a few lines."""

@@ -79,7 +79,8 @@ def number_grid(
     files : list of Path or PackedFile
         Files with names that differ only in numbers.
     shape : (int, int), optional
-        Stated number of rows and columns; a running number need not show them.
+        Stated number of rows and columns, which the names may count as columns and rows; a running
+        number need not show them.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def number_grid(
     if pairs:
         rows_columns, _ = min(pairs, key=lambda pair: pair[1])
         grid, missing = grid_of(files, rows_columns, files[0])
-        if shape not in (None, grid.shape):
+        if shape not in (None, grid.shape, grid.shape[::-1]):
             raise InputError(
                 f"The names of the images like {files[0]} number {grid.shape[0]} x "
                 f"{grid.shape[1]} views, not the {shape[0]} x {shape[1]} of the grid stated."
@@ -158,7 +159,10 @@ def fullest_pair(
         # A grid that is less than half full is not one with gaps, unless it is stated: its numbers
         # mean something else.
         places = len(rows) * len(columns)
-        full_enough = places <= 2 * len(numbers) or (len(rows), len(columns)) == shape
+        full_enough = places <= 2 * len(numbers) or shape in (
+            (len(rows), len(columns)),
+            (len(columns), len(rows)),
+        )
         if one_row and full_enough and len(set(pair)) == len(numbers):
             found.append((pair, places))
     return min(found, key=lambda one: one[1], default=None)

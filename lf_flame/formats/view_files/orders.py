@@ -8,6 +8,7 @@ right. ``snake`` before it means that every other row (with ``col,row``: column)
 import numpy as np
 
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 
 ORDERS = tuple(
     f"{a}{first},{b}{second}"
@@ -33,7 +34,7 @@ def arranged(views: np.ndarray, order: str) -> np.ndarray:
     for axis, name in enumerate(order.split(",")):
         if name.startswith("-"):
             views = np.flip(views, axis)
-    return np.swapaxes(views, 0, 1) if "col," in order else views
+    return np.swapaxes(views, 0, 1) if by_columns(order) else views
 
 
 def check_order(order: str) -> str:
@@ -53,6 +54,22 @@ def check_order(order: str) -> str:
             f"row runs back, got {order!r}."
         )
     return f"{snake},{rest}" if snake else rest
+
+
+def arranged_light_field(light_field: LightField, order: str | None) -> LightField:
+    """Reorder the views of a light field, their weights and known pixels, from an order, if any."""
+    if order is None:
+        return light_field
+    beside = {"weights": light_field.weights, "valid": light_field.valid}
+    return LightField(
+        arranged(light_field.views, order),
+        **{name: None if one is None else arranged(one, order) for name, one in beside.items()},
+    )
+
+
+def by_columns(order: str) -> bool:
+    """Whether an order counts column by column, so that its first number is the column's."""
+    return "col," in order
 
 
 def turned_round(order: str) -> str:

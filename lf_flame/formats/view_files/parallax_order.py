@@ -4,17 +4,16 @@ An order names the meaning of the two numbers of a view, the slower one first: `
 row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the right.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from math import ceil, isqrt, prod, sqrt
-from pathlib import Path
+from itertools import product
+from math import ceil, prod, sqrt
 
 import numpy as np
 import skimage  # its parts load when they are used
 from scipy.ndimage import gaussian_filter
 
-from lf_flame.errors import InputError
-from lf_flame.formats.view_files.orders import SNAKE, Grid, arranged
+from lf_flame.formats.view_files.orders import SNAKE, arranged, turned_round
 
 SCALES = (1, 2, 4, 8, 16)
 """Factors by which views are reduced for the parallax search; it should be below one pixel."""
@@ -39,11 +38,16 @@ LEAST_EXPLAINED, LEAST_RATIO = 0.3, 2.0
 to the next order."""
 
 LEAST_LEAD = 2.5
-"""Smallest ratio to the next order with which a running number counts a square.
+"""Smallest ratio to the next order that tells more than the views' own numbers do, such as that one
+running number counts a square.
 
 For a single row of n * n views the best order explains at most 1.96 times as much as the next,
 whatever the texture: a step down in the square would be n steps along the row.
 """
+
+INSET = 1 / 6
+"""Distance of the outer blocks of four views from the edge of the grid, as a fraction of its side:
+the corners of a square that fits into a round aperture."""
 
 LEAST_NEXT = 1e-6
 """Explained fraction below which the next order counts as this much."""
@@ -65,33 +69,48 @@ class FoundOrder:
     lead : float, optional
         Explained change between views, divided by that of the next order; 0 if the parallax does
         not show an order.
+    half_turn : bool, optional
+        Whether nothing but the parallax shows the order, so that its half-turn fits as well.
     """
 
     order: str
     reason: str
     slopes: tuple[float, float] | None = None
     lead: float = 0.0
+    half_turn: bool = False
 
     def describe(self) -> list[str]:
         """Describe the order, and what no parallax shows, in a line or two."""
         lines = [f"order {self.order}, {self.reason}"]
-        if self.slopes and self.slopes[0] > 0 and self.order == "row,col":
+        ahead = self.order == "row,col" and self.slopes is not None and self.slopes[0] > 0
+        if self.half_turn or ahead:
+            turned = turned_round(self.order)
+            why = (
+                "most slopes are above 0, those of parallel cameras below"
+                if ahead
+                else f"order {turned} fits as well, and reverses all slopes"
+            )
             lines.append(
-                "most slopes are above 0, those of parallel cameras below: if nearer objects have "
-                "the higher slopes here, the order is -row,-col"
+                f"{why}: state --order={turned} if nearer objects have the higher slopes here"
             )
         return lines
 
 
+UNKNOWN = FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
+"""Order where the parallax shows none."""
+
+
 def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
-    """Find the order of the views from the parallax of four neighbours in the centre.
+    """Find the order of the views from the parallax of four neighbours, in up to five places.
 
     In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
     by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and
     Wang 1992). Each order pairs the changes with the gradients differently; the one that explains
     most of the change, with one d for each patch, is chosen. Turning both axes only changes the
     sign of all slopes, which no parallax shows. Where rows and columns disagree, either could be
-    turned: the columns are then assumed to run from left to right.
+    turned: the columns are then assumed to run from left to right. Four views alone agree
+    with some order by chance, if they are shuffled: a patch must have the same slope in the centre
+    and near the corners.
 
     Where no order explains the change, every other row may run back (a camera that a stage moves in
     a snake). Views of a single row, folded so, change along one axis only, which all orders explain
@@ -119,93 +138,80 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     if snake.lead <= LEAST_LEAD:
         return found
     reason = f"every other row runs back, {snake.reason}"
-    return replace(snake, order=f"{SNAKE},{snake.order}", reason=reason)
+    return replace(snake, order=f"{SNAKE},{snake.order}", reason=reason, half_turn=True)
 
 
 def _find_order(grid: np.ndarray, numbers: np.ndarray, read: Callable) -> FoundOrder:
     """Find the order of the views with these running numbers, row by row."""
-    block, scales, times = _middle_views(grid, numbers, read)
+    sums, times = _sum_changes(
+        [read(grid[divmod(k, grid.shape[1])]) for k in chosen]
+        for chosen in _chosen_blocks(grid, numbers)
+    )
     explained, next_best, order, slopes = max(
-        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", (0.0, 0.0))
+        (_explain(parts, scale) for scale, parts in sums.items()),
+        default=(0.0, 0.0, "row,col", (0.0, 0.0)),
     )
     if explained < max(LEAST_EXPLAINED, LEAST_RATIO * next_best):
-        return FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
+        return UNKNOWN
     reason = f"by the parallax, of which it explains {explained:.0%}, the next one {next_best:.0%}"
     low, high = (slope * times for slope in slopes)
-    return FoundOrder(order, reason, (low, high), explained / max(next_best, LEAST_NEXT))
+    lead = explained / max(next_best, LEAST_NEXT)
+    return FoundOrder(order, reason, (low, high), lead, half_turn=order != "row,col")
 
 
-def fold(
-    views: np.ndarray, source: str | Path, shape: Grid | None = None, read: Callable = np.asarray
-) -> np.ndarray:
-    """Arrange views with one running number in rows and columns.
+def _chosen_blocks(grid: np.ndarray, numbers: np.ndarray) -> list[np.ndarray]:
+    """Choose the numbers of four neighbouring views, in the centre and near the corners.
 
-    Parameters
-    ----------
-    views : ndarray, shape (number, ...)
-        Views in their order, or arguments of `read`.
-    source : str or Path
-        Origin of the views, for the message.
-    shape : (int, int), optional
-        Number of rows and columns. Default: a square, if the parallax of the four views in its
-        centre shows rows and columns.
-    read : callable, optional
-        Function that gives the view for an entry of `views`.
-
-    Returns
-    -------
-    ndarray, shape (rows, columns, ...)
-
-    Raises
-    ------
-    InputError
-        If the shape does not match the number of views, or none is stated and no square shows.
+    They are the whole blocks nearest to these places, each once; none if there is none.
     """
-    count, side = len(views), isqrt(len(views))
-    if shape is not None:
-        if prod(shape) != count:
-            raise InputError(
-                f"A grid of {shape[0]} x {shape[1]} views does not fit {source}, which holds "
-                f"{count}."
-            )
-        return views.reshape(*shape, *views.shape[1:])
-    if side**2 == count > 1:
-        square = views.reshape(side, side, *views.shape[1:])
-        if find_order(square, read).lead > LEAST_LEAD:
-            return square
-    shown = f"their parallax shows no {side} rows" if side**2 == count else "they make no square"
-    raise InputError(
-        f"{source} holds {count} views with one running number, and {shown}: state rows x columns "
-        f"as --grid 1x{count}, if they are one row (in Python grid=(1, {count}))."
-    )
-
-
-def _middle_views(
-    grid: np.ndarray, numbers: np.ndarray, read: Callable
-) -> tuple[np.ndarray, list[int], int]:
-    """Read four neighbouring views, and find the scales at which their parallax may show.
-
-    They are the whole block nearest the centre. There is no such scale if there is none, or if they
-    differ in shape or are not finite. The last result is the number of pixels along an axis that
-    were averaged to one.
-    """
-    nothing: tuple = (np.empty((2, 2, 0, 0)), [], 1)
     there = np.array([grid[divmod(k, grid.shape[1])] is not None for k in numbers.flat])
     there = there.reshape(numbers.shape)
     whole = there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:]
     if not whole.any():
-        return nothing
-    rows, columns = np.indices(whole.shape)
-    distance = (rows - (len(grid) - 1) // 2) ** 2 + (columns - (grid.shape[1] - 1) // 2) ** 2
-    v, u = np.unravel_index(np.where(whole, distance, distance.max() + 1).argmin(), whole.shape)
-    chosen = numbers[v : v + 2, u : u + 2].flat
-    block = [_grey(read(grid[divmod(k, grid.shape[1])])) for k in chosen]
-    shapes = {view.shape if np.isfinite(view).all() else None for view, _ in block}
+        return []
+    rows, columns = np.nonzero(whole)
+    last = np.array(whole.shape) - 1
+    places = [(0.5, 0.5), *product((INSET, 1 - INSET), repeat=2)]
+    nearest = [
+        int(((rows - v * last[0]) ** 2 + (columns - u * last[1]) ** 2).argmin()) for v, u in places
+    ]
+    return [
+        numbers[rows[k] : rows[k] + 2, columns[k] : columns[k] + 2].ravel()
+        for k in dict.fromkeys(nearest)
+    ]
+
+
+def _sum_changes(blocks: Iterable[list[np.ndarray]]) -> tuple[dict[int, np.ndarray], int]:
+    """Add the results of `_measure` for blocks of four views, scale by scale.
+
+    A patch is summed over all blocks, as it has the same slope in each. Blocks of other shapes than
+    the first usable one do not count. The second result is that of `_grey_block`.
+    """
+    sums: dict[int, np.ndarray] = {}
+    shape, times = None, 1
+    for views in blocks:
+        block, scales, reduced = _grey_block(views)
+        if not scales or shape not in (None, block.shape):
+            continue
+        shape, times = block.shape, reduced
+        for scale in scales:
+            sums[scale] = sums.get(scale, 0.0) + _measure(block, scale)
+    return sums, times
+
+
+def _grey_block(views: list[np.ndarray]) -> tuple[np.ndarray, list[int], int]:
+    """Four grey views as an array (2, 2, t, s), and the scales at which their parallax may show.
+
+    There is no such scale if they are small, differ in shape or are not finite. The last result is
+    the number of pixels along an axis that were averaged to one.
+    """
+    grey = [_grey(view) for view in views]
+    shapes = {view.shape if np.isfinite(view).all() else None for view, _ in grey}
     if len(shapes) != 1 or None in shapes:
-        return nothing
-    views, times = np.array([view for view, _ in block]), block[0][1]
-    scales = [n for n in SCALES if min(views.shape[1:]) // n >= PATCH + 2 * BORDER]
-    return views.reshape(2, 2, *views.shape[1:]), scales, times
+        return np.empty((2, 2, 0, 0)), [], 1
+    block, times = np.array([view for view, _ in grey]), grey[0][1]
+    scales = [n for n in SCALES if min(block.shape[1:]) // n >= PATCH + 2 * BORDER]
+    return block.reshape(2, 2, *block.shape[1:]), scales, times
 
 
 def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
@@ -223,19 +229,34 @@ def order_memory(shape: tuple[int, ...]) -> int:
     return ORDER_BYTES * min(rows * columns, MOST_PIXELS) + 8 * rows * columns
 
 
-def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
-    """Fractions of the change that the best and the second-best order explain, at one scale."""
+def _measure(block: np.ndarray, scale: int) -> np.ndarray:
+    """Sum over each patch, to an array of shape (6, patches).
+
+    Summed are the products of the changes from row to row and from column to column with the
+    gradients down and right, and the squares of the gradients and of the changes.
+    """
     first, second, down, right = _changes(block, scale)
-    texture = _patches(down**2 + right**2)
+    fields = (
+        first * down, first * right, second * down, second * right,
+        down**2 + right**2, first**2 + second**2,
+    )  # fmt: skip
+    return np.array([_patches(field).ravel() for field in fields])
+
+
+def _explain(sums: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
+    """Fractions of the change that the best and the second-best order explain, at one scale."""
+    first_down, first_right, second_down, second_right, texture, change = sums
     found = []
-    for order, with_first, with_second in (
-        ("row,col", down, right),
-        ("-row,col", -down, right),
-        ("col,row", right, down),
-        ("col,-row", right, -down),
+    for order, products in (
+        ("row,col", first_down + second_right),
+        ("-row,col", second_right - first_down),
+        ("col,row", first_right + second_down),
+        ("col,-row", first_right - second_down),
     ):
-        share, slopes = _fit(first, second, with_first, with_second)
-        found.append((share, order, slopes * scale))
+        # The slope that fits a patch best, by least squares.
+        slopes = -np.divide(products, texture, out=np.zeros_like(products), where=texture > 0)
+        share = -np.sum(slopes * products) / max(change.sum(), np.finfo(float).tiny)
+        found.append((float(share), order, slopes * scale))
     found.sort(key=lambda one: one[0], reverse=True)
     (best, order, slopes), (next_best, *_) = found[:2]
     seen = slopes[texture >= texture.mean() / 4]  # others are mostly noise
@@ -253,17 +274,6 @@ def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
     down, right = (gaussian_filter(mean, SMOOTHING, order=order) for order in ((1, 0), (0, 1)))
     inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
     return [field[inner] for field in (first, second, down, right)]
-
-
-def _fit(
-    first: np.ndarray, second: np.ndarray, with_first: np.ndarray, with_second: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Fit one slope to each patch; returns the explained fraction of the change, and the slopes."""
-    product = _patches(first * with_first + second * with_second)
-    texture = _patches(with_first**2 + with_second**2)
-    slopes = -np.divide(product, texture, out=np.zeros_like(product), where=texture > 0)
-    change = max(_patches(first**2 + second**2).sum(), np.finfo(float).tiny)
-    return float(-np.sum(slopes * product) / change), slopes
 
 
 def _patches(field: np.ndarray) -> np.ndarray:

@@ -9,13 +9,14 @@ from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.folder import ViewFolder, check_view_memory
 from lf_flame.formats.view_files.names import grid_of, number_grid
 from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_grid, check_order
-from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, fold
+from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
 from lf_flame.formats.view_files.positions import (
     Pair,
     off_grid,
     pairs_off_grid,
     place_views,
 )
+from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.formats.view_files.sources import LIST, find_files, read_list
 from lf_flame.lightfield import LightField
 
@@ -33,9 +34,9 @@ def scan_view_folder(
     numbers: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
     ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
     ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and so on. A running number counts a square
-    row by row, if the parallax shows one, or the rows of `grid`. Numbers may start anywhere. Other
-    files are left out; a second set of images half as large or larger is refused. Places with
-    decimals that fill no grid of equal steps are kept as positions (`LightField.positions`).
+    if the parallax shows one, or fills the `grid`. Numbers may start anywhere. Other files are left
+    out; a second set of images half as large or larger is refused. Places with decimals that fill
+    no grid of equal steps are kept as positions (`LightField.positions`).
 
     Parameters
     ----------
@@ -46,11 +47,12 @@ def scan_view_folder(
         Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
         way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
         bottom), ``row,-col``, and so on; with ``snake,`` before it where every other row (of
-        ``col,row``: column) runs back. Default: the order that the parallax of the four central
-        views shows (`lf_flame.formats.view_files.parallax_order.find_order`), else ``row,col``.
+        ``col,row``: column) runs back. Default: the order that the parallax between views shows
+        (`lf_flame.formats.view_files.parallax_order.find_order`), else ``row,col``.
     grid : (int, int) or str, optional
-        Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
-        than a third of the views are missing. What is missing gets weight 0.
+        Number of rows and columns of the light field, such as (1, 9) or ``1x9``, for a running
+        number in any order, or where more than a third of the views are missing. What is missing
+        gets weight 0.
     larger : bool, optional
         Whether the views together may exceed the memory limit, for `ViewFolder.unpack`.
 
@@ -86,7 +88,6 @@ def scan_view_folder(
         if shape is None and off_grid(list(listed)):
             return _placed_folder(path, list(listed.values()), list(listed), order, left_out)
         numbered, missing = grid_of(list(listed.values()), list(listed), path)
-        check_grid(shape, numbered.shape, path)
     else:
         files, left_out = find_files(path)
         placed = pairs_off_grid(files) if shape is None else None
@@ -96,12 +97,14 @@ def scan_view_folder(
     places = 0 if larger else numbered.size
     check_view_memory([file for file in numbered.flat if file], path, places)
     if numbered.ndim == 1:
-        numbered = fold(numbered, path, shape, read_image)
-    if order is None:
+        numbered, found = fold(numbered, path, shape, order, read=read_image)
+    elif order is None:
         found = find_order(numbered, read_image)
     else:
         found = FoundOrder(check_order(order), "as stated")
-    return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
+    ordered = arranged(numbered, found.order)
+    check_grid(shape, ordered.shape, path)
+    return ViewFolder(path, ordered, found, left_out, missing)
 
 
 def _placed_folder(
