@@ -136,7 +136,7 @@ def flicker(
     tell_all("Note", notes)
     tell_all("Warning", warnings)
     if found:
-        click.echo(found.describe())
+        click.echo(found.describe(unit=measures.unit))
     click.echo(
         f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
     )

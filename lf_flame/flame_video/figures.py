@@ -41,7 +41,7 @@ def flicker_figure(
         axis.remove()
     picture = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1])
     _draw_heights(axes[0, 0], times_s, heights, measures.unit, outliers)
-    _draw_spectrum(axes[1, 0], found)
+    _draw_spectrum(axes[1, 0], found, measures.unit)
     _draw_contours(picture, np.asarray(series.total) / len(times_s), series.contours, measures)
     return figure
 
@@ -58,7 +58,7 @@ def _draw_heights(axis, times_s, heights, unit: str, outliers: np.ndarray) -> No
     axis.grid(alpha=0.3)
 
 
-def _draw_spectrum(axis, found: "Flicker | None") -> None:
+def _draw_spectrum(axis, found: "Flicker | None", unit: str) -> None:
     if found is None:
         axis.set_title("too few heights for a spectrum", fontsize=9)
         axis.axis("off")
@@ -76,7 +76,7 @@ def _draw_spectrum(axis, found: "Flicker | None") -> None:
         axis.legend([bar], [f"resolution {found.resolution_hz:.2g} Hz"], fontsize=8)
         for line in found.lines[1:]:
             axis.axvline(line.frequency_hz, color="C1", linestyle=":", linewidth=0.9)
-    axis.set_title(fill(found.describe(), TITLE_WIDTH), fontsize=8)
+    axis.set_title(fill(found.describe(unit=unit), TITLE_WIDTH), fontsize=8)
     axis.set_xlabel("frequency (Hz)")
     axis.set_ylabel("share of the variance")
     axis.grid(alpha=0.3)

@@ -8,6 +8,7 @@ from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.flame_video.figures import flicker_figure
 from lf_flame.flame_video.flame_series import FlameSeries, Measures
+from lf_flame.flame_video.flame_shape import row_error
 from lf_flame.flame_video.flicker import Flicker, find_flicker
 from lf_flame.flame_video.outliers import find_outliers
 
@@ -45,7 +46,11 @@ def write_flicker(
         series.doubts.setdefault(OUTLIER, []).append(series.names[number])
     warnings, found = series.warnings(), None
     try:
-        found = find_flicker(times, np.where(outliers, np.nan, heights))
+        found = find_flicker(
+            times,
+            np.where(outliers, np.nan, heights),
+            resolvable=row_error(measures.level) * (measures.pixel_mm or 1.0),
+        )
     except InputError as error:  # the heights are useful without a frequency
         warnings.append(str(error))
     figures.save(flicker_figure(series, measures, found, outliers), folder.path(PICTURE))
@@ -68,9 +73,13 @@ def write_flicker(
 
 
 def _facts(found: Flicker) -> dict:
-    names = ("frequency_hz", "resolution_hz", "false_alarm", "peak_hz", "amplitude", "swings_hz")
+    names = (
+        "frequency_hz", "resolution_hz", "false_alarm", "peak_hz", "amplitude", "swings_hz",
+        "resolvable",
+    )  # fmt: skip
     return {
         **{name: getattr(found, name) for name in names},
         "lines": [to_json(line) for line in found.lines],
+        "unresolved": [to_json(line) for line in found.unresolved],
         "noise": to_json(found.noise),
     }

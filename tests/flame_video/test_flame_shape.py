@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.flame_video import measure_flame
+from lf_flame.flame_video import measure_flame, row_error
 from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK, SPARK, SPECK
 
 SHAPE = (60, 80)
@@ -67,6 +67,19 @@ def test_the_scale_of_the_radiance_does_not_matter():
     one, other = measure_flame(gaussian()), measure_flame(1e5 * gaussian().astype(np.float32))
     assert other.height == pytest.approx(one.height, abs=1e-5)
     assert other.brightness == pytest.approx(1e5 * one.brightness)
+
+
+@pytest.mark.parametrize("level", [0.1, 0.2, 0.5, 0.7])
+def test_the_swing_of_a_tip_that_crosses_a_row_is_bounded(level):
+    """By the first harmonic of its error, the tip's place being that of the step itself."""
+    parts = (np.arange(32) + 0.5) / 32
+    columns = np.ones(9)
+    errors = [
+        measure_flame(np.clip(5 + part - np.arange(15), 0, 1)[::-1, None] * columns, level=level)
+        .height - part for part in parts
+    ]  # fmt: skip
+    swing = 2 * abs(np.mean(np.array(errors) * np.exp(2j * np.pi * parts)))
+    assert 0.8 * row_error(level) < swing < row_error(level)
 
 
 def test_noise_moves_the_tip_by_little():
