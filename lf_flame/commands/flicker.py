@@ -122,7 +122,9 @@ def flicker(
             folder.path(output.TABLE),
             lambda images: frame_bar(images, len(paths)),
         )
-        found, warnings = output.write_flicker(series, measures, folder)
+        found, warnings = output.write_flicker(
+            series, measures, folder, times_stated=timestamps is not None
+        )
         notes = [*times.notes, *notes_on_coding(paths[0])]
         folder.facts |= {
             "frames_per_second": frames_per_second,
