@@ -25,7 +25,7 @@ from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.reading_options import Reading
-from lf_flame.flame_video import measure_flame
+from lf_flame.flame_video import find_flicker, measure_flame
 from lf_flame.flame_video.flame_series import REPEATED, Measures, measure_frames
 from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
 from lf_flame.formats import reading, write_light_field
@@ -473,7 +473,26 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
     assert record_of(tmp_path / "out")["flicker"] is None
     words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "out"]
     result = run("flicker", tmp_path / "some", *words)
-    assert record_of(tmp_path / "out")["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.2)
+    found = record_of(tmp_path / "out")["flicker"]["frequency_hz"]
+    assert found == pytest.approx(12, abs=0.2)
+    rows = rows_of(tmp_path / "out")
+    first = [row for row in rows if REPEATED not in row["warnings"]]
+    assert len(first) == 36
+    times, heights = ([float(row[key]) for row in first] for key in ("time_s", "height_px"))
+    assert found == pytest.approx(find_flicker(times, heights).frequency_hz, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_flame_that_grows_has_no_flicker_in_mm_either(tmp_path):
+    """By a tenth of a row a frame, which crosses 10 rows a second."""
+    write_video(tmp_path / "video", [f"f{n}" for n in range(60)], 10 + 0.1 * np.arange(60))
+    words = ["--frames-per-second", 100, "--pixel-mm", 0.5, "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "video", *words)
+    assert "flickers at" not in result.output
+    assert "than the tip's row can be told (0.05 mm)" in result.output
+    found = record_of(tmp_path / "out")["flicker"]
+    assert found["resolvable"] == pytest.approx(0.05)
+    assert found["unresolved"][0]["frequency_hz"] == pytest.approx(10, abs=0.1)
 
 
 def test_dark_frames_that_are_alike_are_no_repetition(tmp_path):

@@ -200,6 +200,14 @@ def test_a_flame_that_only_grows_does_not_flicker():
     assert [line.frequency_hz for line in found.lines] == pytest.approx([23.1], abs=0.1)
 
 
+def test_an_uneven_swing_below_what_can_be_told_is_one():
+    times, rng = np.arange(200) / 100, np.random.default_rng(2)
+    heights = sine(times, 12.0, 0.2) + sine(times, 12.5, 0.2, phase=2.0)
+    found = find_flicker(times, heights + 0.02 * rng.standard_normal(200), resolvable=0.5)
+    assert not found.lines
+    assert [one.frequency_hz for one in found.unresolved] == pytest.approx([12.25], abs=0.5)
+
+
 @pytest.mark.parametrize("amplitude", [0.27, 0.33])
 def test_a_sine_below_what_can_be_told_is_no_line_and_hides_none(amplitude):
     times, rng = np.arange(200) / 100, np.random.default_rng(2)
