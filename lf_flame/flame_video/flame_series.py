@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame.flame_video.flame_shape import measure_flame
+from lf_flame.flame_video.flame_shape import BRIGHT_DARK, measure_flame
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 
@@ -87,6 +87,8 @@ class FlameSeries:
         Names of frames by warning.
     repeated : list of bool
         Whether a frame's picture repeats the one before.
+    dark_shares : list of float
+        Brightness of the dark around the flame, relative to the peak.
     """
 
     times_s: list[float] = field(default_factory=list)
@@ -96,13 +98,19 @@ class FlameSeries:
     contours: list[tuple[float, np.ndarray]] = field(default_factory=list)
     doubts: dict[str, list[str]] = field(default_factory=dict)
     repeated: list[bool] = field(default_factory=list)
+    dark_shares: list[float] = field(default_factory=list)
 
     def warnings(self) -> list[str]:
         """Sentences on what is doubtful, each with the number of frames."""
         return [
             f"{len(names)} of {len(self.times_s)} frames, first {names[0]}: {doubt}"
+            + (f" {self._dark()}" if doubt == BRIGHT_DARK else "")
             for doubt, names in self.doubts.items()
         ]
+
+    def _dark(self) -> str:
+        """Say how bright the dark is."""
+        return f"It is at up to {100 * np.nanmax(self.dark_shares):.2g} % of the flame's peak."
 
 
 def measure_frames(
@@ -163,6 +171,7 @@ def measure_frames(
             series.names.append(name)
             series.heights.append(shape.height)
             series.repeated.append(repeated)
+            series.dark_shares.append(shape.dark_share)
             series.total = series.total + image
             if number in shown and shape.is_found:
                 series.contours.append((time_s, shape.contour))

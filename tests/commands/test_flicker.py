@@ -27,7 +27,7 @@ from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.reading_options import Reading
 from lf_flame.flame_video import find_flicker, measure_flame
 from lf_flame.flame_video.flame_series import REPEATED, Measures, measure_frames
-from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
+from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK
 from lf_flame.formats import reading, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
@@ -500,6 +500,17 @@ def test_dark_frames_that_are_alike_are_no_repetition(tmp_path):
     paths = [Path(f"{number}.npy") for number in range(2)]
     series = measure_frames(paths, [dark, dark], Measures(), [0, 1], tmp_path / "flame.csv")
     assert series.repeated == [False, False]
+
+
+def test_a_black_level_is_told_by_its_share_of_the_peak(tmp_path):
+    views = np.zeros((1, 1, 30, 30), np.float32)
+    views[..., 20:, 13:17] = 1
+    frames = [LightField(views + black) for black in (0, 0.05, 0.25)]
+    paths = [Path(f"{number}.npy") for number in range(3)]
+    series = measure_frames(paths, frames, Measures(), range(3), tmp_path / "flame.csv")
+    (told,) = (told for told in series.warnings() if BRIGHT_DARK in told)
+    assert told.startswith("2 of 3 frames, first 1.npy: ")
+    assert told.endswith("It is at up to 20 % of the flame's peak.")
 
 
 def test_pictures_that_are_likely_coded_get_a_note(tmp_path):

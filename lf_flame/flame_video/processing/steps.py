@@ -10,6 +10,7 @@ from lf_flame.errors import InputError
 from lf_flame.flame_video.flame_series import Measures
 from lf_flame.flame_video.flame_shape import (
     APART,
+    BRIGHT_DARK,
     CEILING,
     CUT,
     DARK,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from lf_flame.tomography import Reconstruction
 
 DOUBTS = {"dark": DARK, "speck": SPECK, "cut": CUT, "ceiling": CEILING, "apart": APART,
-          "spark": SPARK}  # fmt: skip
+          "spark": SPARK, "bright_dark": BRIGHT_DARK}  # fmt: skip
 """Sentences on a flame's shape by the names of their bits in the array ``doubts``."""
 
 POINTS = 256
