@@ -10,7 +10,7 @@ files.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from lf_flame.flame_video import find_flicker, measure_flame
+from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.scenes import draw_wrinkles, flame_texture
 
 # %%
@@ -31,9 +31,10 @@ for axis, frame, time in zip(axes, frames, times_s, strict=False):
     axis.set(title=f"{1000 * time:.0f} ms", xticks=[], yticks=[])
 
 # %%
-# The tip is found between rows; the sine is fitted to the heights.
+# The tip is found between rows, to a tenth of a row (``row_error``); the sine is fitted to the
+# heights, and counts if it is larger than that.
 heights = np.array([measure_flame(frame, pixel_mm=0.1).height for frame in frames])
-found = find_flicker(times_s, heights)
+found = find_flicker(times_s, heights, resolvable=0.1 * row_error())
 print(f"{found.frequency_hz:.2f} Hz, resolution {found.resolution_hz:.2f} Hz")
 
 figure, axis = plt.subplots(figsize=(10, 3.2), layout="constrained")

@@ -122,7 +122,9 @@ def flicker(
             folder.path(output.TABLE),
             lambda images: frame_bar(images, len(paths)),
         )
-        found, warnings = output.write_flicker(series, measures, folder)
+        found, warnings = output.write_flicker(
+            series, measures, folder, times_stated=timestamps is not None
+        )
         notes = [*times.notes, *notes_on_coding(paths[0])]
         folder.facts |= {
             "frames_per_second": frames_per_second,
@@ -136,7 +138,7 @@ def flicker(
     tell_all("Note", notes)
     tell_all("Warning", warnings)
     if found:
-        click.echo(found.describe())
+        click.echo(found.describe(unit=measures.unit))
     click.echo(
         f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
     )

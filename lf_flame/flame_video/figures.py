@@ -17,7 +17,7 @@ TITLE_WIDTH = 100
 
 
 def flicker_figure(
-    series: "FlameSeries", measures: "Measures", found: "Flicker | None", outliers: np.ndarray
+    series: "FlameSeries", measures: "Measures", found: "Flicker | None", left_out: np.ndarray
 ):
     """Height against time, its spectrum, and contours over the mean image.
 
@@ -27,8 +27,8 @@ def flicker_figure(
     measures : Measures
         Options with which it was measured; they hold the scale of lengths.
     found : Flicker or None
-        Flicker; None if too few heights are known.
-    outliers : ndarray of bool, shape (frames,)
+        Flicker; None if too few heights or times are known.
+    left_out : ndarray of bool, shape (frames,)
         Whether a height was left out of the spectrum.
 
     Returns
@@ -40,27 +40,27 @@ def flicker_figure(
     for axis in axes[:, 1]:
         axis.remove()
     picture = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1])
-    _draw_heights(axes[0, 0], times_s, heights, measures.unit, outliers)
-    _draw_spectrum(axes[1, 0], found)
+    _draw_heights(axes[0, 0], times_s, heights, measures.unit, left_out)
+    _draw_spectrum(axes[1, 0], found, measures.unit)
     _draw_contours(picture, np.asarray(series.total) / len(times_s), series.contours, measures)
     return figure
 
 
-def _draw_heights(axis, times_s, heights, unit: str, outliers: np.ndarray) -> None:
+def _draw_heights(axis, times_s, heights, unit: str, left_out: np.ndarray) -> None:
     style = "." if len(times_s) < 300 else ""
     axis.plot(times_s, heights, f"{style}-", linewidth=0.8, markersize=4)
-    if outliers.any():
+    if left_out.any():
         label = "left out of the spectrum"
-        axis.plot(times_s[outliers], heights[outliers], "C3x", markersize=7, label=label)
+        axis.plot(times_s[left_out], heights[left_out], "C3x", markersize=7, label=label)
         axis.legend(fontsize=8)
     axis.set_xlabel("time (s)")
     axis.set_ylabel(f"height ({unit})")
     axis.grid(alpha=0.3)
 
 
-def _draw_spectrum(axis, found: "Flicker | None") -> None:
+def _draw_spectrum(axis, found: "Flicker | None", unit: str) -> None:
     if found is None:
-        axis.set_title("too few heights for a spectrum", fontsize=9)
+        axis.set_title("no spectrum: too few heights, or repeated frames", fontsize=9)
         axis.axis("off")
         return
     axis.plot(found.frequencies_hz, found.power, linewidth=0.9)
@@ -76,7 +76,7 @@ def _draw_spectrum(axis, found: "Flicker | None") -> None:
         axis.legend([bar], [f"resolution {found.resolution_hz:.2g} Hz"], fontsize=8)
         for line in found.lines[1:]:
             axis.axvline(line.frequency_hz, color="C1", linestyle=":", linewidth=0.9)
-    axis.set_title(fill(found.describe(), TITLE_WIDTH), fontsize=8)
+    axis.set_title(fill(found.describe(unit=unit), TITLE_WIDTH), fontsize=8)
     axis.set_xlabel("frequency (Hz)")
     axis.set_ylabel("share of the variance")
     axis.grid(alpha=0.3)

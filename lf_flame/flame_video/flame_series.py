@@ -7,9 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame.flame_video.flame_shape import measure_flame
+from lf_flame.flame_video.flame_shape import BRIGHT_DARK, measure_flame
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
+
+REPEATED = (
+    "The picture is the same as the one before in every pixel: the frame was repeated, and another "
+    "one is probably lost; times by the frame rate, and so frequencies, are then wrong."
+)
 
 CONTOURS = 5
 """Number of frames with contours in the figure."""
@@ -80,6 +85,10 @@ class FlameSeries:
         Times and contours of frames spread evenly over the sequence.
     doubts : dict of str to list of str
         Names of frames by warning.
+    repeated : list of bool
+        Whether a frame's picture repeats the one before.
+    dark_shares : list of float
+        Brightness of the dark around the flame, relative to the peak.
     """
 
     times_s: list[float] = field(default_factory=list)
@@ -88,13 +97,20 @@ class FlameSeries:
     total: np.ndarray | float = 0.0
     contours: list[tuple[float, np.ndarray]] = field(default_factory=list)
     doubts: dict[str, list[str]] = field(default_factory=dict)
+    repeated: list[bool] = field(default_factory=list)
+    dark_shares: list[float] = field(default_factory=list)
 
     def warnings(self) -> list[str]:
         """Sentences on what is doubtful, each with the number of frames."""
         return [
             f"{len(names)} of {len(self.times_s)} frames, first {names[0]}: {doubt}"
+            + (f" {self._dark()}" if doubt == BRIGHT_DARK else "")
             for doubt, names in self.doubts.items()
         ]
+
+    def _dark(self) -> str:
+        """Say how bright the dark is."""
+        return f"It is at up to {100 * np.nanmax(self.dark_shares):.2g} % of the flame's peak."
 
 
 def measure_frames(
@@ -128,6 +144,7 @@ def measure_frames(
     FlameSeries
     """
     series, unit = FlameSeries(), measures.unit
+    before: np.ndarray | None = None
     shown = set(np.linspace(0, len(paths) - 1, CONTOURS).round().astype(int).tolist())
     header = [
         "frame", "time_s", f"height_{unit}", "tip_row", f"width_{unit}", f"area_{unit}2",
@@ -144,15 +161,21 @@ def measure_frames(
                 pixel_mm=measures.pixel_mm or 1.0,
                 burner_row=measures.burner_row,
             )
+            # Dark frames may be alike, without a flame and clipped at 0.
+            repeated = before is not None and shape.is_found and np.array_equal(image, before)
+            doubts = (*shape.warnings, *([REPEATED] if repeated else []))
             numbers = (shape.height, shape.tip_row, shape.width, shape.area, shape.brightness)
             written = [f"{x:.7g}" for x in numbers]
-            writer.writerow([number, f"{time_s:.15g}", *written, name, " ".join(shape.warnings)])
+            writer.writerow([number, f"{time_s:.15g}", *written, name, " ".join(doubts)])
             series.times_s.append(time_s)
             series.names.append(name)
             series.heights.append(shape.height)
+            series.repeated.append(repeated)
+            series.dark_shares.append(shape.dark_share)
             series.total = series.total + image
             if number in shown and shape.is_found:
                 series.contours.append((time_s, shape.contour))
-            for doubt in shape.warnings:
+            for doubt in doubts:
                 series.doubts.setdefault(doubt, []).append(name)
+            before = image
     return series

@@ -40,6 +40,10 @@ CEILING_SHARE = 0.05
 """Smallest fraction of the flame's area at exactly the brightest value that counts as saturated. A
 Gaussian clipped over this fraction of its area has a peak 4 % higher."""
 
+DARK_SHARE = 0.03
+"""Largest brightness around a flame, relative to its peak, without a warning: 0.1 moves the tip of
+a flame 4 rows sharp by half a row."""
+
 DARK = "Nothing is above the noise: there is no flame."
 SPECK = f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame."
 CUT = "The flame reaches the top or a side of the picture: it is cut off, and larger than measured."
@@ -48,6 +52,11 @@ CEILING = (
     "contour too wide."
 )
 APART = "Other places are as bright and not joined to the brightest: they do not count."
+
+BRIGHT_DARK = (
+    "The dark around the flame is not at 0: subtract the dark frame, or the light behind the "
+    "flame; contour and height are wrong."
+)
 
 SPARK = "A small spot apart from the flame is brighter, a spark or hot pixels: it does not count."
 
@@ -75,7 +84,10 @@ class FlameShape:
         first.
     warnings : tuple of str
         Sentences, without numbers, on what makes the measurements doubtful: too dark, a speck, cut
-        by the edge, saturated, in parts, or with sparks.
+        by the edge, saturated, in parts, with sparks, or in a picture that is not black at 0.
+    dark_share : float
+        Brightness of the dark around the flame, relative to the peak: the median along the darkest
+        of the top and the sides of the image.
     """
 
     height: float
@@ -85,6 +97,7 @@ class FlameShape:
     brightness: float
     contour: np.ndarray
     warnings: tuple[str, ...] = ()
+    dark_share: float = float("nan")
 
     @property
     def is_found(self) -> bool:
@@ -134,7 +147,8 @@ def measure_flame(
     picture = _checked_image(image)
     check_measures(level, pixel_mm)
     burner = _checked_burner(burner_row, len(picture))
-    faint = max(0.0, np.median(picture) + LEAST_SIGNAL * _noise(picture))
+    noise, dark = _noise(picture), _darkest_side(picture)
+    faint = max(0.0, np.median(picture) + LEAST_SIGNAL * noise)
     if picture.max() <= faint:
         return _no_flame(DARK)
     peak = find_peak(picture)
@@ -157,8 +171,33 @@ def measure_flame(
         area=_enclosed_area(contour) * pixel_mm**2,
         brightness=float(picture[region].mean()),
         contour=contour,
-        warnings=_doubts(picture, region, threshold, spark),
+        warnings=(
+            *_doubts(picture, region, threshold, spark),
+            *([BRIGHT_DARK] if _is_bright(dark, noise, peak.value, picture.shape) else []),
+        ),
+        dark_share=dark / peak.value,
     )
+
+
+def row_error(level: float = 0.5) -> float:
+    """Bound the swing in height, in pixels, that a moving tip shows by crossing the rows.
+
+    A tip that is sharper than a row is found between rows with an error of one period a row,
+    because a pixel gives its mean. Its largest amplitude is 0.087 at half the peak, 0.16 at a
+    fifth.
+
+    Parameters
+    ----------
+    level : float, optional
+        Level of the contour as a fraction of the peak.
+
+    Examples
+    --------
+    >>> from lf_flame.flame_video import row_error
+    >>> row_error()
+    0.1
+    """
+    return 0.1 + 0.8 * (level - 0.5) ** 2
 
 
 def check_measures(level: float, pixel_mm: float) -> None:
@@ -215,6 +254,22 @@ def _noise(image: np.ndarray) -> float:
     """
     differences = image[:, 4:] - 2 * image[:, 2:-2] + image[:, :-4]
     return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
+
+
+def _darkest_side(image: np.ndarray) -> float:
+    """Median along the darkest of the top and the sides, as a flame may reach some of them.
+
+    The burner is at the bottom.
+    """
+    return min(float(np.median(side)) for side in (image[0], image[:, 0], image[:, -1]))
+
+
+def _is_bright(dark: float, noise: float, peak: float, shape: tuple[int, ...]) -> bool:
+    """Whether the dark around a flame is brighter than `DARK_SHARE`, and noise is not why.
+
+    A median of n pixels has a standard deviation of 1.25 / sqrt(n) times that of a pixel.
+    """
+    return dark > DARK_SHARE * peak + 4 * 1.25 * noise / np.sqrt(min(shape))
 
 
 def _largest_apart(image: np.ndarray, region: np.ndarray, threshold: float) -> int:

@@ -105,6 +105,11 @@ class Flicker:
         rhythm.
     noise : Wander
         Noise with which the significance was computed.
+    unresolved : tuple of Line
+        Significant sines with an amplitude below `resolvable`: the measurement itself may make
+        them.
+    resolvable : float
+        Smallest amplitude of a line, in the unit of the heights.
     """
 
     frequency_hz: float
@@ -117,23 +122,33 @@ class Flicker:
     lines: tuple[Line, ...]
     swings_hz: tuple[float, ...]
     noise: Wander
+    unresolved: tuple[Line, ...] = ()
+    resolvable: float = 0.0
 
-    def describe(self) -> str:
-        """Describe the result in a sentence or two."""
+    def describe(self, *, unit: str = "") -> str:
+        """Describe the result in some sentences.
+
+        Parameters
+        ----------
+        unit : str, optional
+            Unit of the heights, written after amplitudes.
+        """
         alarm = f"false-alarm probability {self.false_alarm:.2g}"
         if self.lines:
             told = (
                 f"The flame flickers at {self.frequency_hz:.4g} Hz, resolution "
-                f"{self.resolution_hz:.2g} Hz, {alarm}."
+                f"{self.resolution_hz:.2g} Hz, amplitude {_size(self.amplitude, unit)}, {alarm}."
             )
         elif np.isfinite(self.peak_hz):
             told = (
                 f"No frequency is above the noise: the highest peak, at {self.peak_hz:.4g} "
                 f"Hz, has a {alarm}."
             )
+        elif self.unresolved:
+            told = "No flicker is found."
         else:
             told = "There is no flicker: the heights are constant, or only drift."
-        near, far = self._other_lines()
+        near, far = self._other_lines(unit)
         if near:
             told += f" Peaks near it ({near}) come from an uneven rhythm, or are separate lines."
         if far:
@@ -141,19 +156,43 @@ class Flicker:
         if self.swings_hz:
             slow = ", ".join(f"{swing:.3g} Hz" for swing in self.swings_hz)
             told += f" A slow swing ({slow}) has fewer than three periods and is no line."
-        return told
+        return told + self._too_small(unit)
 
-    def _other_lines(self) -> tuple[str, str]:
+    def _too_small(self, unit: str) -> str:
+        """Describe the sines that the measurement itself may make."""
+        if not self.unresolved:
+            return ""
+        swings = ", ".join(
+            f"{_size(line.amplitude, unit)} at {line.frequency_hz:.4g} Hz"
+            for line in self.unresolved
+        )
+        limit = _size(self.resolvable, unit)
+        if len(self.unresolved) == 1:
+            return (
+                f" A swing of {swings} is smaller than the tip's row can be told ({limit}); a "
+                f"flame that moves shows it, too."
+            )
+        return (
+            f" Swings of {swings} are smaller than the tip's row can be told ({limit}); a flame "
+            f"that moves shows them, too."
+        )
+
+    def _other_lines(self, unit: str) -> tuple[str, str]:
         """Name the lines near the first one, and the others."""
         near: list[str] = []
         far: list[str] = []
         for line in self.lines[1:]:
             is_near = abs(line.frequency_hz - self.frequency_hz) < NEAR * self.frequency_hz
-            (near if is_near else far).append(f"{line.frequency_hz:.4g} Hz")
+            words = f"{line.frequency_hz:.4g} Hz with amplitude {_size(line.amplitude, unit)}"
+            (near if is_near else far).append(words)
         return ", ".join(near), ", ".join(far)
 
 
-def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
+def _size(amplitude: float, unit: str) -> str:
+    return f"{amplitude:.2g} {unit}".rstrip()
+
+
+def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 0.0) -> Flicker:
     """Find the frequencies of a series of heights.
 
     Parameters
@@ -162,6 +201,10 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
         Times in s, rising, not necessarily evenly spaced.
     heights : array_like, shape (frames,)
         Heights in any unit; frames with NaN are left out.
+    resolvable : float, optional
+        Smallest amplitude of a line, in the unit of the heights. A smaller sine is removed like a
+        line, so that the search continues, and listed in `unresolved`. `row_error` gives the value
+        for heights of `measure_flame`. Default: any amplitude is a line.
 
     Returns
     -------
@@ -172,8 +215,8 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
     Raises
     ------
     InputError
-        If times and heights do not match, times cannot be those of frames (`check_times`), or
-        fewer than `LEAST_FRAMES` heights are known.
+        If times and heights do not match, times cannot be those of frames (`check_times`), fewer
+        than `LEAST_FRAMES` heights are known, or `resolvable` is no length.
 
     Examples
     --------
@@ -185,8 +228,12 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
     12.3
     """
     times, values = _checked_series(times_s, heights)
+    if not 0 <= resolvable < np.inf:
+        raise InputError(
+            f"resolvable must be the smallest amplitude of a line, 0 or more, got {resolvable}."
+        )
     frequencies = _frequencies(times)
-    search = _Search(times - times.mean(), values, frequencies)
+    search = _Search(times - times.mean(), values, frequencies, resolvable)
     power = SineFit(search.times, values, search.drift).power(frequencies)
     while search.goes_on():
         pass
@@ -195,7 +242,8 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
         peak, amplitude, alarm = lines[0].frequency_hz, lines[0].amplitude, lines[0].false_alarm
     return Flicker(
         lines[0].frequency_hz if lines else np.nan, search.resolution, alarm, peak, amplitude,
-        frequencies, power, lines, tuple(search.swings), search.noise,
+        frequencies, power, lines, tuple(search.swings), search.noise, tuple(search.unresolved),
+        resolvable,
     )  # fmt: skip
 
 
@@ -251,14 +299,18 @@ def _frequencies(times: np.ndarray) -> np.ndarray:
 class _Search:
     """Search for one sine after the other; each sine found joins the drift."""
 
-    def __init__(self, times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
+    def __init__(
+        self, times: np.ndarray, values: np.ndarray, frequencies: np.ndarray, resolvable: float
+    ):
         self.times, self.values, self.frequencies = times, values, frequencies
+        self.resolvable = resolvable
         self.resolution = 1 / (times[-1] - times[0])
         scaled = times / np.abs(times).max()
         self.drift = np.polynomial.legendre.legvander(scaled, DRIFT - 1)
         self.noise = Wander(1.0, 1.0)
         self.highest = (np.nan, 1.0, np.nan)
         self.swings: list[float] = []
+        self.unresolved: list[Line] = []
         self._found: list[float] = []
         self._alarms: dict[float, float] = {}
         self._slow = np.empty((len(times), 0))
@@ -286,10 +338,26 @@ class _Search:
             return True
         if is_slow[top]:
             self.swings.append(peak)
-        elif not any(abs(peak - known) < SAME_LINE * self.resolution for known in self._alarms):
-            self._alarms[peak] = alarm
+        elif not self._is_known(peak):
+            self._record(peak, alarm)
         self._found.append(peak)
         return len(self._found) < MOST_SINES
+
+    def _is_known(self, peak: float) -> bool:
+        """Whether a peak belongs to a line that was found before."""
+        known = [*self._alarms, *(line.frequency_hz for line in self.unresolved)]
+        return any(abs(peak - one) < SAME_LINE * self.resolution for one in known)
+
+    def _record(self, peak: float, alarm: float) -> None:
+        """Record a line, or a sine that is too small for one.
+
+        The amplitude decides before sines near it are found, which share its amplitude.
+        """
+        amplitude = self._amplitudes([*self._found, peak])[-1]
+        if amplitude < self.resolvable:
+            self.unresolved.append(Line(peak, amplitude, alarm))
+        else:
+            self._alarms[peak] = alarm
 
     def _is_explained(self, base: np.ndarray) -> bool:
         """Whether the rest is no more than rounding, or negligible."""

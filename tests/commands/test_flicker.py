@@ -24,9 +24,9 @@ from lf_flame import (
 from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.reading_options import Reading
-from lf_flame.flame_video import measure_flame
-from lf_flame.flame_video.flame_series import Measures, measure_frames
-from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
+from lf_flame.flame_video import find_flicker, measure_flame
+from lf_flame.flame_video.flame_series import REPEATED, Measures, measure_frames
+from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK
 from lf_flame.formats import reading, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
@@ -403,6 +403,69 @@ def test_a_frame_far_out_of_the_others_is_told_and_left_out(tmp_path):
     record = record_of(tmp_path / "out")
     assert record["outliers"] == ["f17.npy"]
     assert record["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
+
+
+@pytest.mark.slow
+def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
+    """12 Hz at 100 frames a second; a frame in ten, or one alone, is written twice."""
+    for folder, shown in (
+        ("one", np.r_[:20, 19:39]),
+        ("some", np.repeat(np.arange(36), np.where(np.arange(36) % 9 == 4, 2, 1))),
+    ):
+        heights = 20 + 5 * np.sin(2 * np.pi * 12 * shown / 100)
+        write_video(tmp_path / folder, [f"f{n}" for n in range(40)], heights)
+    np.savetxt(tmp_path / "times.txt", np.array(shown) / 100 + 1e-4 * np.arange(40))
+    words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "one", *words)
+    assert "1 of 40 frames, first f20.npy: The picture is the same as the one" in result.output
+    assert record_of(tmp_path / "out")["repeated"] == ["f20.npy"]
+    assert [REPEATED in row["warnings"] for row in rows_of(tmp_path / "out")].index(True) == 20
+    assert "flickers at" in result.output
+    result = run("flicker", tmp_path / "some", *words)
+    assert result.exit_code == 0, result.output
+    assert "4 of 40 frames repeat the one before" in result.output
+    assert "flickers at" not in result.output
+    assert record_of(tmp_path / "out")["flicker"] is None
+    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "some", *words)
+    found = record_of(tmp_path / "out")["flicker"]["frequency_hz"]
+    assert found == pytest.approx(12, abs=0.2)
+    rows = rows_of(tmp_path / "out")
+    first = [row for row in rows if REPEATED not in row["warnings"]]
+    assert len(first) == 36
+    times, heights = ([float(row[key]) for row in first] for key in ("time_s", "height_px"))
+    assert found == pytest.approx(find_flicker(times, heights).frequency_hz, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_flame_that_grows_has_no_flicker_in_mm_either(tmp_path):
+    """By a tenth of a row a frame, which crosses 10 rows a second."""
+    write_video(tmp_path / "video", [f"f{n}" for n in range(60)], 10 + 0.1 * np.arange(60))
+    words = ["--frames-per-second", 100, "--pixel-mm", 0.5, "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "video", *words)
+    assert "flickers at" not in result.output
+    assert "than the tip's row can be told (0.05 mm)" in result.output
+    found = record_of(tmp_path / "out")["flicker"]
+    assert found["resolvable"] == pytest.approx(0.05)
+    assert found["unresolved"][0]["frequency_hz"] == pytest.approx(10, abs=0.1)
+
+
+def test_dark_frames_that_are_alike_are_no_repetition(tmp_path):
+    dark = LightField(np.zeros((1, 1, 9, 9), np.float32))
+    paths = [Path(f"{number}.npy") for number in range(2)]
+    series = measure_frames(paths, [dark, dark], Measures(), [0, 1], tmp_path / "flame.csv")
+    assert series.repeated == [False, False]
+
+
+def test_a_black_level_is_told_by_its_share_of_the_peak(tmp_path):
+    views = np.zeros((1, 1, 30, 30), np.float32)
+    views[..., 20:, 13:17] = 1
+    frames = [LightField(views + black) for black in (0, 0.05, 0.25)]
+    paths = [Path(f"{number}.npy") for number in range(3)]
+    series = measure_frames(paths, frames, Measures(), range(3), tmp_path / "flame.csv")
+    (told,) = (told for told in series.warnings() if BRIGHT_DARK in told)
+    assert told.startswith("2 of 3 frames, first 1.npy: ")
+    assert told.endswith("It is at up to 20 % of the flame's peak.")
 
 
 def test_pictures_that_are_likely_coded_get_a_note(tmp_path):

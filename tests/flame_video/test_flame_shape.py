@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.flame_video import measure_flame
-from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK, SPARK, SPECK
+from lf_flame.flame_video import measure_flame, row_error
+from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK, SPARK, SPECK
 
 SHAPE = (60, 80)
 
@@ -69,6 +69,19 @@ def test_the_scale_of_the_radiance_does_not_matter():
     assert other.brightness == pytest.approx(1e5 * one.brightness)
 
 
+@pytest.mark.parametrize("level", [0.1, 0.2, 0.5, 0.7])
+def test_the_swing_of_a_tip_that_crosses_a_row_is_bounded(level):
+    """By the first harmonic of its error, the tip's place being that of the step itself."""
+    parts = (np.arange(32) + 0.5) / 32
+    columns = np.ones(9)
+    errors = [
+        measure_flame(np.clip(5 + part - np.arange(15), 0, 1)[::-1, None] * columns, level=level)
+        .height - part for part in parts
+    ]  # fmt: skip
+    swing = 2 * abs(np.mean(np.array(errors) * np.exp(2j * np.pi * parts)))
+    assert 0.8 * row_error(level) < swing < row_error(level)
+
+
 def test_noise_moves_the_tip_by_little():
     rng = np.random.default_rng(1)
     clean = measure_flame(gaussian()).tip_row
@@ -113,6 +126,27 @@ def test_a_flame_has_eight_times_the_noise(signal, is_found):
 
 def test_a_slope_is_no_noise():
     assert measure_flame(np.tile(np.arange(9.0), (9, 1))).is_found
+
+
+@pytest.mark.parametrize(("black", "is_told"), [(0.0, False), (0.025, False), (0.04, True)])
+@pytest.mark.parametrize("place", [{}, {"row": 1.0}, {"column": 0.0}, {"row": 60.0}])
+def test_a_black_level_is_told_wherever_the_flame_is(black, is_told, place):
+    """Also where it reaches the top, a side or the burner."""
+    noise = 0.001 * np.random.default_rng(4).standard_normal(SHAPE)
+    found = measure_flame(3 * (gaussian(**place) + black + noise))
+    assert (BRIGHT_DARK in found.warnings) == is_told
+    assert found.dark_share == pytest.approx(black / (1 + black), abs=0.002)
+
+
+def test_a_wall_and_noise_alone_are_no_black_level():
+    rng = np.random.default_rng(5)
+    wall = 0.3 * (np.arange(SHAPE[1]) > 60)
+    beside = np.where(np.arange(SHAPE[0]) > 10, 0.3, 0)[:, None]
+    for light in (wall, beside):
+        assert BRIGHT_DARK not in measure_flame(gaussian() + light).warnings
+    for _ in range(30):
+        noise = 0.1 * rng.standard_normal(SHAPE)
+        assert BRIGHT_DARK not in measure_flame(gaussian() + noise + 0.03).warnings
 
 
 def test_a_hot_pixel_is_no_flame():

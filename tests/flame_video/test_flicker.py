@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lombscargle
 
 from lf_flame import InputError
-from lf_flame.flame_video import find_flicker
+from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.flame_video.flicker import FALSE_ALARM, LEAST_FRAMES
 
 
@@ -175,6 +175,61 @@ def test_several_lines_are_told():
     assert "Further lines: 24" in told
 
 
+def sharp_flame(height_px):
+    """A column of light with a tip that is sharper than a row: pixels hold their means."""
+    lit = np.clip(height_px - np.arange(30), 0, 1)[::-1]
+    return lit[:, None] * np.exp(-(((np.arange(15) - 7) / 3) ** 2))
+
+
+def test_a_flame_that_only_grows_does_not_flicker():
+    """By 0.1 row a frame, which 100 frames a second turn into 10 rows a second."""
+    times, rng = np.arange(120) / 100, np.random.default_rng(0)
+    heights = np.array([measure_flame(sharp_flame(8 + 10 * time)).height for time in times])
+    heights += 0.003 * rng.standard_normal(120)
+    assert find_flicker(times, heights).frequency_hz == pytest.approx(10, abs=0.1)
+    found = find_flicker(times, heights, resolvable=row_error())
+    assert np.isnan(found.frequency_hz)
+    assert not found.lines
+    assert found.unresolved[0].frequency_hz == pytest.approx(10, abs=0.1)
+    assert found.unresolved[0].false_alarm < 1e-20
+    told = found.describe(unit="px")
+    assert told.startswith("No flicker is found. A swing of 0.08")
+    assert "can be told (0.1 px); a flame that moves shows it, too." in told
+    # A flicker is still found in it.
+    found = find_flicker(times, heights + sine(times, 23.1, 0.2), resolvable=row_error())
+    assert [line.frequency_hz for line in found.lines] == pytest.approx([23.1], abs=0.1)
+
+
+def test_an_uneven_swing_below_what_can_be_told_is_one():
+    times, rng = np.arange(200) / 100, np.random.default_rng(2)
+    heights = sine(times, 12.0, 0.2) + sine(times, 12.5, 0.2, phase=2.0)
+    found = find_flicker(times, heights + 0.02 * rng.standard_normal(200), resolvable=0.5)
+    assert not found.lines
+    assert [one.frequency_hz for one in found.unresolved] == pytest.approx([12.25], abs=0.5)
+
+
+@pytest.mark.parametrize("amplitude", [0.27, 0.33])
+def test_a_sine_below_what_can_be_told_is_no_line_and_hides_none(amplitude):
+    times, rng = np.arange(200) / 100, np.random.default_rng(2)
+    heights = sine(times, 12.0, 2.0) + sine(times, 31.0, amplitude)
+    heights += 0.02 * rng.standard_normal(200)
+    found = find_flicker(times, heights, resolvable=0.3)
+    lines = [12, 31] if amplitude > 0.3 else [12]
+    assert [line.frequency_hz for line in found.lines] == pytest.approx(lines, abs=0.05)
+    assert len(found.unresolved) == 2 - len(lines)
+    for line in found.unresolved:
+        assert (line.frequency_hz, line.amplitude) == pytest.approx((31, amplitude), abs=0.02)
+    words = "Further lines: 31 Hz with amplitude 0.33 mm." if amplitude > 0.3 else (
+        "A swing of 0.27 mm at 31 Hz is smaller than the tip's row can be told (0.3 mm)"
+    )  # fmt: skip
+    told = found.describe(unit="mm")
+    assert words in told
+    assert "Hz, amplitude 2 mm, false-alarm" in told
+    # A larger sine is not hidden by a smaller one.
+    lines = find_flicker(times, heights, resolvable=1.9).lines
+    assert [line.frequency_hz for line in lines] == pytest.approx([12], abs=0.05)
+
+
 def test_noise_has_a_highest_peak_that_is_not_claimed():
     found = find_flicker(np.arange(64) / 50, np.random.default_rng(8).standard_normal(64))
     assert np.isnan(found.frequency_hz)
@@ -246,3 +301,9 @@ def test_times_far_apart_are_no_reason_to_fail():
 def test_bad_input_is_refused(times, heights, message):
     with pytest.raises(InputError, match=message):
         find_flicker(times, heights)
+
+
+@pytest.mark.parametrize("resolvable", [-1.0, np.nan, np.inf])
+def test_an_amplitude_that_is_none_is_refused(resolvable):
+    with pytest.raises(InputError, match="resolvable must be the smallest amplitude"):
+        find_flicker(np.arange(20), np.ones(20), resolvable=resolvable)

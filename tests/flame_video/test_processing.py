@@ -161,6 +161,23 @@ class Processes(Executor):
 
 
 @pytest.mark.slow
+def test_repeated_frames_are_counted(tmp_path, two_together):
+    """Also from task to task; dark frames do not count, nor does a frame after a gap."""
+    tops = (4, 6, 6, 6, None, 6, 7)
+    for number, top in enumerate(tops):
+        np.save(tmp_path / f"{number}.npy", np.zeros_like(bar(4)) if top is None else bar(top))
+    paths = [tmp_path / f"{number}.npy" for number in (0, 1, 2, 3, 4, 4, 5, 6, 6)]
+    paths[7] = None
+    made = process_frames(paths, tmp_path / "out", find_steps("height"), times_s=np.arange(9))
+    assert made.repeated == 2
+    assert made.counts["whole"] == 8
+    assert "; 2 repeat the frame before in every pixel" in made.describe()
+    assert "; 2 repeat" in run("status", tmp_path / "out").output
+    assert look_at(tmp_path / "out").repeated == 2
+    assert zarr.open_group(tmp_path / "out", mode="r").attrs["repeated"] == 2
+
+
+@pytest.mark.slow
 def test_processes_make_the_same_bytes(tmp_path, two_together):
     """The second of two tasks begins anew in the same process too."""
     paths = [tmp_path / f"{number}.npy" for number in range(4)]

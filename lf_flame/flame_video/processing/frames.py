@@ -28,7 +28,7 @@ from lf_flame.errors import InputError
 from lf_flame.flame_video.processing import result
 from lf_flame.flame_video.processing.jobs import Done, Job, Task
 from lf_flame.flame_video.processing.result import KIND, Progress
-from lf_flame.flame_video.processing.steps import Frame, Step, Values
+from lf_flame.flame_video.processing.steps import Frame, Step, Values, fingerprint
 from lf_flame.formats.reading import read_light_field
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
@@ -120,7 +120,7 @@ def process_frames(
         if out.is_symlink() or out.exists():
             group = result.open_video(out)
             _check_same(group, request, out)
-            return result.count_states(result.read_states(group, out))
+            return result.count_frames(group, out)
         if not part.exists():
             with bars.stage("Processing the first frame"):
                 first, values = _try_out(paths, steps, read, camera)
@@ -194,7 +194,7 @@ def _try_out(
             if camera is not None:
                 camera.check_views(light_field.shape)
             frame = Frame(light_field)
-            values: dict[str, Values] = {}
+            values = fingerprint(frame.image)
             for step in steps:
                 values |= step(frame)
             return number, values
@@ -241,7 +241,7 @@ def _finish(part: Path, out: Path) -> Progress:
         left.unlink(missing_ok=True)
     group = zarr.open_group(part, mode="r+")
     states = result.read_states(group, part)
-    counts = result.count_states(states)
+    counts = result.count_frames(group, part)
     facts: dict[str, Any] = {k: x for k, x in group.attrs.items() if k != ATTRIBUTES_SHA256}
     names = facts["names"]
     skipped = {
@@ -249,7 +249,12 @@ def _finish(part: Path, out: Path) -> Progress:
         for state, word in enumerate(result.STATES)
         if state > result.WHOLE and (states == state).any()
     }
-    facts |= {"counts": counts.counts, "skipped": skipped, "provenance": provenance.environment()}
+    facts |= {
+        "counts": counts.counts,
+        "skipped": skipped,
+        "repeated": counts.repeated,
+        "provenance": provenance.environment(),
+    }
     set_attributes(group, facts)
     part.rename(out)
     return counts

@@ -12,7 +12,7 @@ import zarr
 
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing import result
-from lf_flame.flame_video.processing.steps import Frame, Step, Values
+from lf_flame.flame_video.processing.steps import Frame, Step, Values, fingerprint
 from lf_flame.formats.exposure import read_exposure
 from lf_flame.lightfield import LightField
 
@@ -71,7 +71,7 @@ class Job:
 
     def apply(self, frame: Frame, path: Path) -> tuple[int, dict[str, Values], tuple[str, ...]]:
         """Apply the steps to a frame; one that is refused leaves the others."""
-        values: dict[str, Values] = {}
+        values = fingerprint(frame.image)
         state = result.WHOLE
         for step in self.steps:
             try:

@@ -32,14 +32,27 @@ or of another size; of a refused one, a step could not find its result."""
 MAY_BE_EMPTY = ("contour", "temperature", "temperature_sigma")
 """Names of arrays that may be NaN in a whole frame: without a flame there is none of these."""
 
+FINGERPRINT = "fingerprint"
+"""Name of the array of checksums, see `steps.fingerprint`; NaN in a frame that was not read."""
+
 TO_DO, WHOLE, MISSING, UNREADABLE, OTHER_EXPOSURE, REFUSED = range(len(STATES))
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Number of frames in each state, by its name in `STATES`."""
+    """Number of frames in each state, by its name in `STATES`, and of those that are repeated.
+
+    Attributes
+    ----------
+    counts : dict of str to int
+        Number of frames in each state.
+    repeated : int
+        Number of frames whose central view is that of the frame before in every pixel, as when a
+        frame grabber lost a frame and wrote the last one again.
+    """
 
     counts: dict[str, int]
+    repeated: int = 0
 
     @property
     def frames(self) -> int:
@@ -49,7 +62,13 @@ class Progress:
     def describe(self) -> str:
         """Describe the counts in a sentence."""
         some = [f"{n} {name.replace('_', ' ')}" for name, n in self.counts.items() if n]
-        return f"{self.frames} frames: {', '.join(some)}"
+        told = f"{self.frames} frames: {', '.join(some)}"
+        if self.repeated:
+            told += (
+                f"; {self.repeated} repeat the frame before in every pixel, so that others are "
+                f"probably lost and times wrong"
+            )
+        return told
 
 
 def create_array(
@@ -130,10 +149,19 @@ def read_states(group: zarr.Group, path: Path) -> np.ndarray:
     return states
 
 
-def count_states(states: np.ndarray) -> Progress:
-    """Count the frames in each state."""
-    counts = np.bincount(states, minlength=len(STATES))
-    return Progress({name: int(n) for name, n in zip(STATES, counts, strict=True)})
+def count_frames(group: zarr.Group, path: Path) -> Progress:
+    """Count the frames in each state, and those that repeat the frame before."""
+    counts = np.bincount(read_states(group, path), minlength=len(STATES))
+    named = {name: int(n) for name, n in zip(STATES, counts, strict=True)}
+    return Progress(named, _count_repeated(group, path))
+
+
+def _count_repeated(group: zarr.Group, path: Path) -> int:
+    if FINGERPRINT not in group:  # groups of older versions
+        return 0
+    with reading(path):
+        sums = np.asarray(open_array(group, FINGERPRINT)[:])
+    return int(np.count_nonzero(sums[1:] == sums[:-1]))
 
 
 def look_at(path: str | Path) -> Progress:
@@ -160,7 +188,7 @@ def look_at(path: str | Path) -> Progress:
     1
     """
     place = find_video(Path(path))
-    return count_states(read_states(open_video(place), place))
+    return count_frames(open_video(place), place)
 
 
 def verify_video(path: Path) -> Progress:
@@ -184,4 +212,4 @@ def verify_video(path: Path) -> Progress:
                 image = np.asarray(array[int(row)])
             if name not in MAY_BE_EMPTY and not np.isfinite(image).any():
                 raise InputError(f"{path} is damaged: {name} of frame {row} is lost.")
-    return count_states(states)
+    return count_frames(group, path)

@@ -1,5 +1,6 @@
 """Steps of processing: functions of one frame."""
 
+import zlib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -9,6 +10,7 @@ from lf_flame.errors import InputError
 from lf_flame.flame_video.flame_series import Measures
 from lf_flame.flame_video.flame_shape import (
     APART,
+    BRIGHT_DARK,
     CEILING,
     CUT,
     DARK,
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from lf_flame.tomography import Reconstruction
 
 DOUBTS = {"dark": DARK, "speck": SPECK, "cut": CUT, "ceiling": CEILING, "apart": APART,
-          "spark": SPARK}  # fmt: skip
+          "spark": SPARK, "bright_dark": BRIGHT_DARK}  # fmt: skip
 """Sentences on a flame's shape by the names of their bits in the array ``doubts``."""
 
 POINTS = 256
@@ -76,6 +78,15 @@ class Frame:
         if key not in self._shapes:
             self._shapes[key] = measure_flame(self.image, level=level, burner_row=burner_row)
         return self._shapes[key]
+
+
+def fingerprint(image: np.ndarray) -> dict[str, Values]:
+    """Give a checksum of a picture, by which frames that repeat the one before are found.
+
+    It is NaN for a picture of one value: dark frames that are clipped at 0 are alike, too.
+    """
+    checksum = zlib.crc32(image.tobytes()) if np.ptp(image) else np.nan
+    return {"fingerprint": Values(np.float64(checksum))}
 
 
 class Step(Protocol):
