@@ -97,10 +97,11 @@ def temperature_notes(
         )
     other = soot_exponent + UNSURE_EXPONENT
     change = _exponent_error(found, calibration, soot_exponent, other)
+    # Near the end of the range, the other exponent has no temperature.
+    differ = f"differ by about {change:+.0f} K" if np.isfinite(change) else "be out of range"
     notes.append(
         f"Soot is taken to absorb as wavelength^-{soot_exponent:g}. With {other:g} instead "
-        f"(--soot-exponent), temperatures would differ by about {change:+.0f} K; {SIGMA_FILE} does "
-        f"not hold this."
+        f"(--soot-exponent), temperatures would {differ}; {SIGMA_FILE} does not hold this."
     )
     error = _gain_error(found, calibration, soot_exponent)
     if error > 1:
