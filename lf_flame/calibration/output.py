@@ -24,7 +24,7 @@ CAMERA_KEYS = (
 )  # fmt: skip
 
 LARGEST_TILT = 1.5
-"""Largest tilt of a target in degrees without a note: it lowers the scale by 0.02 %."""
+"""Largest tilt of a target in degrees without a note: it raises the scale by 0.02 %."""
 
 
 def tilt_deg(target: Target, fit: LawFit, depth_mm: float) -> tuple[float, float]:
@@ -95,8 +95,9 @@ def notes(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> li
     if sure[worst]:
         said.append(
             f"The target at {depths[worst]:g} mm is tilted by {sure[worst]:.1f} degrees, which "
-            f"changes the scale by {100 * (1 - np.cos(np.radians(sure[worst])) ** 0.5):.2g} %: "
-            f"set it parallel to the lens."
+            f"foreshortens its squares and is not allowed for: lengths by it are "
+            f"{100 * (np.cos(np.radians(sure[worst])) ** -0.5 - 1):.2g} % too large; set it "
+            f"parallel to the lens."
         )
     if fit.law.fall_off is not None:
         lit = [level for row in fit.law.fall_off for level in row if level]

@@ -72,13 +72,15 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
       lf-flame temperature abel/flame --colours colours/colours.toml
 
     colours.toml holds gains, their errors, and the responses. The table and colours.png show how
-    far each picture is from the fit.
+    far each picture is from the fit. The line below it is the lowest temperature that the responses
+    tell from all higher ones; they must do so from 1,000 K on.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.formats import read_exposure
     from lf_flame.tomography import colour_output
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
+    from lf_flame.tomography.pyrometry import least_temperature
     from lf_flame.tomography.source_signals import MOST_UNEVEN, measure_source
     from lf_flame.tomography.spectra import read_responses
 
@@ -97,6 +99,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
         first = in_files[0] if len(in_files) == len(sources) else None
         exposures = [one / first for one in in_files] if first else exposures
         photographs = _photographs(reading, sources, len(curves.names))
+        least = least_temperature(curves)
         source = measure_source(photographs)
         fit = fit_colours(
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
@@ -109,9 +112,11 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             "pixels": int(source.mask.sum()),
             "exposures": list(exposures) or None,
             "emissivity": emissivity,
+            "least_temperature_K": least,
             "reading": reading.given(),
         }
     click.echo(colour_output.colours_table(fit, kelvin))
+    click.echo(f"these colours tell temperatures of soot from {least:.0f} K on")
     if source.uneven > MOST_UNEVEN:
         click.echo(
             f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "

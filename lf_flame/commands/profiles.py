@@ -21,7 +21,7 @@ from lf_flame.errors import InputError
     type=FiniteRange(min=0),
     default=0.0,
     show_default=True,
-    help="Width of that strip, in mm; at least one column of pixels.",
+    help="Width of that strip, in mm; at least that of a pixel. Pixels count by their part inside.",
 )
 @click.option("--height", type=float, help="Centre of the level strip, in mm (default: found).")
 @click.option(
@@ -29,7 +29,7 @@ from lf_flame.errors import InputError
     type=FiniteRange(min=0),
     default=0.0,
     show_default=True,
-    help="Thickness of that strip, in mm; at least one row of pixels.",
+    help="Thickness of that strip, in mm; at least that of a pixel.",
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default profiles/FOLDER.")
 def profiles(folder, out, **strips) -> None:

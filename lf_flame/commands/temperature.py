@@ -12,7 +12,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, RUN
+from lf_flame.commands.options import FILE, FOLDER, RUN, tell_all
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     from lf_flame.tomography.temperature_output import (
         RECORD,
         temperature_notes,
+        temperature_warnings,
         write_temperature,
     )
 
@@ -99,6 +100,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
         soot_exponent=soot_exponent,
     )
     with output_folder(out or Path("temperature") / folders[0].name, RECORD) as folder:
+        warnings = temperature_warnings(found, colours)
         notes = temperature_notes(found, every, colours, soot_exponent)
         absolute = calibration_file is not None
         write_temperature(found, emissions[-1], places, folder, absolute=absolute)
@@ -109,6 +111,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
             "wavelengths_nm": wavelengths,
             "soot_exponent": soot_exponent,
             "unit_of_optical_thickness": "per mm" if is_section(every[0]) else "of each plane",
+            "warnings": warnings,
             "notes": notes,
         }
     known = found.kelvin[found.kelvin > 0]  # NaN is not
@@ -117,6 +120,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
         f"{known.size} of {found.kelvin.size} cells have a temperature{median}; "
         f"{', '.join(folder.files)} and {RECORD} are in {printable(folder.folder)}"
     )
+    tell_all("Warning", warnings)
     for note in notes:
         click.echo(f"Note: {note}")
 

@@ -21,6 +21,14 @@ ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
 by side reach 0.15, flames behind each other 0.6 and more."""
 
+SUBTRACT = "subtract the dark frame, or a picture without the flame"
+FIT_EVEN = "subtract the dark frame, or fit the background (--background fit)"
+UNEVEN = (
+    "an even background was fitted and this is what is left, so it is uneven; subtract a picture "
+    "without the flame"
+)
+"""Advice against a background: without a fit of it, before and after one."""
+
 
 def check_range(views: np.ndarray, noise: float | None) -> None:
     """Refuse values with squares that overflow, and a noise above all values.
@@ -57,6 +65,7 @@ def check_data(
     *,
     residual: np.ndarray | None = None,
     correlation: float = 1.0,
+    advice: str = SUBTRACT,
 ) -> tuple[str, ...]:
     """Compare residuals and edges with the noise.
 
@@ -74,6 +83,8 @@ def check_data(
         Part that the emission does not explain. Default: unknown, and not checked.
     correlation : float, optional
         Factor by which correlation raises the noise of sums of pixels (`correlation_factor`).
+    advice : str, optional
+        Advice against a background, `SUBTRACT`, `FIT_EVEN` or `UNEVEN`.
 
     Returns
     -------
@@ -100,7 +111,7 @@ def check_data(
             f"may be wrong."
         )
     found += explain_misfit(views, chi_squared, noise, residual, correlation)
-    found += _check_edges(views, noise, len(chi_squared))
+    found += _check_edges(views, noise, len(chi_squared), advice)
     peak = views.max()
     ceiling = int(np.count_nonzero(views == peak))
     if peak > 0 and ceiling >= SATURATED:
@@ -191,10 +202,10 @@ def _share(adds: float) -> str:
     return f"about {abs(adds):.0%} of" if abs(adds) < 1 else "more than the rest of its"
 
 
-def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
+def _check_edges(views: np.ndarray, noise: float, count: int, advice: str = SUBTRACT) -> list[str]:
     """Warn of light at the edges of the field: a background, or emission that is cut off.
 
-    count: number of views along an axis.
+    count: number of views along an axis; advice: what to do against a background.
     """
     edge = measure_edge(views)
     if edge.is_background and edge.clipped:
@@ -208,9 +219,8 @@ def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
         verb = "adds" if edge.level > 0 else "takes away"
         return [
             f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} "
-            f"{_share(edge.adds)} light if nothing glows there: subtract the dark frame, or fit "
-            f"the background (--background fit), or it becomes emission. A flame at the edge is "
-            f"cut there."
+            f"{_share(edge.adds)} light if nothing glows there: {advice}, or it becomes emission. "
+            f"A flame at the edge is cut there."
         ]
     error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
     if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():

@@ -11,7 +11,13 @@ from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.tomography.absorption import Absorption
 from lf_flame.tomography.background import Level, fit_background, measure_edge
-from lf_flame.tomography.data_checks import check_data, check_overlap, check_spacing
+from lf_flame.tomography.data_checks import (
+    FIT_EVEN,
+    UNEVEN,
+    check_data,
+    check_overlap,
+    check_spacing,
+)
 from lf_flame.tomography.error_bars import Expected, noise_variance, redraw
 from lf_flame.tomography.explanation import Explanation
 from lf_flame.tomography.plane_fit import PlaneFit
@@ -150,8 +156,11 @@ class Fitted(NamedTuple):
         with np.errstate(invalid="ignore"):  # of a view of which nothing is known
             return power / rays / noise_variance(self.found.noise)
 
-    def disagreements(self, result: Reconstruction, stated: bool) -> tuple[str, ...]:
-        """Sentences on disagreements of data and model; `stated`: whether the noise was."""
+    def disagreements(self, result: Reconstruction, *, stated: bool, even: bool) -> tuple[str, ...]:
+        """Sentences on disagreements of data and model.
+
+        stated: whether the noise was stated; even: whether an even background was fitted.
+        """
         found = self.found
         return (
             *check_data(
@@ -162,6 +171,7 @@ class Fitted(NamedTuple):
                 stated,
                 residual=self.residual,
                 correlation=found.shared,
+                advice=UNEVEN if even else FIT_EVEN,
             ),
             *check_spacing(result.grid),
             *(check_overlap(result.grid, result.emission) if len(result.draws) else ()),

@@ -59,7 +59,8 @@ def axial(
     across_mm : float, optional
         Position of the strip's centre, from the optical axis. Default: the centre of the light.
     width_mm : float, optional
-        Width of the strip; at least one column of cells is used.
+        Width of the strip, at least that of a cell. Columns at its borders count by the part that
+        is inside.
 
     Returns
     -------
@@ -75,10 +76,9 @@ def axial(
     places = _places(image.shape[1], cell_mm)
     if across_mm is None:
         across_mm = _middle(image.sum(axis=0), places)
-    strip = _strip(places, across_mm, width_mm, cell_mm, "across_mm")
+    parts = _strip(places, across_mm, width_mm, cell_mm, "across_mm")
     heights = -_places(image.shape[0], cell_mm)
-    lines = image[::-1, strip].mean(1), again[:, ::-1, strip].mean(2)
-    return _profile(heights[::-1], *lines)
+    return _profile(heights[::-1], image[::-1] @ parts, again[:, ::-1] @ parts)
 
 
 def radial(
@@ -97,7 +97,8 @@ def radial(
     height_mm : float, optional
         Height of the strip's centre above the optical axis. Default: the centre of the light.
     thickness_mm : float, optional
-        Height of the strip; at least one row of cells is used.
+        Height of the strip, at least that of a cell. Rows at its borders count by the part that is
+        inside.
 
     Returns
     -------
@@ -113,10 +114,9 @@ def radial(
     heights = -_places(image.shape[0], cell_mm)
     if height_mm is None:
         height_mm = _middle(image.sum(axis=1), heights)
-    strip = _strip(heights, height_mm, thickness_mm, cell_mm, "height_mm")
+    parts = _strip(heights, height_mm, thickness_mm, cell_mm, "height_mm")
     places = _places(image.shape[1], cell_mm)
-    lines = image[strip].mean(0), again[:, strip].mean(1)
-    return _profile(places, *lines)
+    return _profile(places, parts @ image, parts @ again)
 
 
 def _profile(places: np.ndarray, values: np.ndarray, drawn: np.ndarray) -> Profile:
@@ -150,7 +150,7 @@ def _middle(light: np.ndarray, places: np.ndarray) -> float:
 
 
 def _strip(places: np.ndarray, middle: float, width: float, cell: float, name: str) -> np.ndarray:
-    """Choose the cells with centres inside a strip, at least the one nearest to its centre."""
+    """Weights of the cells by their part of a strip, one cell wide or wider; their sum is 1."""
     if not (np.isfinite(width) and width >= 0):
         raise InputError(f"A strip's width must be a finite number, 0 or above, got {width} mm.")
     low, high = np.sort(places[[0, -1]]) + np.array([-cell, cell]) / 2
@@ -158,6 +158,10 @@ def _strip(places: np.ndarray, middle: float, width: float, cell: float, name: s
         raise InputError(
             f"{name} must lie within the plane, {low:.3g} to {high:.3g} mm, got {middle}."
         )
-    away = np.abs(places - middle)
-    # Half a thousandth of a cell, so that rounding does not decide for an edge at a cell's centre.
-    return np.flatnonzero(away <= max(width / 2 + 5e-4 * cell, away.min()))
+    half = max(width, cell) / 2
+    ends = (
+        np.minimum(places + cell / 2, middle + half),
+        np.maximum(places - cell / 2, middle - half),
+    )
+    parts = np.clip(ends[0] - ends[1], 0, None)
+    return parts / parts.sum()

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +34,10 @@ from lf_flame.tomography.spectra import (
 
 LEAST_K, MOST_K = 500.0, 5000.0
 """Range of temperatures in K of glowing soot; temperatures outside count as undetermined."""
+
+GLOWING_K = 1000.0
+"""Temperature in K from which a ratio of colours must tell temperatures apart. Colder soot hardly
+glows: what blue sees of it is leaked red, so that its ratio may be that of hotter soot."""
 
 LEAST_LEVER_K = 30.0
 """Smallest derivative of the logarithm of a ratio of colours by 1 / T, in K, with which there is a
@@ -113,8 +118,8 @@ def soot_temperature(
     Raises
     ------
     InputError
-        If shapes or numbers differ, a value cannot be used, or the colours see nearly the same
-        light.
+        If shapes or numbers differ, a value cannot be used, or no ratio of two colours tells
+        temperatures of 1,000 K and more apart.
 
     Examples
     --------
@@ -139,7 +144,8 @@ def soot_temperature(
         wanted = np.log(np.where(known, light / gain, 1.0))
         inverse, spread = curves.invert(wanted, relative**-2.0)
         kelvin = 1 / inverse
-        kelvin = np.where(known & (kelvin >= LEAST_K) & (kelvin <= MOST_K), kelvin, np.nan)
+        known &= (kelvin > curves.coldest) & (kelvin >= LEAST_K) & (kelvin <= MOST_K)
+        kelvin = np.where(known, kelvin, np.nan)
         apart, amount = curves.compare(
             wanted, np.where(np.isfinite(kelvin), inverse, 1e-3), relative
         )
@@ -213,25 +219,28 @@ def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
     return given
 
 
+def least_temperature(responses: SpectralResponses, soot_exponent: float = 1.0) -> float:
+    """Lowest temperature in K that the colours tell from all higher ones, 500 K or above.
+
+    Raises
+    ------
+    InputError
+        If there is none up to 1,000 K.
+    """
+    return max(LEAST_K, _LogCurves(responses, soot_exponent).coldest)
+
+
 class _LogCurves:
     """Logarithm of soot's light in each colour as a function of 1 / T."""
 
     def __init__(self, responses: SpectralResponses, exponent: float):
-        self.inverse = np.linspace(1 / (4 * MOST_K), 2 / LEAST_K, 1025)
-        logs = np.log(responses.soot(1 / self.inverse, exponent))
-        self._curves = [CubicSpline(self.inverse, one) for one in logs]
-        # The two colours whose ratio changes most with temperature.
-        ends = logs[:, -1] - logs[:, 0]
-        self._outer = int(np.argmin(ends)), int(np.argmax(ends))
-        self._ratio = logs[self._outer[0]] - logs[self._outer[1]]
-        steps = -np.diff(self._ratio) / np.diff(self.inverse)
-        if not steps.min() >= LEAST_LEVER_K:
-            names = [responses.names[one] for one in self._outer]
-            raise InputError(
-                f"The ratio of {names[0]} to {names[1]} must tell the temperature, and it hardly "
-                f"changes with it, or is the same at two temperatures: these colours see nearly "
-                f"the same light."
-            )
+        inverse = np.linspace(1 / (4 * MOST_K), 2 / LEAST_K, 1025)
+        logs = np.log(responses.soot(1 / inverse, exponent))
+        self._curves = [CubicSpline(inverse, one) for one in logs]
+        self._outer, count = _telling_pair(inverse, logs, responses.names)
+        self.inverse = inverse[:count]
+        self._ratio = logs[self._outer[0], :count] - logs[self._outer[1], :count]
+        self.coldest = 1 / self.inverse[-1]
 
     def invert(self, wanted: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find 1 / T and its standard deviation, if weights are those of inverse variances."""
@@ -259,6 +268,28 @@ class _LogCurves:
         rest = wanted - np.stack([one(inverse) for one in self._curves])
         mean = np.sum(weights * rest, axis=0) / np.sum(weights, axis=0)
         return np.sum(weights * (rest - mean) ** 2, axis=0), np.exp(mean)
+
+
+def _telling_pair(
+    inverse: np.ndarray, logs: np.ndarray, names: Sequence[str]
+) -> tuple[tuple[int, int], int]:
+    """Colours whose ratio changes most with temperature, and for how many values of 1 / T."""
+    levers = {
+        (blue, red): -np.diff(logs[blue] - logs[red]) / np.diff(inverse)
+        for blue, red in permutations(range(len(logs)), 2)
+    }
+    glowing = inverse[1:] <= 1 / GLOWING_K
+    pair = max(levers, key=lambda one: levers[one][glowing].min())
+    weak = np.flatnonzero(~(levers[pair] >= LEAST_LEVER_K))
+    if weak.size and glowing[weak[0]]:
+        above = f"only above {1 / inverse[weak[0]]:.0f} K" if weak[0] else "nowhere"
+        raise InputError(
+            f"The ratio of {names[pair[0]]} to {names[pair[1]]} must tell temperatures of soot "
+            f"from {GLOWING_K:g} K on apart, and does so {above}: these colours see nearly the "
+            f"same light, or {names[pair[0]]} lets too much red or infrared through; see their "
+            f"responses."
+        )
+    return pair, int(weak[0]) + 1 if weak.size else len(inverse)
 
 
 def _centred(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -190,7 +190,9 @@ class ReconstructionPlan:
             background_sigma=level.error,
             fit=found,
         )
-        said = fitted.disagreements(result, stated=self._options.noise is not None)
+        said = fitted.disagreements(
+            result, stated=self._options.noise is not None, even=self._background == FIT
+        )
         result = replace(result, warnings=(*left_out, *said))
         return result if self._method == PENALISED else self._iterated(result, fitted, explain)
 

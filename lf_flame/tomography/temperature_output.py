@@ -32,6 +32,10 @@ UNSURE_EXPONENT = 0.3
 """Error of the exponent of soot's absorption whose effect is told; measured exponents of flames
 spread by more."""
 
+BELIEVABLE_K = 1000.0, 3000.0
+"""Range of temperatures in K of soot in flames; a calibration may extend it. Flames hotter than the
+furnace are ordinary, so the calibration's range alone would warn of sound results."""
+
 MOST_MISFIT = 4.0
 """Largest chi-squared of the median cell without a note."""
 
@@ -50,6 +54,23 @@ class SourceRecord:
 
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+
+
+def temperature_warnings(found: Temperatures, calibration: ColourCalibration) -> list[str]:
+    """Say that most temperatures are none of a flame, and what may have made them."""
+    known = found.kelvin[np.isfinite(found.kelvin)]
+    low, high = BELIEVABLE_K
+    if not calibration.responses.single_wavelengths:
+        low = min(low, calibration.temperature_range_K[0])
+        high = max(high, calibration.temperature_range_K[1])
+    outside = int(np.sum((known < low) | (known > high)))
+    if outside <= known.size / 2:
+        return []
+    return [
+        f"{outside} of {known.size} temperatures are none of soot in a flame, {low:g} to {high:g} "
+        f"K, so do not trust the others either: see whether a black level was left in, the values "
+        f"are not linear in light (gamma), or the colours are in another order."
+    ]
 
 
 def temperature_notes(
@@ -97,10 +118,11 @@ def temperature_notes(
         )
     other = soot_exponent + UNSURE_EXPONENT
     change = _exponent_error(found, calibration, soot_exponent, other)
+    # Near the end of the range, the other exponent has no temperature.
+    differ = f"differ by about {change:+.0f} K" if np.isfinite(change) else "be out of range"
     notes.append(
         f"Soot is taken to absorb as wavelength^-{soot_exponent:g}. With {other:g} instead "
-        f"(--soot-exponent), temperatures would differ by about {change:+.0f} K; {SIGMA_FILE} does "
-        f"not hold this."
+        f"(--soot-exponent), temperatures would {differ}; {SIGMA_FILE} does not hold this."
     )
     error = _gain_error(found, calibration, soot_exponent)
     if error > 1:

@@ -1,6 +1,7 @@
 """The program `lf-flame calibrate`: from pictures of a target to files that give mm."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -13,6 +14,11 @@ from skimage.io import imread
 from lf_flame import PAPER_CAMERA, Layer, Scene, render, write_light_field
 from lf_flame._common.output_folders import verify_outputs
 from lf_flame.calibration import fit_targets, measure_target, read_law
+<<<<<<< HEAD
+=======
+from lf_flame.calibration.output import notes
+from lf_flame.commands import cli
+>>>>>>> ca01880bfc649cb0b33042f7e325d16310e081e1
 from lf_flame.formats import read_raw
 from lf_flame.formats.images import write_image
 from lf_flame.scenes import read_camera
@@ -35,6 +41,22 @@ def boards(tmp_path_factory):
     done = run("calibrate", *placed, "--square-mm", 5, "--lenslet-mm", 0.1, "--out", out)
     assert done.exit_code == 0, done.output
     return placed, out, done.output
+
+
+@pytest.mark.slow
+def test_tilt_is_told_with_the_error_of_lengths_that_it_makes():
+    """Squares shrink by cos(tilt) along one axis, and in the mean of both by its root."""
+    tilted = [BENCH.picture(z + ZERO, 5.0, tilt=np.radians(20), fine=4) for z in DEPTHS]
+    targets = [measure_target(one) for one in tilted]
+    fit = fit_targets(DEPTHS, targets, square_mm=5.0)
+    too_large = np.cos(np.radians(20)) ** -0.5 - 1
+    assert fit.law.mm_per_lenslet(0.0) == pytest.approx(
+        (1 + too_large) * BENCH.scale(ZERO), rel=1e-3
+    )
+    (said,) = (one for one in notes(fit, DEPTHS, targets) if "tilted" in one)
+    degrees, error = re.search(r"by ([0-9.]+) degrees.* are ([0-9.]+) % too large", said).groups()
+    assert float(degrees) == pytest.approx(20, abs=1)
+    assert float(error) == pytest.approx(100 * too_large, abs=0.3)
 
 
 @pytest.mark.slow

@@ -118,11 +118,15 @@ def test_calibrations_that_cannot_be_are_one_sentence(furnace, tmp_path):
     once = run(*words, "camera.csv", "--exposure", 2, code=1)
     assert "--exposure must be given once for each of the 3 pictures" in str(once.exception)
     assert "as f1.tif@1273" in run("calibrate-colours", "f1500.npz", code=2).output
+    leaky = RESPONSES.replace("639,0,0", "482,0,0\n638,0,0\n639,0,0").replace("640,0", "640,2")
+    Path("leaky.csv").write_text(leaky)
+    assert "lets too much red" in str(run(*words, "leaky.csv", code=1).exception)
     assert not Path("colours").exists()
 
 
 def test_what_does_not_go_with_colours_is_refused(furnace, tmp_path, drawn):
-    run("calibrate-colours", *furnace, "--responses", "camera.csv")
+    shown = run("calibrate-colours", *furnace, "--responses", "camera.csv")
+    assert "tell temperatures of soot from 500 K on" in shown.output
     np.savez("grey.npz", views=np.ones((3, 3, 36, 32)))
     words = ["abel", "grey.npz", "--camera", "camera.toml", "--axis-depth", 0]
     grey = run(*words, "--colours", "colours/colours.toml", code=1)

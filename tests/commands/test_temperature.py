@@ -10,9 +10,11 @@ import tifffile
 from programs import run
 
 from lf_flame.formats.coding import CODED
+from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
 from lf_flame.tomography.axisymmetric.section_folder import read_sections
 from lf_flame.tomography.emission_folder import Place
 from lf_flame.tomography.temperature_figure import temperature_figure
+from lf_flame.tomography.temperature_output import temperature_warnings
 
 HEIGHTS, RADII = 12, 8
 
@@ -155,6 +157,43 @@ def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     assert "order of the folders" in result.output
     assert f"{colours[1]} was made of files" in result.output
     assert "flame.jpg" not in result.output
+
+
+@pytest.mark.slow
+def test_a_black_level_that_was_left_in_is_warned_of(tmp_path):
+    """By Wien's law the ratio of 1,775 K becomes that of 3,300 K."""
+    folders = [
+        write_section(tmp_path / name, emission, 1e-3 * emission)
+        for name, emission in (
+            ("green", soot(550.0, kelvin_of_nodes()) + 3),
+            ("red", soot(650.0, kelvin_of_nodes()) + 3),
+        )
+    ]
+    words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
+    result = run("temperature", *folders, *words)
+    assert result.exit_code == 0
+    assert "Warning: 96 of 96 temperatures are none of soot in a flame" in result.output
+    assert "a black level was left in" in result.output
+    record = json.loads((tmp_path / "out" / "temperature.json").read_text())
+    assert "1000 to 3000 K" in record["warnings"][0]
+
+
+def warned(*kelvin, calibrated):
+    """Whether temperatures are warned of, with a furnace or lamp from 1,400 K on."""
+    camera = SpectralResponses(
+        ("g", "r"), [500.0, 550.0, 600.0, 650.0], [[0, 1, 0, 0], [0, 0, 1, 0.1]]
+    )
+    colours = ColourCalibration(camera, [1, 1], [0, 0], (1400.0, calibrated))
+    return bool(temperature_warnings(Temperatures(np.array(kelvin), None), colours))
+
+
+def test_temperatures_of_no_flame_are_warned_of_where_they_are_most():
+    assert warned(950, 3050, 2000, calibrated=1700)
+    assert not warned(950, 3050, 2000, 2000, np.nan, calibrated=1700)
+    assert not warned(950, 3050, 2000, calibrated=3100)
+    # Hotter than the furnace, as flames often are.
+    assert not warned(1900, 1900, 1600, calibrated=1700)
+    assert not warned(np.nan, np.nan, calibrated=1700)
 
 
 def test_a_full_disk_is_told_with_the_file(colours, tmp_path, monkeypatch):

@@ -49,6 +49,20 @@ def test_a_background_is_fitted(background, sd):
 
 
 @pytest.mark.slow
+def test_advice_against_a_background_is_what_was_not_done_yet():
+    """A background that grows to the right: to fit an even one helps once."""
+    uneven = gaussian(CLEAN + 0.05 * CLEAN.max() * (np.arange(48) / 47) ** 2, 0.01)
+    for background, advised in ((None, "fit the background"), ("fit", "so it is uneven; subtract")):
+        (said,) = (
+            one
+            for one in reconstruct(uneven, GRID, background=background, bootstrap=0).warnings
+            if one.startswith("The field's edge is at")
+        )
+        assert advised in said
+        assert ("--background fit" in said) == (background is None)
+
+
+@pytest.mark.slow
 def test_a_background_needs_darkness_and_a_name():
     with pytest.raises(InputError, match="'fit'"):
         reconstruct(gaussian(CLEAN, 0.02), GRID, background="even")

@@ -28,13 +28,42 @@ def test_heights_go_up_and_places_to_the_right():
 
 
 def test_strips_are_averaged_over_their_width():
-    # Middles of columns within 0.75 mm of -0.25: -0.75, -0.25, 0.25 and, on the edges, -1 to 0.5.
     up = profiles.axial(plane(), NONE, CELL, across_mm=-0.25, width_mm=1.0)
     assert up.values == pytest.approx(10 * np.arange(10) + 3)
     wide = profiles.axial(plane(), NONE, CELL, across_mm=0.25, width_mm=2.0)
     assert wide.values == pytest.approx(10 * np.arange(10) + 4)
     across = profiles.radial(plane(), NONE, CELL, height_mm=1.75, thickness_mm=1.1)
     assert across.values == pytest.approx(80 + np.arange(8))
+
+
+def test_a_strip_between_cells_is_the_mean_of_what_is_inside():
+    """Cells hold means of x squared + x, and a strip's mean has a closed form."""
+
+    def mean(low, high):
+        return (high**3 - low**3) / (3 * (high - low)) + (high + low) / 2
+
+    edges = np.arange(-2, 2, CELL)
+    image = np.broadcast_to(mean(edges, edges + CELL), (10, 8))
+    # 0.1 of the cell from -1 to -0.5, all of the next, 0.3 of that from 0 to 0.5.
+    wanted = (0.05 * mean(-1, -0.5) + 0.5 * mean(-0.5, 0) + 0.15 * mean(0, 0.5)) / 0.7
+    up = profiles.axial(image, image[None], CELL, across_mm=-0.2, width_mm=0.7)
+    assert up.values == pytest.approx(np.full(10, wanted))
+    across = profiles.radial(image.T, NONE.swapaxes(1, 2), CELL, height_mm=0.2, thickness_mm=0.7)
+    assert across.values == pytest.approx(np.full(10, wanted))
+    # Narrower than a cell it is one cell wide, and beyond the plane there is nothing.
+    narrow = profiles.axial(image, NONE, CELL, across_mm=-0.4, width_mm=0.1)
+    assert narrow.values[0] == pytest.approx(0.3 * mean(-1, -0.5) + 0.7 * mean(-0.5, 0))
+    edge = profiles.axial(image, NONE, CELL, across_mm=2.0, width_mm=0.6)
+    assert edge.values[0] == pytest.approx(mean(1.5, 2))
+
+
+def test_a_strip_is_where_it_was_asked_for():
+    """Light that grows evenly across: its mean over a strip is its value at the centre."""
+    for centre, width in ((-0.61, 0.3), (0.3, 1.7), (0.93, 0.9)):
+        places = 0.129 * (np.arange(60) - 29.5)
+        image = np.broadcast_to(1 + places, (4, 60))
+        up = profiles.axial(image, np.empty((0, 4, 60)), 0.129, centre, width)
+        assert up.values[0] == pytest.approx(1 + centre, abs=0.005)
 
 
 def test_strips_run_through_the_middle_of_the_light_if_nothing_is_said():
@@ -49,7 +78,7 @@ def test_strips_run_through_the_middle_of_the_light_if_nothing_is_said():
 def test_errors_are_those_of_the_average_over_the_strip():
     image = plane()
     draws = image + 0.5 * np.random.default_rng(0).standard_normal((400, 10, 8))
-    up = profiles.axial(image, draws, CELL, across_mm=0.25, width_mm=1.0)  # three columns
+    up = profiles.axial(image, draws, CELL, across_mm=0.25, width_mm=1.5)  # three columns
     assert up.sigma == pytest.approx(np.full(10, 0.5 / np.sqrt(3)), rel=0.15)
     assert profiles.axial(image, draws[:1], CELL).sigma is None
     # Draws that all miss by 0.3 are off by that, however little they scatter.

@@ -15,6 +15,7 @@ from lf_flame.tomography import (
     read_responses,
     soot_temperature,
 )
+from lf_flame.tomography.pyrometry import least_temperature
 
 NM = np.arange(400.0, 721.0, 10.0)
 MIDDLES = (460, 540, 610)
@@ -75,6 +76,52 @@ def test_three_broad_colours_give_temperature_and_amount_back():
     found = soot_temperature(light, CAMERA, gains=(2, 3, 5), soot_exponent=1.2)
     assert found.kelvin == pytest.approx(kelvin, abs=1e-4)
     assert found.amount == pytest.approx(0.4, rel=1e-6)
+
+
+def leaky_camera(nm, leak, cut=660.0):
+    """Blue, green and red that all let some light of every wavelength through, up to a cut."""
+    curves = [np.exp(-(((nm - at) / wide) ** 2)) for at, wide in ((460, 35), (540, 40), (610, 40))]
+    return (np.array(curves) + leak) / (1 + np.exp((nm - cut) / 8))
+
+
+@pytest.mark.parametrize("leak", [0.0, 0.01, 0.05, 0.1])
+def test_colours_that_leak_red_have_a_temperature_where_soot_glows(leak):
+    """Below some 900 K, blue is all leaked red, and its ratio to red that of a hotter soot."""
+    coarse, fine = np.arange(400.0, 721.0, 5.0), np.arange(400.0, 720.1, 0.1)
+    camera = SpectralResponses(("blue", "green", "red"), coarse, leaky_camera(coarse, leak))
+    kelvin = np.array([1100.0, 1750.0, 1900.0])
+    light = leaky_camera(fine, leak) @ (planck(fine[:, None], kelvin) * (600 / fine[:, None]))
+    assert soot_temperature(light, camera).kelvin == pytest.approx(kelvin, abs=1)
+
+
+def test_a_ratio_beyond_the_coldest_that_is_unique_has_no_temperature():
+    camera = SpectralResponses(("green", "red"), NM, leaky_camera(NM, 0.05)[1:])
+    least = least_temperature(camera)
+    assert 500 < least < 700
+    light = camera.soot(np.array([least + 20, least])) / [[1, 1.1], [1, 1]]
+    found = soot_temperature(light, camera).kelvin
+    assert found == pytest.approx([least + 20, np.nan], abs=0.1, nan_ok=True)
+
+
+def narrow_with_a_leak(leak):
+    """Filters at 480 and 640 nm, the first of which lets some light at 640 nm through."""
+    nm = [478, 479, 480, 481, 482, 638, 639, 640, 641, 642]
+    return SpectralResponses(
+        ("blue", "red"), nm, [np.eye(10)[2] + leak * np.eye(10)[7], np.eye(10)[7]]
+    )
+
+
+def test_the_lowest_temperature_is_where_the_lever_has_gone():
+    """Blue's own share of its light is e / (e + leak), with e the ratio of its light to red's."""
+    lever = 1.4387769e7 * (1 / 480 - 1 / 640)
+    own = 30 / (lever - 30) * 0.1  # e at which the share leaves a lever of 30 K
+    wanted = lever / np.log((640 / 480) ** 6 / own)  # Wien's law, and soot as 1 / wavelength
+    assert least_temperature(narrow_with_a_leak(0.1)) == pytest.approx(wanted, abs=6)
+    assert least_temperature(narrow_with_a_leak(0.0)) == 500
+    with pytest.raises(
+        InputError, match="from 1000 K on apart, and does so only above 1[0-9]{3} K"
+    ):
+        least_temperature(narrow_with_a_leak(2.0))
 
 
 def test_errors_of_three_colours_are_those_of_draws(rng):
