@@ -20,6 +20,7 @@ from lf_flame.formats.raw.colour_pattern import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.resampling import Resampling
 from lf_flame.formats.raw.sensor_images import as_image, fitting, less_dark
+from lf_flame.formats.raw.white_match import check_match, mean_micro_images
 from lf_flame.formats.raw.white_views import (
     bright_parts,
     counted_views,
@@ -135,6 +136,7 @@ class DecodePlan:
         self._refuse_mosaic(light, "white")
         self._bad = find_bad_pixels(light, self._black, grid, step)
         self._black = None if self._black is None else self._mended(self._black)
+        self._micro_images = None if light is None else mean_micro_images(light, grid, step)
         self._gain, self._flat, bright = None, None, None
         lit = even = np.ones((views, views), bool)
         if white is not None and light is not None:
@@ -172,7 +174,7 @@ class DecodePlan:
         ------
         InputError
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
-            pattern of a mosaic that is not stated.
+            pattern of a mosaic that is not stated, or does not fit the white image.
         """
         image = as_image(raw, "raw")
         if image.shape != (*self.shape, 1)[:3]:
@@ -227,16 +229,20 @@ class DecodePlan:
         return None if known.all() else known
 
     def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
-        """Refuse a mosaic that is not stated; note bad and saturated pixels, and black, once."""
+        """Refuse what does not fit; note bad and saturated pixels, and black, once."""
         self._is_new = False
-        self._refuse_mosaic(less_dark(image, self._black, "raw"), "raw")
+        light = less_dark(image, self._black, "raw")
+        self._refuse_mosaic(light, "raw")
+        notes = [note_on_black(image, self.grid)] if self._black is None else []
+        if self._micro_images is not None:
+            means = mean_micro_images(light, self.grid, self._resampling.step)
+            notes.append(check_match(self._micro_images, means))
         if self._bad is not None:
             LOGGER.info(
                 f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
                 f"neighbours of the same colour."
             )
-        note = note_on_black(image, self.grid) if self._black is None else ""
-        if note:
+        for note in filter(None, notes):
             LOGGER.warning(note)
         if saturated is not None:
             clipped = np.count_nonzero(saturated)

@@ -106,7 +106,8 @@ def read_raw(
     Raises
     ------
     InputError
-        If a file cannot be read, no grid is found, or neither white image nor pitch is given.
+        If a file cannot be read, no grid is found, neither white image nor pitch is given, or the
+        white image is of other lenslets, or was turned or moved against the raw image.
 
     Examples
     --------
