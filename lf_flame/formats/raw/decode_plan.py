@@ -16,7 +16,7 @@ from lf_flame.errors import InputError
 from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
 from lf_flame.formats.raw.bayer import check_bayer
 from lf_flame.formats.raw.black_level import note_on_black
-from lf_flame.formats.raw.colour_pattern import refuse_mosaic
+from lf_flame.formats.raw.colour_pattern import check_pattern, refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.resampling import Resampling
 from lf_flame.formats.raw.sensor_images import as_image, fitting, less_dark
@@ -86,7 +86,8 @@ class DecodePlan:
         Image without light, in the same units. It is subtracted from both raw and white image,
         because each contains the sensor's black level. Default: black is 0.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
-        Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic.
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic. The
+        white image tells which two are green, not which one is red.
     saturation : float, optional
         Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
         10, 12, 14 or 16 bits, if at least ten pixels have it.
@@ -134,6 +135,9 @@ class DecodePlan:
         self._black = None if dark is None else fitting(dark, "dark", self.shape).astype(np.float32)
         light = None if white is None else less_dark(white, self._black, "white")
         self._refuse_mosaic(light, "white")
+        self._note_on_colours = ""
+        if self.bayer is not None and light is not None:
+            self._note_on_colours = check_pattern(light, grid, self.bayer)
         self._bad = find_bad_pixels(light, self._black, grid, step)
         self._black = None if self._black is None else self._mended(self._black)
         self._micro_images = None if light is None else mean_micro_images(light, grid, step)
@@ -233,7 +237,9 @@ class DecodePlan:
         self._is_new = False
         light = less_dark(image, self._black, "raw")
         self._refuse_mosaic(light, "raw")
-        notes = [note_on_black(image, self.grid)] if self._black is None else []
+        notes = [self._note_on_colours]
+        if self._black is None:
+            notes.append(note_on_black(image, self.grid))
         if self._micro_images is not None:
             means = mean_micro_images(light, self.grid, self._resampling.step)
             notes.append(check_match(self._micro_images, means))
