@@ -142,7 +142,7 @@ def _image(source: Path) -> Found:
         refuse_mosaic(_middle(image), grid, "raw")
     except InputError as error:
         found.notes.append(str(error))
-        options += ["--bayer", "rggb"]
+        options += ["--bayer", "PATTERN"]  # the note names two
     if grid.layout == "rectangular" and on_pixels and in_blocks and not found.notes:
         found.kind = "lenslet image"
         found.notes.append(_if_focused(source))

@@ -14,11 +14,7 @@ from skimage.io import imread
 from lf_flame import PAPER_CAMERA, Layer, Scene, render, write_light_field
 from lf_flame._common.output_folders import verify_outputs
 from lf_flame.calibration import fit_targets, measure_target, read_law
-<<<<<<< HEAD
-=======
 from lf_flame.calibration.output import notes
-from lf_flame.commands import cli
->>>>>>> ca01880bfc649cb0b33042f7e325d16310e081e1
 from lf_flame.formats import read_raw
 from lf_flame.formats.images import write_image
 from lf_flame.scenes import read_camera

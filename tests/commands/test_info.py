@@ -168,9 +168,12 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     assert "--views: 2, 5, 10, 25, 50" in told("plain.png")
     assert "next: lf-flame info on.png" in told(".")
     mosaic = raw.copy()
-    mosaic[::2, ::2] //= 3
+    mosaic[::2, ::2] //= 3  # of red or blue
     write_image(tmp_path / "mosaic.png", mosaic)
-    assert "note: The raw image is a colour mosaic (Bayer)" in told("mosaic.png")
+    said = told("mosaic.png")
+    assert "note: The raw image is a colour mosaic (Bayer)" in said
+    assert "--bayer rggb or bggr" in said
+    assert "--white WHITE.png --bayer PATTERN" in said
 
 
 def test_previews(told, tmp_path, rng):

@@ -16,10 +16,11 @@ from lf_flame.errors import InputError
 from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
 from lf_flame.formats.raw.bayer import check_bayer
 from lf_flame.formats.raw.black_level import note_on_black
-from lf_flame.formats.raw.colour_pattern import refuse_mosaic
+from lf_flame.formats.raw.colour_pattern import check_pattern, refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.resampling import Resampling
 from lf_flame.formats.raw.sensor_images import as_image, fitting, less_dark
+from lf_flame.formats.raw.white_match import check_match, mean_micro_images
 from lf_flame.formats.raw.white_views import (
     bright_parts,
     counted_views,
@@ -79,13 +80,16 @@ class DecodePlan:
         pitch.
     white : array_like, shape as raw, or without channels; optional
         White image (flat field), by which the views are divided, relative to the median of its
-        central view (in each channel). Pixels darker than half the centre of their micro-image are
-        divided by that half, so that the dark rim stays dark. Default: no division.
+        central view (in each channel): views keep the unit and the colour of the raw image. For
+        reflectance, divide them by the views of the white image, decoded alike. Pixels darker
+        than half the centre of their micro-image are divided by that half, so that the dark rim
+        stays dark. Default: no division.
     dark : array_like, shape as raw, or without channels; optional
         Image without light, in the same units. It is subtracted from both raw and white image,
         because each contains the sensor's black level. Default: black is 0.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
-        Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic.
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic. The
+        white image tells which two are green, not which one is red.
     saturation : float, optional
         Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
         10, 12, 14 or 16 bits, if at least ten pixels have it.
@@ -133,8 +137,12 @@ class DecodePlan:
         self._black = None if dark is None else fitting(dark, "dark", self.shape).astype(np.float32)
         light = None if white is None else less_dark(white, self._black, "white")
         self._refuse_mosaic(light, "white")
+        self._note_on_colours = ""
+        if self.bayer is not None and light is not None:
+            self._note_on_colours = check_pattern(light, grid, self.bayer)
         self._bad = find_bad_pixels(light, self._black, grid, step)
         self._black = None if self._black is None else self._mended(self._black)
+        self._micro_images = None if light is None else mean_micro_images(light, grid, step)
         self._gain, self._flat, bright = None, None, None
         lit = even = np.ones((views, views), bool)
         if white is not None and light is not None:
@@ -172,7 +180,7 @@ class DecodePlan:
         ------
         InputError
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
-            pattern of a mosaic that is not stated.
+            pattern of a mosaic that is not stated, or does not fit the white image.
         """
         image = as_image(raw, "raw")
         if image.shape != (*self.shape, 1)[:3]:
@@ -227,16 +235,22 @@ class DecodePlan:
         return None if known.all() else known
 
     def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
-        """Refuse a mosaic that is not stated; note bad and saturated pixels, and black, once."""
+        """Refuse what does not fit; note bad and saturated pixels, and black, once."""
         self._is_new = False
-        self._refuse_mosaic(less_dark(image, self._black, "raw"), "raw")
+        light = less_dark(image, self._black, "raw")
+        self._refuse_mosaic(light, "raw")
+        notes = [self._note_on_colours]
+        if self._black is None:
+            notes.append(note_on_black(image, self.grid))
+        if self._micro_images is not None:
+            means = mean_micro_images(light, self.grid, self._resampling.step)
+            notes.append(check_match(self._micro_images, means))
         if self._bad is not None:
             LOGGER.info(
                 f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
                 f"neighbours of the same colour."
             )
-        note = note_on_black(image, self.grid) if self._black is None else ""
-        if note:
+        for note in filter(None, notes):
             LOGGER.warning(note)
         if saturated is not None:
             clipped = np.count_nonzero(saturated)

@@ -81,8 +81,8 @@ def read_raw(
         `read_lytro`, decoded into views in the camera's colours.
     white : str or Path, optional
         White image (flat field), in which the micro-images are found and by which the views are
-        divided. For a Lytro picture also a folder or archive of the camera's, as in `find_white`;
-        default: the one in the picture's file; without one the metadata place the lenslets.
+        divided, as in `DecodePlan`. For a Lytro picture also a folder or archive of the camera's,
+        as in `find_white`; default: the one in the picture's file; without one the metadata place the lenslets.
     pitch : float, optional
         Distance between micro-images in pixels. With a white image a rough value suffices. Without
         one it is required, and the array is assumed to be upright and centred in the image.
@@ -106,7 +106,8 @@ def read_raw(
     Raises
     ------
     InputError
-        If a file cannot be read, no grid is found, or neither white image nor pitch is given.
+        If a file cannot be read, no grid is found, neither white image nor pitch is given, or the
+        white image is of other lenslets, or was turned or moved against the raw image.
 
     Examples
     --------
