@@ -82,7 +82,8 @@ def read_raw(
     white : str or Path, optional
         White image (flat field), in which the micro-images are found and by which the views are
         divided, as in `DecodePlan`. For a Lytro picture also a folder or archive of the camera's,
-        as in `find_white`; default: the one in the picture's file; without one the metadata place the lenslets.
+        as in `find_white`; default: the one in the picture's file; without one the metadata place
+        the lenslets.
     pitch : float, optional
         Distance between micro-images in pixels. With a white image a rough value suffices. Without
         one it is required, and the array is assumed to be upright and centred in the image.
