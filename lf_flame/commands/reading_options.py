@@ -153,7 +153,9 @@ class Reading:
 
     def plan(self, source: Path) -> "tuple[DecodePlan | FocusedPlan, np.ndarray]":
         """Read a raw image, plan its decoding, and print what was found."""
+        from lf_flame.formats.coding import note_on_depth
         from lf_flame.formats.focused.reading import plan_focused
+        from lf_flame.formats.lytro.decoding import is_lytro
         from lf_flame.formats.raw.reading import plan_raw
 
         refuse_options(
@@ -177,6 +179,9 @@ class Reading:
                 )  # fmt: skip
                 said = plan.lenslets.describe()
         tell(f"{printable(source)}: {said}")
+        note = "" if is_lytro(source) else note_on_depth(image)
+        if note:
+            tell(note)
         return plan, image
 
     def scan(self, source: Path, larger: bool = False) -> "ViewFolder":

@@ -74,24 +74,41 @@ def notes_on_values(light_field: LightField, source: str | Path) -> list[str]:
     list of str
         Up to two notes.
     """
-    notes, white = [], np.iinfo(np.uint16).max
-    flat = light_field.views.reshape(-1, *light_field.views.shape[2:])
-    brightest = flat[flat.argmax() // flat[0].size].astype(np.float64) * white
-    top, levels = brightest.max(), np.rint(brightest)
-    deep = np.abs(brightest - levels).max() < 0.01 and np.any(levels % 257)  # 257: of 8 bits
-    bits = next((bits for bits in DEPTHS if top < 2**bits), None)
-    if deep and bits is not None and top >= 2**8:
-        notes.append(
-            f"the values use only {bits} of 16 bits (the highest level is {top:.0f}): if the "
-            f"camera has {bits} bits, its white is {(2**bits - 1) / white:.4f} here and not 1; "
-            f"ratios of brightness are right"
-        )
+    note = note_on_depth(light_field.views.reshape(-1, *light_field.views.shape[2:]))
+    notes = [note] if note else []
     if Path(source).suffix.lower() == MATLAB_SUFFIX and light_field.weights is not None:
         notes.append(
             "the fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
             "pixels of weight 0 are unknown, other weights of single pixels are not used"
         )
     return notes
+
+
+def note_on_depth(values: np.ndarray) -> str:
+    """Note whether an array's brightest part has levels of 16 bits that fill only 10, 12 or 14.
+
+    Parameters
+    ----------
+    values : ndarray
+        Views, one after the other, or a raw image; values from 0 to 1.
+
+    Returns
+    -------
+    str
+        One note, or nothing.
+    """
+    white = np.iinfo(np.uint16).max
+    brightest = values[values.argmax() // values[0].size].astype(np.float64) * white
+    top, levels = brightest.max(), np.rint(brightest)
+    deep = np.abs(brightest - levels).max() < 0.01 and np.any(levels % 257)  # 257: of 8 bits
+    bits = next((bits for bits in DEPTHS if top < 2**bits), None)
+    if not deep or bits is None or top < 2**8:
+        return ""
+    return (
+        f"the values use only {bits} of 16 bits (the highest level is {top:.0f}): if the "
+        f"camera has {bits} bits, its white is {(2**bits - 1) / white:.4f} here and not 1; "
+        f"ratios of brightness are right"
+    )
 
 
 def _first_image(source: Path) -> File | None:

@@ -109,6 +109,30 @@ def test_the_middle_of_a_white_image_tells_which_views_count(monkeypatch):
     assert 0.4 < whole.mean() < 0.6
 
 
+@pytest.mark.parametrize(("top", "said"), [(4000, "only 12 of 16 bits"), (60000, "")])
+def test_raw_images_that_fill_few_bits_are_noted(top, said, tmp_path, capsys):
+    """One row alone is bright, as of a flame; the top level is that of this row."""
+    raw = np.random.default_rng(1).integers(0, 300, (60, 80)).astype(np.uint16)
+    raw[31, 40] = top
+    tifffile.imwrite(tmp_path / "raw.tif", raw)
+    Reading(pitch=10.0).read(tmp_path / "raw.tif")
+    told = "".join(capsys.readouterr())
+    assert (f"{said} (the highest level is {top})" in told) if said else "of 16 bits" not in told
+
+
+def test_views_of_the_white_image_give_reflectance():
+    """The white image's own level and colour are in neither raw nor quotient."""
+    levels = np.tile([[0.5, 1.0], [1.0, 0.6]], (45, 45))
+    grid, white = LensletGrid(7, 7, 15), np.ones((90, 90))
+    one, other, itself = (
+        decode_raw(raw * levels, grid, white=flat * levels, bayer="rggb").views
+        for raw, flat in ((0.25 * white, white), (0.25 * white, 3 * white), (3 * white, 3 * white))
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-5)
+    np.testing.assert_allclose(one[7, 7, 2, 2], [0.125, 0.25, 0.15], rtol=1e-4)
+    np.testing.assert_allclose(other / itself, 0.25 / 3, rtol=1e-4)
+
+
 def test_a_mosaic_is_stated_as_what_it_can_be():
     grid = LensletGrid(7, 7, 10)
     for raw, pattern, message in (

@@ -80,8 +80,10 @@ class DecodePlan:
         pitch.
     white : array_like, shape as raw, or without channels; optional
         White image (flat field), by which the views are divided, relative to the median of its
-        central view (in each channel). Pixels darker than half the centre of their micro-image are
-        divided by that half, so that the dark rim stays dark. Default: no division.
+        central view (in each channel): views keep the unit and the colour of the raw image. For
+        reflectance, divide them by the views of the white image, decoded alike. Pixels darker
+        than half the centre of their micro-image are divided by that half, so that the dark rim
+        stays dark. Default: no division.
     dark : array_like, shape as raw, or without channels; optional
         Image without light, in the same units. It is subtracted from both raw and white image,
         because each contains the sensor's black level. Default: black is 0.
