@@ -119,6 +119,12 @@ def test_a_white_image_that_is_moved_a_little_or_stopped_down_is_warned_of():
     assert said_of(sensor(textured, radius=0.6), sensor(radius=0.4)) == "warned"
 
 
+@pytest.mark.slow
+def test_a_raw_image_without_gaps_shows_no_misfit():
+    """The aperture fills the micro-images, so that there is nothing to hold against the gaps."""
+    assert said_of(noisy(sensor(textured, radius=0.9)), sensor(radius=0.4)) == "nothing"
+
+
 def test_a_refusal_needs_every_sign():
     assert Misfit(0.6, 0.4, 0.34).certain
     assert not any(Misfit(*m).certain for m in ((0.59, 1, 1), (1, 0.39, 1), (1, 1, 0.33)))
