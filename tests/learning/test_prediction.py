@@ -162,7 +162,7 @@ def test_colours_become_luminance(tmp_path):
     write_image(tmp_path / "colours.png", picture)
     found = read_input(tmp_path / "colours.png", SIZE).image
     np.testing.assert_allclose(found[0, [0, 30, 60]], [0.2126, 0.7152, 0.0722], atol=2e-4)
-    np.save(tmp_path / "six.npy", np.zeros((1, 1, *SIZE, 6), np.float32))
+    np.save(tmp_path / "six.npy", np.zeros((9, 9, *SIZE, 6), np.float32))
     with pytest.raises(InputError, match="six.npy must be grey or have 3 channels, got 6"):
         read_input(tmp_path / "six.npy", SIZE)
 
