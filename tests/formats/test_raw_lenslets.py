@@ -662,6 +662,7 @@ def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng
         read_light_field(tmp_path / "lit", dark=tmp_path / "dark.tif")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not MICROSCOPE.is_dir(), reason="no real raw image beside the checkout")
 def test_a_real_raw_image_of_round_micro_images_has_a_map():
     """A fluorescent vesicle, translucent and faint: no pixel has one slope, and hardly one may be

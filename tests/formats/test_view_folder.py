@@ -580,6 +580,7 @@ def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_lytro_views_are_row_by_row_and_near_is_in_front():
     folder = scan_view_folder(example("lytro_2067"))
     assert folder.files.shape == (9, 9)
@@ -597,6 +598,7 @@ def test_lytro_views_are_row_by_row_and_near_is_in_front():
         assert find_order(turned).order == order
 
 
+@pytest.mark.slow
 def test_parallel_cameras_counted_from_the_bottom_right_are_turned():
     """The shop's views have slopes above 0; cameras that look the same way have them below."""
     plain = scan_view_folder(example("shop_mossberg"))

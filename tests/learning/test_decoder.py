@@ -97,6 +97,7 @@ def test_inputs_may_be_larger_than_outputs(tmp_path):
     assert again.input_shape == model.input_shape
 
 
+@pytest.mark.slow
 def test_output_planes_are_not_scrambled(paper_model, rng):
     """Channel k of the last convolution becomes image k."""
     decoder = paper_model.get_layer("decoder")

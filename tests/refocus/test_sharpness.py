@@ -324,6 +324,7 @@ def test_regions_that_cannot_be_are_refused(arguments, message):
         find_sharpest_slopes(np.ones((3, 3, 12, 14)), **arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not LYTRO.exists(), reason="the example light fields are not beside the checkout"
 )

@@ -97,6 +97,7 @@ def draw(seed):
     return layer, camera, name, bool(rng.integers(2))
 
 
+@pytest.mark.slow
 def test_no_texture_changes_by_more_than_is_measured():
     """Wide cells, of which few lines see an edge, and edges that only one end of a spread shows."""
     ratios = []
