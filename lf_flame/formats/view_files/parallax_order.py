@@ -52,6 +52,9 @@ the corners of a square that fits into a round aperture."""
 LEAST_NEXT = 1e-6
 """Explained fraction below which the next order counts as this much."""
 
+GreyView = tuple[np.ndarray, int]
+"""View in grey, and the number of pixels along an axis that were averaged to one."""
+
 
 @dataclass(frozen=True)
 class FoundOrder:
@@ -144,7 +147,7 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
 def _find_order(grid: np.ndarray, numbers: np.ndarray, read: Callable) -> FoundOrder:
     """Find the order of the views with these running numbers, row by row."""
     sums, times = _sum_changes(
-        [read(grid[divmod(k, grid.shape[1])]) for k in chosen]
+        [_grey(read(grid[divmod(k, grid.shape[1])])) for k in chosen]
         for chosen in _chosen_blocks(grid, numbers)
     )
     explained, next_best, order, slopes = max(
@@ -181,7 +184,7 @@ def _chosen_blocks(grid: np.ndarray, numbers: np.ndarray) -> list[np.ndarray]:
     ]
 
 
-def _sum_changes(blocks: Iterable[list[np.ndarray]]) -> tuple[dict[int, np.ndarray], int]:
+def _sum_changes(blocks: Iterable[list[GreyView]]) -> tuple[dict[int, np.ndarray], int]:
     """Add the results of `_measure` for blocks of four views, scale by scale.
 
     A patch is summed over all blocks, as it has the same slope in each. Blocks of other shapes than
@@ -189,8 +192,9 @@ def _sum_changes(blocks: Iterable[list[np.ndarray]]) -> tuple[dict[int, np.ndarr
     """
     sums: dict[int, np.ndarray] = {}
     shape, times = None, 1
-    for views in blocks:
-        block, scales, reduced = _grey_block(views)
+    for grey in blocks:
+        block, scales, reduced = _grey_block(grey)
+        del grey  # as much memory as the block takes
         if not scales or shape not in (None, block.shape):
             continue
         shape, times = block.shape, reduced
@@ -199,13 +203,12 @@ def _sum_changes(blocks: Iterable[list[np.ndarray]]) -> tuple[dict[int, np.ndarr
     return sums, times
 
 
-def _grey_block(views: list[np.ndarray]) -> tuple[np.ndarray, list[int], int]:
+def _grey_block(grey: list[GreyView]) -> tuple[np.ndarray, list[int], int]:
     """Four grey views as an array (2, 2, t, s), and the scales at which their parallax may show.
 
     There is no such scale if they are small, differ in shape or are not finite. The last result is
     the number of pixels along an axis that were averaged to one.
     """
-    grey = [_grey(view) for view in views]
     shapes = {view.shape if np.isfinite(view).all() else None for view, _ in grey}
     if len(shapes) != 1 or None in shapes:
         return np.empty((2, 2, 0, 0)), [], 1
@@ -214,7 +217,7 @@ def _grey_block(views: list[np.ndarray]) -> tuple[np.ndarray, list[int], int]:
     return block.reshape(2, 2, *block.shape[1:]), scales, times
 
 
-def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
+def _grey(view: np.ndarray) -> GreyView:
     """Average the colours, and n x n pixels of a large view to one; also returns n."""
     times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
     grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
@@ -236,11 +239,10 @@ def _measure(block: np.ndarray, scale: int) -> np.ndarray:
     gradients down and right, and the squares of the gradients and of the changes.
     """
     first, second, down, right = _changes(block, scale)
-    fields = (
-        first * down, first * right, second * down, second * right,
-        down**2 + right**2, first**2 + second**2,
-    )  # fmt: skip
-    return np.array([_patches(field).ravel() for field in fields])
+    pairs = (first, down), (first, right), (second, down), (second, right)
+    products = [_patches(change * gradient) for change, gradient in pairs]
+    squares = [_patches(one**2 + other**2) for one, other in ((down, right), (first, second))]
+    return np.array([sums.ravel() for sums in (*products, *squares)])
 
 
 def _explain(sums: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
