@@ -15,7 +15,6 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
-from lf_flame.scenes.scene_files import check_aperture
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.planning.plan import EffectPlan
 
@@ -164,8 +163,7 @@ def read_config(path: str | Path) -> DatasetConfig:
     Raises
     ------
     InputError
-        If the file cannot be read, has an unknown, missing or impossible value, or no lens has such
-        an aperture.
+        If the file cannot be read, or has an unknown, missing or impossible value.
 
     Examples
     --------
@@ -174,9 +172,8 @@ def read_config(path: str | Path) -> DatasetConfig:
     >>> config.kind, config.image
     ('shapes', (24, 48))
     """
-    config = config_from_json(read_toml(path), path)
-    check_aperture(config.camera, path)
-    return config
+    values = read_toml(path)
+    return config_from_json(values, path)
 
 
 def config_to_json(config: DatasetConfig) -> dict[str, Any]:

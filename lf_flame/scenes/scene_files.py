@@ -151,7 +151,7 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
     (1, 9)
     """
     entries = build(SceneFile, read_toml(path), path)
-    check_aperture(entries.camera, path)
+    _check_aperture(entries.camera, path)
     layers: list[Layer] = []
     need = 0
     for number, entry in enumerate(entries.layers, 1):
@@ -201,11 +201,11 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     if "camera" not in values:
         raise InputError(f"{path} has no camera: it must hold a table of that name.")
     camera = build(PlenopticCamera, values["camera"], f"{path}: camera")
-    check_aperture(camera, path)
+    _check_aperture(camera, path)
     return camera
 
 
-def check_aperture(camera: PlenopticCamera, path: str | Path) -> None:
+def _check_aperture(camera: PlenopticCamera, path: str | Path) -> None:
     """Refuse a camera that no lens can have, as one of which a length is not in mm."""
     width_mm = camera.aperture_diameter_mm or camera.aperture_mm
     f_number = camera.main_lens_focal_mm / width_mm
