@@ -6,6 +6,7 @@ from unittest.mock import patch
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame._common.threads import shared
@@ -82,9 +83,11 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
     kernels = {
-        "trace_apart": shared(_ray_kernels._trace_apart, cache=False),
-        "trace_lenslets": shared(_ray_kernels._trace_lenslets, cache=False),
+        "trace_apart": shared(_ray_kernels._trace_apart),
+        "trace_lenslets": shared(_ray_kernels._trace_lenslets),
     }
+    for kernel in kernels.values():
+        kernel.compiled._cache = NullCache()  # Numba shows no code that it loaded from its files
     scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
     image = np.zeros((5, 5, 24, 30), np.float32)
