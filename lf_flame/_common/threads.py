@@ -49,13 +49,13 @@ with suppress(importlib.metadata.PackageNotFoundError, OSError):
         if _file.name == "libtbb.so.12":
             ctypes.CDLL(str(_file.locate()))
 
-_PROCESS, _ONE_CALL = os.getpid(), threading.Lock()
+_PROCESS, _LOCK = os.getpid(), threading.Lock()
 
 
 @lru_cache
-def _has_tbb() -> bool:
-    numba.get_num_threads()  # starts the layer; a user may have chosen another
-    return numba.threading_layer() == "tbb"
+def _needed_lock() -> Any:
+    numba.get_num_threads()  # starts the threads, which a user may have chosen
+    return _LOCK if numba.threading_layer() == "workqueue" else nullcontext()
 
 
 @contextmanager
@@ -120,6 +120,10 @@ def _pointer(_context, value):
     return types.CPointer(value)(value), generate
 
 
+# Numba's function of this name takes a lock at each call, which a fork would leave locked.
+_set_chunk = types.ExternalFunction("set_parallel_chunksize", types.uintp(types.uintp))
+
+
 @intrinsic
 def _value(_context, pointer):
     def generate(context, builder, signature, arguments):
@@ -138,16 +142,22 @@ class Kernel:
         self.counted = [names.index(name) - 1 for name in counted]
         piece = njit(body)
 
-        def loop(count, *arguments):
+        def loop(alone, count, *arguments):
             pointer, done = _pointer(arguments), 0
+            if alone:
+                for k in range(count):
+                    piece(k, *arguments)
+                return
+            before = _set_chunk(max(count // 32, 1))  # runs of pieces that idle threads take
             for k in prange(count):
                 piece(np.int64(k), *_value(pointer))
                 done += 1
+            _set_chunk(before)
             if done != count:  # the error itself may be lost with its thread
                 raise RuntimeError("A compiled loop failed: no memory left, or a division by 0.")
 
         loop.__module__, loop.__qualname__ = body.__module__, f"{body.__qualname__}.loop"
-        self.alone, self.compiled = njit(loop), njit(parallel=True, nogil=True)(loop)
+        self.compiled = njit(parallel=True, nogil=True)(loop)
         if not numba.config.DISABLE_JIT:
             self.compiled._cache = _Cache(body)  # type: ignore[attr-defined]
 
@@ -156,13 +166,11 @@ class Kernel:
         if numba.config.DISABLE_JIT:
             for k in range(count):
                 self.body(k, *arguments)
-        elif not _has_tbb() and os.getpid() != _PROCESS:
-            self.alone(count, *arguments)
+        elif os.getpid() != _PROCESS:  # forked, without the threads
+            self.compiled(True, count, *arguments)
         else:
-            # Some 32 runs of pieces, which idle threads take in turn.
-            runs = numba.parallel_chunksize(max(count // 32, 1))
-            with runs, nullcontext() if _has_tbb() else _ONE_CALL:
-                self.compiled(count, *arguments)
+            with _needed_lock():
+                self.compiled(False, count, *arguments)
 
 
 def parallel(count: Callable[..., int]) -> Callable[[Callable], Kernel]:

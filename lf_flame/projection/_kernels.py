@@ -7,18 +7,17 @@ All sums run in float64.
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import compiled, parallel
+from lf_flame._common.threads import parallel
 
 
-@compiled
-def find_seen(weight, low, high):
+@parallel(lambda low: low.size)
+def find_seen(v, weight, low, high):
     """Find the first line of each view that is not 0, and one past the last; weight[v, t, i]."""
-    for v in range(weight.shape[0]):
-        low[v], high[v] = 0, weight.shape[1]
-        while low[v] < high[v] and not np.any(weight[v, low[v]]):
-            low[v] += 1
-        while low[v] < high[v] and not np.any(weight[v, high[v] - 1]):
-            high[v] -= 1
+    low[v], high[v] = 0, weight.shape[1]
+    while low[v] < high[v] and not np.any(weight[v, low[v]]):
+        low[v] += 1
+    while low[v] < high[v] and not np.any(weight[v, high[v] - 1]):
+        high[v] -= 1
 
 
 @njit

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import compiled, parallel
+from lf_flame._common.threads import parallel
 from lf_flame.simulation._falloff_kernels import shade
 
 TINY = np.finfo(float).tiny
@@ -30,27 +30,27 @@ def trapezoid_cdf(x, wide, narrow):
     return 0.5 + half if x > 0.0 else 0.5 - half if x < 0.0 else 0.5
 
 
-@compiled
-def weigh_bands(edges, centres, lenslet, pixels, start, weights):
-    """Shares of trapezoids in cells: weights[k, i] of cell start[k] + i for centres[k].
+@parallel(lambda centres: len(centres))
+def weigh_bands(v, edges, centres, lenslet, pixels, start, weights):
+    """Shares of trapezoids in cells: weights[v, k, i] of cell start[v, k] + i for centres[v, k].
 
-    edges[cell]: evenly spaced. lenslet, pixels[k]: widths of the boxes that make a trapezoid.
+    edges[cell]: evenly spaced. lenslet, pixels[v, k]: widths of the boxes that make a trapezoid.
     """
     cells, cell_width = edges.size - 1, edges[1] - edges[0]
-    band, border = weights.shape[1], edges[cells]
-    for k in range(centres.size):
-        centre, wide, narrow = centres[k], max(lenslet, pixels[k]), min(lenslet, pixels[k])
-        reach = (lenslet + pixels[k]) / 2
+    band, border = weights.shape[2], edges[cells]
+    for k in range(centres.shape[1]):
+        centre, pixel = centres[v, k], pixels[v, k]
+        wide, narrow, reach = max(lenslet, pixel), min(lenslet, pixel), (lenslet + pixel) / 2
         if centre + reach < edges[0] or centre - reach > border:  # as most do: in short
-            start[k] = 0 if centre < border else cells - band
-            weights[k] = 0.0
+            start[v, k] = 0 if centre < border else cells - band
+            weights[v, k] = 0.0
             continue
         first = math.floor((centre - reach - edges[0]) / cell_width)
-        start[k] = min(max(first, 0), cells - band)
-        near = trapezoid_cdf(edges[start[k]] - centre, wide, narrow)
+        start[v, k] = min(max(first, 0), cells - band)
+        near = trapezoid_cdf(edges[start[v, k]] - centre, wide, narrow)
         for i in range(band):
-            far = trapezoid_cdf(edges[start[k] + i + 1] - centre, wide, narrow)
-            weights[k, i] = far - near
+            far = trapezoid_cdf(edges[start[v, k] + i + 1] - centre, wide, narrow)
+            weights[v, k, i] = far - near
             near = far
 
 
