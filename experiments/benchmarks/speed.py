@@ -19,7 +19,7 @@ from numba import njit
 from experiments.benchmarks.report import command_line, finish, ratio
 from experiments.timing import Times, in_turn
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.refocus import all_in_focus, find_sharpest_slopes, shift_and_sum
 from lf_flame.simulation import _exact_kernels, _ray_kernels
 from lf_flame.simulation.exact import integrate
@@ -98,45 +98,43 @@ def baseline_loop(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarra
     return out
 
 
-@shared
-def bare_integrate_rows(queue, columns, start, weight, first, last, out):
+@parallel(lambda weight: weight.shape[1] * weight.shape[2])
+def bare_integrate_rows(k, columns, start, weight, first, last, out):
     """Do what `integrate_rows` does, for one plane, with no code for any effect."""
-    for k in pieces(queue, weight.shape[1] * weight.shape[2]):
-        a, c = k // weight.shape[2], k % weight.shape[2]
-        if not weight[0, a, c].any():
-            continue
-        total = np.empty(columns.shape[2])
-        for b in range(columns.shape[1]):
-            inside = total[first[0, b] : last[0, b]]
-            inside[:] = 0.0
-            for i in range(weight.shape[3]):
-                w = weight[0, a, c, i]
-                cells = columns[start[0, a, c] + i, b, first[0, b] : last[0, b]]
-                for d in range(inside.size):
-                    inside[d] += w * cells[d]
-            for d in range(first[0, b], last[0, b]):
-                out[a, b, c, d] += np.float32(total[d])
+    a, c = k // weight.shape[2], k % weight.shape[2]
+    if not weight[0, a, c].any():
+        return
+    total = np.empty(columns.shape[2])
+    for b in range(columns.shape[1]):
+        inside = total[first[0, b] : last[0, b]]
+        inside[:] = 0.0
+        for i in range(weight.shape[3]):
+            w = weight[0, a, c, i]
+            cells = columns[start[0, a, c] + i, b, first[0, b] : last[0, b]]
+            for d in range(inside.size):
+                inside[d] += w * cells[d]
+        for d in range(first[0, b], last[0, b]):
+            out[a, b, c, d] += np.float32(total[d])
 
 
-@shared
-def bare_trace(queue, emission, rows, columns, down, right, stride, seen, first, last, share, out):
+@parallel(lambda seen: seen.size)
+def bare_trace(k, emission, rows, columns, down, right, stride, seen, first, last, share, out):
     """Trace every ray of every pixel by itself, for one plane, with no code for any effect."""
-    for k in pieces(queue, seen.size):
-        a, c = k // seen.shape[1], k % seen.shape[1]
-        if not seen[a, c]:
-            continue
-        for b in range(first.size):
-            for d in range(first[b], last[b]):
-                light = 0.0
-                for i in range(rows.shape[3]):
-                    row, low = rows[0, a, c, i], down[0, a, c, i]
-                    for j in range(columns.shape[3]):
-                        at, far = row + columns[0, b, d, j], right[0, b, d, j]
-                        upper = emission[at] + far * (emission[at + 1] - emission[at])
-                        lower = emission[at + stride]
-                        lower += far * (emission[at + stride + 1] - emission[at + stride])
-                        light += upper + low * (lower - upper)
-                out[a, b, c, d] += np.float32(light * share)
+    a, c = k // seen.shape[1], k % seen.shape[1]
+    if not seen[a, c]:
+        return
+    for b in range(first.size):
+        for d in range(first[b], last[b]):
+            light = 0.0
+            for i in range(rows.shape[3]):
+                row, low = rows[0, a, c, i], down[0, a, c, i]
+                for j in range(columns.shape[3]):
+                    at, far = row + columns[0, b, d, j], right[0, b, d, j]
+                    upper = emission[at] + far * (emission[at + 1] - emission[at])
+                    lower = emission[at + stride]
+                    lower += far * (emission[at + stride + 1] - emission[at + stride])
+                    light += upper + low * (lower - upper)
+            out[a, b, c, d] += np.float32(light * share)
 
 
 def captured(kernels, kernel: str, call) -> tuple:

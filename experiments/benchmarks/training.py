@@ -24,7 +24,7 @@ import numpy as np
 from experiments.benchmarks.report import command_line, finish, ratio
 from experiments.timing import Times, in_turn
 from lf_flame._common.provenance import cpu_count
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.trainers import ArrayTrainer
 
@@ -127,12 +127,11 @@ def run(trainer, batches: np.ndarray) -> list[float]:
     return [trainer(batch) for batch in batches]
 
 
-@shared
-def touch(queue, values):
+@parallel(lambda values: -(-values.size // BLOCK))
+def touch(block, values):
     """Read and write every element once, in place as Adam does."""
-    for block in pieces(queue, -(-values.size // BLOCK)):
-        for k in range(block * BLOCK, min((block + 1) * BLOCK, values.size)):
-            values[k] += np.float32(1)
+    for k in range(block * BLOCK, min((block + 1) * BLOCK, values.size)):
+        values[k] += np.float32(1)
 
 
 def matrix_products(decoder: keras.Model, batch: int) -> list[tuple]:

@@ -13,7 +13,7 @@ from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
 
 BENCHMARKS = (
-    "busy", "busy_passive", "decoding", "installing", "reconstructing", "refocusing", "speed",
+    "decoding", "installing", "reconstructing", "refocusing", "speed",
     "starting", "training", "video", "viewer",
 )  # fmt: skip
 

@@ -14,7 +14,6 @@ from skimage.io import imread
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.arrays import centred
-from lf_flame._common.threads import as_counters
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
     _semblance_kernels,
@@ -258,11 +257,12 @@ def test_the_compiled_product_adds_that_of_matrices(compiled, columns, rng):
     left, right = rng.normal(size=(2, 3)), rng.normal(size=(3, columns)).astype(np.float32)
     before = rng.normal(size=(2, columns))
     out = before.copy()
-    queue = np.zeros(1, np.int64)
+    add_product = _semblance_kernels.add_product
     if compiled:
-        _semblance_kernels.add_product(left, right, out)
+        add_product(left, right, out)
     else:
-        _semblance_kernels._add_product(as_counters(queue), left, right, out)
+        for block in range(add_product.count(out)):
+            add_product.body(block, left, right, out)
     np.testing.assert_allclose(out - before, left @ right, rtol=1e-12, atol=1e-12)
 
 

@@ -1,16 +1,12 @@
 """The benchmarks of refocusing and training run, and say how far the baselines' outputs are off."""
 
 import json
-import resource
-import subprocess
 import sys
-import time
 
-import numba
 import numpy as np
 import pytest
 
-from experiments.benchmarks import busy, decoding, refocusing, report, speed, starting
+from experiments.benchmarks import decoding, refocusing, report, speed, starting
 from experiments.timing import in_turn
 
 pytestmark = pytest.mark.slow
@@ -158,24 +154,6 @@ def test_the_floor_counts_what_the_layers_multiply(training):
     assert sorted(found) == sorted(forward + to_inputs + to_kernels)
 
 
-@pytest.mark.jit
-def test_beside_busy_processes_both_ways_give_the_same_bits(monkeypatch):
-    """Of the loops as they are written anew, here on one thread: Numba compiles these sooner."""
-    monkeypatch.setattr(busy, "njit", lambda parallel: numba.njit)
-    monkeypatch.setattr(busy, "TURN_S", 0.02)
-    for module, names in busy.LOOPS.items():
-        for name in names:
-            written = busy.numbas_own(module, name).py_func.__code__
-            assert {"prange", "queue"} & {*written.co_names, *written.co_varnames} == {"prange"}
-    monkeypatch.setattr(busy, "VIEWS", (9, 9, 30, 40))
-    search = {name: call for name, call in busy.operations().items() if "search" in name}
-    monkeypatch.setattr(busy, "operations", lambda: search)  # other loops compile for long
-    rows = busy.measure((0, 1), 0.0)
-    assert [row["busy processes"] for row in rows] == [0, 1]
-    assert all(row["same bits"] for row in rows)
-    assert all(row["of idle"] == 1 for row in rows[::2])
-
-
 def test_starting_tells_the_first_start_from_the_second(monkeypatch):
     compiling = (  # for as long as nothing is kept
         "import os, pathlib, time; kept = pathlib.Path(os.environ['NUMBA_CACHE_DIR'], 'kept')\n"
@@ -184,27 +162,3 @@ def test_starting_tells_the_first_start_from_the_second(monkeypatch):
     monkeypatch.setattr(starting, "COMMANDS", {"a": ("-c", compiling), "b": ("-c", compiling)})
     for row in starting.measure(repetitions=1):
         assert row["first start"] >= 2 > row["second start"] > 0
-
-
-def test_a_busy_process_keeps_a_core_busy():
-    for patience in (1, 5, 20):  # longer where the machine does other things
-        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        with busy.beside(1):
-            time.sleep(patience)
-        used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-        if used > 0.2:
-            break
-    assert used > 0.2
-
-
-def test_a_busy_process_ends_with_the_program_that_started_it():
-    """It holds the pipe open for as long as it runs."""
-    code = (
-        "import time; from experiments.benchmarks.busy import beside\n"
-        "with beside(1): print('begun', flush=True); time.sleep(600)"
-    )
-    program = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert program.stdout.readline() == "begun\n"
-    program.kill()
-    rest, _ = program.communicate(timeout=30)
-    assert rest == ""
