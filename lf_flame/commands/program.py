@@ -128,7 +128,6 @@ OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas"), LEARNING),
     "zarr": f"{LEARNING}, or for videos alone: pip install 'lf_flame[video]'",
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
-    **dict.fromkeys(("fsspec", "s3fs"), "This needs object stores: pip install 'lf_flame[s3]'"),
     **dict.fromkeys(
         ("pylops", "pyproximal"),
         "Emission by depth needs its solvers: pip install 'lf_flame[tomography]'",
