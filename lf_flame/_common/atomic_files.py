@@ -61,8 +61,9 @@ def _naming(path: Path, aside: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno is None:
             error.strerror = error.strerror or str(error)
-        if str(error.filename or aside).startswith(str(aside)):
-            error.filename = str(path)
+        named, temporary = str(error.filename or aside), str(aside)
+        if named.startswith(temporary):
+            error.filename = f"{path}{named.removeprefix(temporary)}"
         raise
 
 

@@ -1,7 +1,7 @@
 """One writer at a time for each output."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -13,8 +13,8 @@ from lf_flame.errors import InputError
 def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
     """Keep other processes from writing the same output during the block.
 
-    The lock is a file ``.NAME.lock`` beside the output, whose parent folder is made. The system
-    frees it when the process ends for any reason.
+    The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made, and removed
+    if they are empty at the end. The system frees it when the process ends for any reason.
 
     Raises
     ------
@@ -25,6 +25,7 @@ def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
     path = Path(output).resolve()
     if not path.name:
         raise InputError(f"{output} is the root of all folders; choose another place.")
+    made = [folder for folder in path.parents if not folder.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     file = path.with_name(f".{path.name}.lock")
     lock = FileLock(file, timeout=wait_s)
@@ -40,3 +41,6 @@ def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
         # Removed while held: a process that opened it before finds it gone, and makes another.
         file.unlink(missing_ok=True)
         lock.release()
+        with suppress(OSError):  # one holds something
+            for folder in made:
+                folder.rmdir()

@@ -133,6 +133,10 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
     path = find_checkpoints(folder)[-1]
     _check_manifest(path, run)
     history = load_record(History, path / "history.json").epochs
+    if len(history) - 1 != int(path.name.partition("-")[2]):
+        raise InputError(
+            f"{path} is damaged: its history ends elsewhere; remove it to start again."
+        )
     arrays = (_load_arrays(path / name) for name in ("best.npz", "state.npz"))
     checkpoint = Checkpoint([asdict(row) for row in history], *arrays)
     _tidy(folder, checkpoint)

@@ -32,6 +32,7 @@ for k in itertools.count():
 
 ONCE = FOLDER + "import sys\nprint('ready', flush=True)\nwrite(sys.argv[1], 'x')"
 
+
 def start(code, *arguments):
     command = [sys.executable, "-c", code, *map(str, arguments)]
     pipe = subprocess.PIPE

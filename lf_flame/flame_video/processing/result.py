@@ -174,9 +174,9 @@ def _refuse_lost_frames(group: zarr.Group, states: np.ndarray, path: Path) -> No
         array = open_array(group, name)
         if array.ndim == 1 or name in MAY_BE_EMPTY:
             continue
-        chunks = path / name / "c"  # with a folder for each frame
-        found = {file.name for file in chunks.iterdir()} if chunks.is_dir() else set()
-        lost = [row for row in np.flatnonzero(states == WHOLE) if str(row) not in found]
+        chunks, rest = path / name / "c", ["0"] * (array.ndim - 1)
+        whole = np.flatnonzero(states == WHOLE)
+        lost = [row for row in whole if not chunks.joinpath(str(row), *rest).is_file()]
         if lost:
             raise InputError(f"{path} is damaged: {name} of frame {lost[0]} is lost.")
 
