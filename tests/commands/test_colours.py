@@ -92,6 +92,8 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     np.savez("swapped.npz", views=views[..., ::-1])
     swapped = run("abel", "swapped.npz", *where, *CALIBRATION, "--bootstrap", 0, code=1)
     assert "in another order than the channels" in str(swapped.exception)
+    again = run("abel", "flame.npz", *where, *CALIBRATION, code=1)  # before any fit
+    assert "abel/flame/blue exists; name another folder" in str(again.exception)
     # A call that was killed between two colours.
     written = json.loads(red.read_text())
     red.write_text(json.dumps(written | {"call": "another"}))
