@@ -15,7 +15,7 @@ from experiments.paper.paper_values import read_paper_values
 from experiments.paper.result_files import read_result_record
 from experiments.paper.tables import TABLES, read_tables
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import together, write_text
+from lf_flame._common.atomic_files import write_text
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import standard_deviation
 
@@ -196,7 +196,8 @@ def _describe(pool: list[Result]) -> str:
     if len(pool) > 1:
         listed = ", ".join(f"{r.seed} ({r.run})" for r in sorted(pool, key=lambda r: r.seed))
         seeds = f"mean ± standard deviation over the seeds {listed}"
-    data = ", ".join(dict.fromkeys(result.request["data_sha256"][:8] for result in pool))
+    hashes = (r.request["data_sha256"] or r.request["scenes_sha256"] for r in pool)
+    data = ", ".join(dict.fromkeys(name[:8] for name in hashes))
     return (
         f"{seeds}; preset {request['preset']}, {epochs_in_words(request)}; data set {data}; "
         f"backbone weights: {pool[0].weights}"
@@ -233,13 +234,12 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     if out is not None:
         numbers = pd.concat(tables).set_index("table").round(6)
         picture = _picture_learning(folders, paper_values)
-        with together(out.parent, last=out.name) as aside:
-            write_text(aside / f"{out.stem}.csv", numbers.to_csv())
-            if learning:
-                times = pd.concat(learning).set_index("table").round(6)
-                write_text(aside / f"{out.stem}_learning.csv", times.to_csv())
-            figures.save(picture, aside / f"{out.stem}.png")
-            write_text(aside / out.name, text)
+        write_text(out.with_suffix(".csv"), numbers.to_csv())
+        if learning:
+            times = pd.concat(learning).set_index("table").round(6)
+            write_text(out.with_name(f"{out.stem}_learning.csv"), times.to_csv())
+        figures.save(picture, out.with_suffix(".png"))
+        write_text(out, text)
     return text
 
 

@@ -7,7 +7,6 @@ import pandas as pd
 
 from experiments.paper.figures import sharpness_figure
 from experiments.paper.paper_values import read_paper_values
-from experiments.paper.result_files import results_aside
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.config import to_json
@@ -44,9 +43,8 @@ def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | N
         + "\n\nFound by gradient energy on the mean scene; geometry: the camera's closed form.\n"
     )
     if out is not None:
-        with results_aside(out, last="slopes.csv") as aside:
-            figures.save(sharpness_figure(panels), aside / "slopes.png")
-            write_json(aside / "slopes.json", {"data_sets": records, **provenance.environment()})
-            write_text(aside / "slopes.md", text)
-            write_text(aside / "slopes.csv", table.to_csv(index=False))
+        figures.save(sharpness_figure(panels), out / "slopes.png")
+        write_json(out / "slopes.json", {"data_sets": records, **provenance.environment()})
+        write_text(out / "slopes.md", text)
+        write_text(out / "slopes.csv", table.to_csv(index=False))  # last, as make looks at it
     return text

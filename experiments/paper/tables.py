@@ -11,10 +11,9 @@ from tqdm import tqdm
 from experiments.histories import epochs_in_words, recipe_in_words
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
-from experiments.paper.result_files import hashes_of, read_result_record, results_aside, text_sha256
+from experiments.paper.result_files import read_result_record
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
-from lf_flame._common.checksums import SEAL
 from lf_flame._common.input_files import read_text
 from lf_flame.datasets.config import config_to_json
 from lf_flame.datasets.sampling import render_sample
@@ -174,14 +173,13 @@ def write_table(
     write_text(out / f"{name}.md", "\n".join(parts))
     numbers = table.round(6).to_csv(index=False)
     record = {
-        **{key: value for key, value in run.items() if key not in ("test_indices", SEAL)},
+        **{key: value for key, value in run.items() if key != "test_indices"},
         "model": model,
         "table": table.to_dict("records"),
         "baselines": baselines.to_dict("records"),
         "ssim_by_window": {window: list(row) for window, row in windows.T.items()},
         "paper": paper["source"],
         "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
-        "sha256": hashes_of(out, name) | {f"{name}.csv": text_sha256(numbers)},
     }
     write_json(out / f"{name}.json", record)
     write_text(out / f"{name}.csv", numbers)
@@ -227,7 +225,6 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     baselines = score_baselines(dataset, train, indices)
     windows = score_windows(targets, predictions)
     history = read_text(run / "history.csv")
-    with results_aside(out, last=f"{table}.csv") as aside:  # make looks at it
-        figures.save(picture, aside / f"{figure}.png")
-        write_text(aside / f"{table}_history.csv", history)
-        write_table(scores, baselines, windows, paper, record, table, aside)
+    figures.save(picture, out / f"{figure}.png")
+    write_text(out / f"{table}_history.csv", history)
+    write_table(scores, baselines, windows, paper, record, table, out)

@@ -1,6 +1,5 @@
 import json
 import re
-import shutil
 from functools import cache
 from pathlib import Path
 
@@ -75,7 +74,7 @@ def test_tables_and_their_picture_appear_together(tmp_path, monkeypatch):
         patch.setattr("lf_flame._common.figures.save", full)
         with pytest.raises(OSError, match="No space"):
             report_tables([tmp_path / "a"], PAPER, out)
-    assert not out.parent.exists()
+    assert not out.exists()
     report_tables([tmp_path / "a"], PAPER, out)
     assert sorted(p.name for p in out.parent.iterdir()) == ["tables.csv", "tables.md", "tables.png"]
 
@@ -310,29 +309,17 @@ def test_what_is_no_result_is_one_sentence(tmp_path):
     with pytest.raises(InputError, match="There is no results folder .*none"):
         report_tables([tmp_path / "none"], PAPER)
     record = json.loads((tmp_path / "a" / "table1.json").read_text())
-    for damage in ("a,b\n1\n1,2,3,4\n", "", "depth_mm,ssim,psnr_db\n20.0,1,1\n"):
-        shutil.copytree(tmp_path / "a", tmp_path / "b", dirs_exist_ok=True)
-        (tmp_path / "b" / "table1.csv").write_text(damage)
-        with pytest.raises(InputError, match=r"b/table1.csv is damaged"):
-            report_tables([tmp_path / "a", tmp_path / "b"], PAPER)
     del record["seed"]
     (tmp_path / "a" / "table1.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"a/table1.json: seed is missing"):
         report_tables(folders, PAPER)
 
 
-@pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("ending", [".csv", ".md", "_history.csv"])
-def test_a_file_that_was_cut_within_a_number_is_not_read_as_another(tmp_path, known, ending):
-    """By its hash; beside an older record, which has none, by the end of its last line."""
+def test_a_file_that_was_cut_within_a_number_is_not_read_as_another(tmp_path, ending):
     history = "epoch,seconds,val_psnr_db\n" + "".join(f"{k},1.5,3{k}.25\n" for k in range(8))
     (tmp_path / "table1_history.csv").write_text(history)
     make_results(tmp_path)
-    record = json.loads((tmp_path / "table1.json").read_text())
-    assert record["sha256"].keys() == {"table1.csv", "table1.md", "table1_history.csv"}
-    if not known:
-        del record["sha256"]
-        (tmp_path / "table1.json").write_text(json.dumps(record))
     assert len(read_histories([tmp_path], "table1")) == 1
     path = tmp_path / f"table1{ending}"
     path.write_bytes(path.read_bytes()[:-3])
