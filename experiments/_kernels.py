@@ -2,22 +2,19 @@
 
 import numpy as np
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 LANES = 64
 """Sums side by side: enough that memory, not the latency of an addition, sets the speed."""
 
 
-def _sum_rows(queue, rows, sums):
+@parallel(lambda rows: len(rows))
+def sum_rows(k, rows, sums):
     """Sum each of the rows [row, element] in float32: what reading them once costs."""
-    for k in pieces(queue, rows.shape[0]):
-        lanes = np.zeros(LANES, np.float32)
-        row = rows[k]
-        whole = row.size // LANES * LANES
-        for i in range(0, whole, LANES):
-            for j in range(LANES):
-                lanes[j] += row[i + j]
-        sums[k] = lanes.sum() + row[whole:].sum()
-
-
-sum_rows = shared(_sum_rows)
+    lanes = np.zeros(LANES, np.float32)
+    row = rows[k]
+    whole = row.size // LANES * LANES
+    for i in range(0, whole, LANES):
+        for j in range(LANES):
+            lanes[j] += row[i + j]
+    sums[k] = lanes.sum() + row[whole:].sum()
