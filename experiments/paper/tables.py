@@ -142,7 +142,6 @@ class Record:
     backbone_weights: str
     machine: str
     table: list[Row]
-    best_epoch: int | None = None
     devices: list[str] = field(default_factory=list)
     dataset: dict[str, Any] = field(default_factory=dict)
 
@@ -290,7 +289,7 @@ def comparison_markdown(
 def _title(pool: list[Result]) -> str:
     seeds = f", {len(pool)} seeds" if len(pool) > 1 else ""
     epochs = pool[0].record.epochs
-    return f"{pool[0].run}{seeds}, " + (f"{epochs:,} epochs" if epochs else "closed form")
+    return f"{pool[0].run}{seeds}" + (f", {epochs:,} epochs" if epochs else "")
 
 
 def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:

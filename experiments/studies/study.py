@@ -9,7 +9,6 @@ configuration, so that variants share them) and, for each variant, ``STUDY/VARIA
 
 import hashlib
 import json
-import math
 import re
 import shutil
 from collections.abc import Sequence
@@ -31,7 +30,7 @@ from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.figures import subplots
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.progress import progress_bar
-from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
+from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
 from lf_flame.errors import InputError
@@ -49,8 +48,8 @@ COLUMNS = ["variant", "series", "x", "depth_mm", "object", *RUN, *MEASURES]
 MEAN = "mean"
 """Entry of the column "object" in rows of the mean over the planes."""
 
-SCORES = {"psnr_db": ("PSNR (dB)", ".2f"), "ssim": ("SSIM", ".3f")}
-"""Label and format of the scores in the figures."""
+SCORES = {"psnr_db": "PSNR (dB)", "ssim": "SSIM"}
+"""Labels of the scores in the figures."""
 
 
 @strict
@@ -107,11 +106,6 @@ class Study:
     timed: bool = False
 
     def __post_init__(self):
-        if not self.variants or not 1 <= self.samples <= MOST_SAMPLES:
-            raise InputError(
-                f"A study needs variants, and samples up to {MOST_SAMPLES}, got "
-                f"{len(self.variants)} and {self.samples}."
-            )
         folders = [variant.folder for variant in self.variants]
         for variant in self.variants:
             if not variant.folder or folders.count(variant.folder) > 1:
@@ -121,8 +115,8 @@ class Study:
                 )
             if (variant.x is None) != (self.x is None):
                 raise InputError(
-                    f"x belongs to the study and to every variant, or to none; variant "
-                    f"{variant.name!r} differs."
+                    f"The study and every variant need an x, or none; variant {variant.name!r} "
+                    f"differs."
                 )
 
 
@@ -222,24 +216,20 @@ def run_trial(trial: Trial, runs: Path, data: Path, workers: int, imagenet: Path
     """Make the data set, train and score, or resume where an earlier call was stopped."""
     text = json.dumps(to_json(trial.data), sort_keys=True)
     dataset = data / f"{hashlib.sha256(text.encode()).hexdigest()[:12]}.zarr"
-    folder = runs / trial.variant.folder
+    folder, training = runs / trial.variant.folder, trial.training
     if not dataset.exists():
         make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress_bar)
     keras.utils.clear_session()  # frees the networks of the variants before
-    training = trial.training
     if imagenet is not None and training.model.backbone_weights == "imagenet":
         model = replace(training.model, backbone_weights=str(imagenet))
         training = replace(training, model=model)
     train(training, *training.presets, dataset, folder)
     run = open_run(folder).record
     kept = (*RUN[1:], "backbone_weights", "machine", "git_revision", "versions", "date")
-    found = {
-        "request": trial.request,
-        "planes": _score_planes(trial, folder, run),
-        "test_samples": len(trial.test),
-        "training_samples": run["parts"]["train"],
-        **{name: run[name] for name in kept if name in run},
-    }
+    found = {name: run[name] for name in kept if name in run} | {
+        "request": trial.request, "planes": _score_planes(trial, folder, run),
+        "test_samples": len(trial.test), "training_samples": run["parts"]["train"],
+    }  # fmt: skip
     write_json(folder / "score.json", found)
     for checkpoint in find_checkpoints(folder):  # hundreds of megabytes, no longer needed
         shutil.rmtree(checkpoint)
@@ -264,12 +254,11 @@ def write(name: str, study: Study, trials: Sequence[Trial], runs: Path, out: Pat
     scores = [(trial.variant, trial.read_score(runs)) for trial in trials]
     done = {variant.name: found for variant, found in scores if found is not None}
     rows = tabulate(scores)
-    draw = bar_figure if study.x is None and not study.timed else curve_figure
     record = {"study": to_json(study), "results": done, "paper": paper["source"]}
     body = report_body(study, rows, list(done.values()), paper)
     return write_report(
         out, name, study.title, record, body, tables={name: rows.round(4)},
-        pictures={name: draw(study, rows, paper)},
+        pictures={name: draw_scores(study, rows, paper)},
     )  # fmt: skip
 
 
@@ -314,34 +303,47 @@ def report_body(study: Study, rows: pd.DataFrame, done: Sequence[dict], paper: d
         "Bound: the test images projected on the first 256 principal components of the training "
         "images, the best that a decoder of 256 fixed pictures can do "
         "(`experiments.studies.pca_bound`).",
-        *[
-            f"{title}: {'; '.join(dict.fromkeys(found[name] for found in done))}."
-            for title, name in (("Backbone weights", "backbone_weights"), ("Machine", "machine"))
-        ],
+        "Backbone weights: " + "; ".join(dict.fromkeys(x["backbone_weights"] for x in done)) + ".",
     ]
 
 
-def curve_figure(study: Study, rows: pd.DataFrame, paper: dict):
-    """Draw PSNR and SSIM against x, one curve a series, the range of the planes as bars.
+def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
+    """Draw PSNR and SSIM, mean and range of the planes: one curve a series, or one row a variant.
 
-    x is that of the study, or the seconds of a timed one, whose variants are a series each.
+    Curves run along x; a timed study has a point for each variant at its seconds.
     """
+    listed = study.x is None and not study.timed
     if study.timed:
         rows = rows.assign(x=rows["start_s"] + rows["train_s"], series=rows["variant"])
-    figure, axes = subplots(2, figsize=(8, 8), sharex=True, layout="constrained")
+    elif listed:
+        rows = rows.assign(x=pd.factorize(rows["variant"])[0], series="mean, range of the planes")
     planes = rows[rows["object"] != MEAN].groupby("variant")
     means = rows[(rows["object"] == MEAN) & rows["psnr_db"].notna()].sort_values("x")
-    for axis, (name, (label, _)) in zip(axes, SCORES.items(), strict=True):
+    names = [variant.name for variant in study.variants]
+    size = (12, 2 + 0.4 * len(names)) if listed else (8, 8)
+    grid = (1, 2) if listed else (2, 1)
+    figure, axes = subplots(
+        *grid, figsize=size, sharex=not listed, sharey=listed, layout="constrained"
+    )
+    for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
         low, high = planes[name].min(), planes[name].max()
-        for k, (series, curve) in enumerate(means.groupby("series", sort=False)):
-            mean = curve.set_index("variant")[name]
+        for series, curve in means.groupby("series", sort=False):
+            mean, x = curve.set_index("variant")[name], curve["x"]
             reach = mean - low[mean.index], high[mean.index] - mean
-            axis.errorbar(curve["x"], mean, reach, fmt="o-", color=f"C{k}", capsize=3, label=series)
-        axis.axhspan(min(paper[name]), max(paper[name]), color="0.85", label="printed planes")
-        axis.set_ylabel(f"{label}, mean and range of the planes")
+            if listed:
+                axis.errorbar(mean, x, xerr=reach, fmt="o", capsize=3, label=series)
+            else:
+                axis.errorbar(x, mean, yerr=reach, fmt="o-", capsize=3, label=series)
+        span = axis.axvspan if listed else axis.axhspan
+        span(min(paper[name]), max(paper[name]), color="0.85", label="printed, range of the planes")
+        axis.set(**{"xlabel" if listed else "ylabel": label})
         axis.grid(alpha=0.3)
-    if study.timed:
+    if listed:
+        axes[0].set_yticks(range(len(names)), [fill(name, 32) for name in names])
+        axes[0].set_ylim(len(names) - 0.5, -0.5)
+    elif study.timed:
         axes[1].set_xscale("log")
+        axes[1].set_xlabel("seconds, from the data set on disk to the trained network")
     else:
         bound = means.groupby("x")["bound_db"].max()
         top = axes[0].get_ylim()[1] + 15  # the bound has no limit where nothing varies
@@ -352,33 +354,8 @@ def curve_figure(study: Study, rows: pd.DataFrame, paper: dict):
         axes[1].set_xscale("symlog", linthresh=least, linscale=0.4)  # linear near 0
         axes[1].set_xticks(ticks, [f"{x:,g}" for x in ticks])
         axes[1].set_xlim(-least / 4 if ticks[0] == 0 else least / 1.3, 1.3 * ticks[-1])
-    axes[1].set_xlabel(study.x or "seconds, from the data set on disk to the trained network")
+        axes[1].set_xlabel(study.x)
     figure.suptitle(study.title, fontsize=11)
-    names = axes[0].get_legend_handles_labels()
-    figure.legend(*names, ncols=2, fontsize=9, loc="outside lower center")
-    return figure
-
-
-def bar_figure(study: Study, rows: pd.DataFrame, paper: dict):
-    """Draw PSNR and SSIM of each variant: a point the mean, a bar the range of the planes."""
-    names = [variant.name for variant in study.variants][::-1]
-    means = rows[rows["object"] == MEAN].set_index("variant").loc[names]
-    planes = rows[rows["object"] != MEAN].groupby("variant")
-    size = 12, 2 + 0.5 * len(names)
-    figure, axes = subplots(1, 2, figsize=size, sharey=True, layout="constrained")
-    at = range(len(names))
-    for axis, (name, (label, form)) in zip(axes, SCORES.items(), strict=True):
-        low, high = (extreme.reindex(names) for extreme in (planes[name].min(), planes[name].max()))
-        axis.use_sticky_edges = False  # leave room beyond the first and the last bar
-        axis.barh(at, high - low, left=low, height=0.5, alpha=0.35, label="range of the planes")
-        axis.plot(means[name], at, "o", color="C0", label="mean")
-        axis.axvline(np.mean(paper[name]), color="black", ls="--", lw=1, label="printed, mean")
-        for place, number in zip(at, means[name], strict=True):
-            shown = "missing" if math.isnan(number) else format(number, form)
-            axis.annotate(shown, (1.01, place), xycoords=("axes fraction", "data"), va="center")
-        axis.set_yticks(at, [fill(name, 32) for name in names])
-        axis.set_xlabel(label)
-        axis.grid(axis="x", alpha=0.3)
-    figure.suptitle(study.title, fontsize=11)
-    figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside lower center")
+    handles = axes[0].get_legend_handles_labels()
+    figure.legend(*handles, ncols=2, fontsize=9, loc="outside lower center")
     return figure
