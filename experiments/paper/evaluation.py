@@ -101,9 +101,10 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     """Search the slopes of data-set templates; return the table, and write it into `out`."""
     paper = read_paper_values("slopes")
     printed = dict(zip(paper["depth_mm"], paper["slope"], strict=True))
-    rows, panels = [], {}
+    rows, records, panels = [], [], {}
     for config in configs:
         searches = search_slopes(config, whole_range=True)
+        records.append({"config": to_json(config), "slopes": [s.slope for s in searches]})
         layers = panels.setdefault(f"{config.kind}: mean scene", [])
         for item, search in zip(config.template.objects, searches, strict=True):
             geometry = config.camera.depth_to_slope(item.depth_mm)
@@ -114,7 +115,7 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
                 "slope": search.slope, "geometry": geometry,
                 "difference": search.slope - geometry, "paper": there,
             })  # fmt: skip
-    table = pd.DataFrame(rows)
+    table = pd.DataFrame(rows).round(4).replace(-0.0, 0.0)
     body = [
         "Slopes in lenslets per view step, found by gradient energy on the mean scene; geometry: "
         "from the camera's equation; paper: as printed.",
@@ -127,8 +128,7 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     if out is None:
         return "\n\n".join(body)
     path = write_report(
-        out, "slopes", paper["title"], {"data_sets": [to_json(config) for config in configs]}, body,
-        tables={"slopes": table.round(4).replace(-0.0, 0.0)},
+        out, "slopes", paper["title"], {"data_sets": records}, body, tables={"slopes": table},
         pictures={"slopes": sharpness_figure(panels)},
     )  # fmt: skip
     return path.read_text(encoding="utf-8")

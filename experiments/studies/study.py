@@ -197,7 +197,7 @@ def run_study(
     """Train and score the variants of a study that are not yet done; report after each.
 
     `imagenet` is a file of weights for the variants that need ImageNet's (default: Keras downloads
-    them). Without weights they are left out, and show as missing.
+    them). Without weights they are left out, and show as a dash.
     """
     study, trials = read_study(path)
     runs = work / path.stem
@@ -299,7 +299,8 @@ def report_body(study: Study, rows: pd.DataFrame, done: Sequence[dict], paper: d
             missing="-",
         ),
         f"Means over the {len(paper['depth_mm'])} planes and the same {tests} test samples of each "
-        "data set. Foreground: the foreground pixels of the reference alone.",
+        "data set. Foreground: the foreground pixels of the reference alone. A dash: not yet "
+        "trained, or not printed.",
         "Bound: the test images projected on the first 256 principal components of the training "
         "images, the best that a decoder of 256 fixed pictures can do "
         "(`experiments.studies.pca_bound`).",
