@@ -38,13 +38,12 @@ COLUMNS = [
 ]  # fmt: skip
 
 
-def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], dict, dict, dict]:
+def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], dict, dict]:
     """Load trained networks that differ only in their input, and in the order of their depths.
 
-    Returns the configuration of the first, by which scenes are drawn, and the slopes of the planes;
-    then, by name, the systems (shift-and-sum of some views, for comparison, and the networks),
-    their titles, and the networks' records. An InputError refuses a missing run, or one that was
-    made for other scenes or another camera.
+    Returns the configuration of the first, by which scenes are drawn, the slopes of the planes, the
+    systems by name (shift-and-sum of some views, for comparison, and the networks), and the
+    networks' records. An InputError refuses a missing run, or other scenes or another camera.
     """
     opened = [open_run(run) for run in runs]
     config, systems, records = opened[0].config, {}, {}
@@ -52,26 +51,22 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], dict
         count = len(encoding.view_indices(config.camera.views, config.camera.views))
         name = f"shift-and-sum of {count} views"
         systems[name] = ShiftAndSum(name, encoding.view_indices)
-    titles = {name: name for name in systems}
+    alike = len({run.name for run in runs}) < len(runs)
     for run, found in zip(runs, opened, strict=True):
         if scene_settings(found.config) != scene_settings(config):
             raise InputError(
                 f"{run} was trained on other scenes than {runs[0]}, or for another camera; "
                 f"test them one by one."
             )
-        recipe = recipe_in_words(found.record["preset"])
-        name = run.name if [other.name for other in runs].count(run.name) == 1 else str(run)
-        if len({other.record["preset"] for other in opened}) > 1:
-            name += f", {recipe}"
         depths = "shuffled depths" if found.config.shuffled_depths else "fixed depths"
         weights = re.sub(r" \(sha256 \w+\)", "", found.record["backbone_weights"])
-        titles[name] = (
-            f"{name}: input {found.config.input.kind}, {depths} "
-            f"({recipe}, {found.record['epochs']} epochs; {weights})"
+        name = (
+            f"{run if alike else run.name}: input {found.config.input.kind}, {depths}; "
+            f"{recipe_in_words(found.record['preset'])}, {weights}"
         )
         records[name] = {k: x for k, x in found.record.items() if k != "test_indices"}
         systems[name] = ResNet50.of_run(run)
-    return config, opened[0].slopes, systems, titles, records
+    return config, opened[0].slopes, systems, records
 
 
 def score_scenario(drawn: dict, reference: np.ndarray, trained: np.ndarray, depths_mm: Sequence):
@@ -104,7 +99,7 @@ def run_depth_test(runs: Sequence[Path], out: Path, samples: int) -> Path:
         raise InputError(
             f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."
         )
-    config, slopes, systems, titles, records = load_systems(runs)
+    config, slopes, systems, records = load_systems(runs)
     everyone = [ShiftAndSum(), *systems.values()]
     scenarios, tables, trained = make_scenarios(config), [], None
     for scenario in step_bar(scenarios):
@@ -119,24 +114,24 @@ def run_depth_test(runs: Sequence[Path], out: Path, samples: int) -> Path:
         tables.append(table.assign(scenario=scenario.name))
     table = pd.concat(tables)[COLUMNS]
     record = {
-        "config": to_json(config), "slopes": list(slopes), "samples": samples, "systems": titles,
-        "scenarios": [vars(scenario) for scenario in scenarios], "runs": records,
+        "config": to_json(config), "slopes": list(slopes), "samples": samples, "runs": records,
+        "scenarios": [vars(scenario) for scenario in scenarios],
     }  # fmt: skip
     return write_report(
         out, "depth_test", f"Depth permutation test: {config.kind}", record,
-        report_body(table, titles, scenarios, config, samples),
-        tables={"depth_test": table.round(5)}, pictures={"depth_test": share_figure(table, titles)},
+        report_body(table, scenarios, config, samples),
+        tables={"depth_test": table.round(5)}, pictures={"depth_test": share_figure(table)},
     )  # fmt: skip
 
 
 def report_body(
-    table: pd.DataFrame, titles: dict, scenarios: Sequence[DepthScenario], config, samples: int
+    table: pd.DataFrame, scenarios: Sequence[DepthScenario], config: DatasetConfig, samples: int
 ) -> list[str]:
     """Write the table and the scenarios as Markdown."""
     means = table[table.depth_mm.isna()].set_index(["system", "scenario"])
     rows = [
-        {"system": title} | {one.name: _cell(means.loc[(name, one.name)]) for one in scenarios}
-        for name, title in titles.items()
+        {"system": name} | {one.name: _cell(means.loc[(name, one.name)]) for one in scenarios}
+        for name in table.system.unique()
     ]
     objects = [item.name for item in config.template.objects]
     return [
@@ -159,22 +154,22 @@ def _cell(row: pd.Series) -> str:
     return f"{row.psnr_db:.2f}{share}"
 
 
-def share_figure(table: pd.DataFrame, titles: dict[str, str]):
+def share_figure(table: pd.DataFrame):
     """Draw PSNR and share memorised of each system, a row of points for each scenario."""
     means = table[table.depth_mm.isna()]
     names = list(means.scenario.unique())
-    size = 12, 2 + 1.2 * len(names)
+    size = 12, 3 + 1.2 * len(names)
     figure, axes = subplots(1, 2, figsize=size, sharey=True, layout="constrained")
     measures = {
         "psnr_db": "PSNR against shift-and-sum of all views (dB)",
         "share_memorised": "share memorised (0: the scene as it is, 1: as trained)",
     }
     for axis, (measure, label) in zip(axes, measures.items(), strict=True):
-        for k, (system, title) in enumerate(titles.items()):
-            rows = means[means.system == system]
-            marker = "D" if "shuffled" in title else "o" if ":" in title else "s"
-            at = np.arange(len(names)) + 0.8 * (k + 0.5) / len(titles) - 0.4
-            axis.plot(rows[measure], at, marker, color=f"C{k}", label=title.partition(" (")[0])
+        systems = means.groupby("system", sort=False)
+        for k, (system, rows) in enumerate(systems):
+            marker = "D" if "shuffled" in system else "o" if ":" in system else "s"
+            at = np.arange(len(names)) + 0.8 * (k + 0.5) / len(systems) - 0.4
+            axis.plot(rows[measure], at, marker, label=system)
         axis.set_xlabel(label)
         axis.grid(axis="x", alpha=0.3)
         for edge in range(1, len(names)):
@@ -182,5 +177,5 @@ def share_figure(table: pd.DataFrame, titles: dict[str, str]):
     axes[0].set_yticks(range(len(names)), names)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
     handles = axes[0].get_legend_handles_labels()
-    figure.legend(*handles, ncols=2, fontsize=8, loc="outside lower center")
+    figure.legend(*handles, fontsize=8, loc="outside lower center")
     return figure

@@ -11,19 +11,8 @@ pictures may do a little better where much is black or saturated.
 import numpy as np
 from scipy.linalg import eigh
 
-from lf_flame.learning.scores import psnr
-
 MOST_SAMPLES = 4096
 """Maximum number of training targets for the components; the work grows with its cube."""
-
-
-def principal_component_bound(
-    train_targets: np.ndarray, test_targets: np.ndarray, k: int, bands: int = 1
-) -> np.ndarray:
-    """Find the mean PSNR, for each plane, of test targets projected as by `project`."""
-    projected = project(train_targets, test_targets, k, bands)
-    pairs = zip(test_targets, projected, strict=True)
-    return np.mean([list(map(psnr, *pair)) for pair in pairs], axis=0)
 
 
 def project(

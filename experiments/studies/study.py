@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from experiments.paper.tables import read_paper_values
 from experiments.report import markdown, write_report
-from experiments.studies.pca_bound import principal_component_bound
+from experiments.studies.pca_bound import project
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.figures import subplots
@@ -242,10 +242,11 @@ def _score_planes(trial: Trial, folder: Path, run: dict) -> list[dict]:
     train_targets = dataset.targets[training_indices(len(dataset), run)]
     objects = [item.name for item in trial.data.template.objects]
     # The objects stand side by side and vary independently: a band for each.
-    bound = principal_component_bound(train_targets, targets, AVERAGES, bands=len(objects))
-    scores = score(targets, predictions)[["ssim", "psnr_db", "psnr_foreground_db"]]
-    table = scores.assign(bound_db=bound, depth_mm=trial.data.depths_mm, object=objects)
-    return table.to_dict("records")
+    bound = score(targets, project(train_targets, targets, AVERAGES, bands=len(objects)))
+    scores = score(targets, predictions).assign(
+        bound_db=bound.psnr_db, depth_mm=trial.data.depths_mm, object=objects
+    )
+    return scores[["depth_mm", "object", *MEASURES]].to_dict("records")
 
 
 def write(name: str, study: Study, trials: Sequence[Trial], runs: Path, out: Path) -> Path:
@@ -277,7 +278,8 @@ def tabulate(scores: Sequence[tuple[Variant, dict | None]]) -> pd.DataFrame:
 
 def report_body(study: Study, rows: pd.DataFrame, done: Sequence[dict], paper: dict) -> list[str]:
     """Write the table, and how it was made, as Markdown."""
-    means = rows[rows["object"] == MEAN].astype(object)
+    means = rows[rows["object"] == MEAN]
+    means = means.assign(seconds=means["start_s"] + means["train_s"]).astype(object)
     printed = {
         "variant": "*printed in the paper*", "psnr_db": np.mean(paper["psnr_db"]),
         "ssim": np.mean(paper["ssim"]),
@@ -285,12 +287,12 @@ def report_body(study: Study, rows: pd.DataFrame, done: Sequence[dict], paper: d
     columns = {
         "variant": ("variant", ""), "x": (study.x, "g"),
         "training_samples": ("training samples", ".0f"), "epochs": ("epochs", ".0f"),
-        "best_epoch": ("best epoch", ".0f"), "start_s": ("start (s)", ".0f"),
-        "train_s": ("epochs (s)", ".0f"), "psnr_db": ("PSNR (dB)", ".2f"),
+        "best_epoch": ("best epoch", ".0f"), "seconds": ("seconds", ".0f"),
+        "psnr_db": ("PSNR (dB)", ".2f"),
         "psnr_foreground_db": ("foreground (dB)", ".2f"), "ssim": ("SSIM", ".3f"),
         "bound_db": ("bound (dB)", ".2f"),
     }  # fmt: skip
-    hidden = ["x"] * (study.x is None) + ["start_s", "train_s"] * (not study.timed)
+    hidden = ["x"] * (study.x is None) + ["seconds"] * (not study.timed)
     tests = " or ".join(sorted({str(found["test_samples"]) for found in done})) or "0"
     return [
         markdown(

@@ -331,7 +331,7 @@ def test_from_data_set_to_table(tmp_path):
     assert (table.psnr_foreground_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
     shown = experiment("tables", "results", cwd=tmp_path).stdout
-    assert "random (seed 2), conv3" in shown
+    assert "backbone weights: random, conv3" in shown
     assert "No finished run of this table: results." in shown  # Table I was not run
     solved = ROOT / "experiments" / "results" / "closed-form"
     beside = experiment("tables", "results", solved, "--out", "both.md", cwd=tmp_path).stdout
