@@ -8,14 +8,16 @@ from experiments.commands import (
     dataset_making,
     depth_test,
     effects,
+    evaluate,
     hard_cases,
     latency,
     screenshots,
     slope_maps,
+    slopes,
     study,
+    tables,
 )
 from experiments.old_results import results
-from experiments.paper.commands import evaluate, slopes, tables
 from experiments.systems.commands import compare, system_scenes
 from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program

@@ -443,20 +443,6 @@ def test_shuffled_objects_stand_at_depths_of_others_but_look_the_same(tiny, tmp_
     )
 
 
-@pytest.mark.slow
-def test_scenes_are_named_by_what_was_asked_for(tiny, tmp_path):
-    """Not by the bytes, which another machine may round otherwise."""
-    from experiments.paper.tables import scenes_sha256
-
-    make_dataset(tiny, 2, tmp_path / "a")
-    make_dataset(tiny, 2, tmp_path / "b", workers=2)
-    make_dataset(tiny, 3, tmp_path / "more")
-    make_dataset(replace(tiny, seed=tiny.seed + 1), 2, tmp_path / "other")
-    names = [scenes_sha256(Dataset(tmp_path / x)) for x in ("a", "b", "more", "other")]
-    assert names[0] == names[1]
-    assert len(set(names)) == 3
-
-
 OPAQUE = (
     TINY.replace("brightness = [0.85, 1.0]", "brightness = [0.85, 1.0]\nopaque = true")
     .replace("position_mm = 0.4", "position_mm = 3.0")

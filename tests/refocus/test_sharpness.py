@@ -335,7 +335,7 @@ def test_figure_of_a_search_marks_its_peak(rng):
 @pytest.mark.slow
 def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
     """Curves, peaks, geometry and paper of both kinds of scene; the gap at 20 mm stands out."""
-    from experiments.paper.slopes import slope_report
+    from experiments.paper.evaluation import slope_report
     from lf_flame._common import figures
 
     configs = [read_config(ROOT / "data_gen" / f"{kind}.toml") for kind in ("shapes", "flames")]
@@ -355,8 +355,8 @@ def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
     ]
     drawn = []
     save = figures.save
-    monkeypatch.setattr(figures, "save", lambda x, path: (drawn.append(x), save(x, path)))
-    text = slope_report(coarse, ROOT / "experiments" / "paper_values.toml", tmp_path)
+    monkeypatch.setattr(figures, "save", lambda x, path, dpi: (drawn.append(x), save(x, path)))
+    text = slope_report(coarse, tmp_path)
     monkeypatch.undo()
     names = {"slopes.csv", "slopes.json", "slopes.md", "slopes.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
