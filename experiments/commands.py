@@ -67,7 +67,7 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
 
 @cloup.command()
 @out_option("effects")
-@click.option("--scenes", type=click.IntRange(min=1), default=100, show_default=True)
+@click.option("--scenes", type=click.IntRange(min=1), default=40, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 def effects(out: Path, scenes: int, seed: int) -> None:
     """Compare every effect with a reference tracer, and bounds with random scenes.

@@ -50,7 +50,7 @@ def filling(texture, depth: float, part: float, camera: PlenopticCamera = CAMERA
 
 
 @hard_case(
-    "light in a lenslet whose edge the object's edge meets, shifted by 1e-13 mm",
+    "light at an object's edge on a lenslet's edge, shifted by 1e-13 mm",
     "floor of each ray's height",
     "weights by area",
     1e-11,

@@ -83,7 +83,7 @@ def depth_of_slope() -> Values:
 
 
 @hard_case(
-    "1/distance of slopes up to 30 times that of infinity, for virtual objects negative",
+    "1/distance of slopes beyond that of infinity: virtual objects",
     "i f/(i - f)",
     "difference of reciprocals",
     16 * UNIT,

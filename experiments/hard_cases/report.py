@@ -166,7 +166,7 @@ def _body(groups: dict[str, list[dict]]) -> list[str]:
 
 
 FAILS, NONE = 1e3, 1e-17
-"""Places on the picture's axis for a number that is not finite, and for an error of 0."""
+"""Places on the picture's axis for errors that are larger or not finite, and for those of 0."""
 
 
 def _figure(groups: dict[str, list[dict]]) -> Figure:
@@ -190,7 +190,7 @@ def _figure(groups: dict[str, list[dict]]) -> Figure:
         axis.set_title(title, loc="left", fontsize=10, fontweight="bold")
         axis.grid(axis="x", alpha=0.3)
     ticks = [NONE, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1, FAILS]
-    axes[-1, 0].set_xticks(ticks, ["0", *(f"{tick:g}" for tick in ticks[1:-1]), "not finite"])
+    axes[-1, 0].set_xticks(ticks, ["0", *(f"{tick:g}" for tick in ticks[1:-1]), ">= 1000"])
     axes[-1, 0].set_xlabel("largest relative error")
     legend = axes[0, 0].get_legend_handles_labels()
     drawn.legend(*legend, loc="outside upper center", ncols=2, frameon=False, fontsize=10)
