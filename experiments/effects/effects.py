@@ -224,7 +224,7 @@ def run_effects(out: Path, scenes: int, seed: int = 0, rays: int = RAYS) -> Path
         "bounds": bounds.check_bounds(scenes, seed),
     } | {"wall_s": time.perf_counter() - started}
     return write_report(
-        out, "effects", "Every effect beside a reference tracer", record, _body(record),
+        out, "effects", "Every effect beside a reference tracer", record, body(record),
         tables={"effects": pd.DataFrame(record["rows"])},
         pictures={"effects": _figure(record["rows"])},
     )  # fmt: skip
@@ -243,7 +243,8 @@ COLUMNS = {
 }
 
 
-def _body(record: dict) -> list[str]:
+def body(record: dict) -> list[str]:
+    """Write the tables, and what they rest on, as Markdown."""
     parts = [
         "A small flame with what calls for the effect, rendered at tolerance "
         f"{record['tolerance']:g}, compared with `experiments/effects/tracer.py`: {record['rays']} "

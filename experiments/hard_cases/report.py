@@ -3,7 +3,7 @@
 import importlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -124,13 +124,9 @@ def run_hard_cases(out: Path) -> Path:
         for case in step_bar(all_cases())
     ]
     record = {"cases": rows, "wall_s": time.perf_counter() - started}
-    groups = {
-        title: [row for row in rows if row["subject"] == subject]
-        for subject, title in SUBJECTS.items()
-    }
     return write_report(
-        out, "hard_cases", "Hard cases", record, _body(groups),
-        tables={"hard_cases": pd.DataFrame(rows)}, pictures={"hard_cases": _figure(groups)},
+        out, "hard_cases", "Hard cases", record, body(record),
+        tables={"hard_cases": pd.DataFrame(rows)}, pictures={"hard_cases": _figure(rows)},
     )  # fmt: skip
 
 
@@ -152,7 +148,14 @@ COLUMNS = {
 }
 
 
-def _body(groups: dict[str, list[dict]]) -> list[str]:
+def _by_subject(rows: Sequence[dict]) -> dict[str, list[dict]]:
+    """Gather the cases below the title of their subject."""
+    subjects = [subject for subject in SUBJECTS if any(row["subject"] == subject for row in rows)]
+    return {SUBJECTS[one]: [row for row in rows if row["subject"] == one] for one in subjects}
+
+
+def body(record: dict) -> list[str]:
+    """Write the table, and what it means, as Markdown."""
     parts = [
         "Each line computes a case three times: exactly, by rational arithmetic, a closed form or "
         "the reference tracer; by the formula that suggests itself; and by the package. Values are "
@@ -160,8 +163,8 @@ def _body(groups: dict[str, list[dict]]) -> list[str]:
         "places, relative to the value or, where that may be 0, to a unit.",
         "![Errors of the obvious formula and of lf_flame in each case](hard_cases.png)",
     ]
-    for title, rows in groups.items():
-        parts += [f"## {title}", markdown(rows, COLUMNS)] if rows else []
+    for title, rows in _by_subject(record["cases"]).items():
+        parts += [f"## {title}", markdown(rows, COLUMNS)]
     return parts
 
 
@@ -169,9 +172,9 @@ FAILS, NONE = 1e3, 1e-17
 """Places on the picture's axis for errors that are larger or not finite, and for those of 0."""
 
 
-def _figure(groups: dict[str, list[dict]]) -> Figure:
+def _figure(cases: Sequence[dict]) -> Figure:
     """Draw both errors of each case, a panel for each subject."""
-    groups = {title: rows for title, rows in groups.items() if rows}
+    groups = _by_subject(cases)
     counts = [len(rows) for rows in groups.values()]
     drawn, axes = figures.subplots(
         len(groups), 1, sharex=True, squeeze=False, layout="constrained",
