@@ -68,25 +68,6 @@ def tables(results: tuple[Path, ...], out: Path | None) -> None:
     click.echo(report_tables(results, out))
 
 
-@cloup.command()
-@out_option("bounds")
-@click.option("--scenes", type=click.IntRange(min=1), default=1000, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--workers", type=click.IntRange(min=1), help="Processes; default: one per core.")
-def bounds(out: Path, scenes: int, seed: int, workers: int | None) -> None:
-    """Hold the effect plan's bounds against the images of random scenes.
-
-    Scenes of flames, rough textures and cards before cameras with every imperfection. Each effect
-    that arises is forced against what the plan decided, and the largest change of a pixel is set
-    beside the bound. OUT gets bounds.csv, .md and .json, the record; a run that was stopped goes
-    on from it.
-    """
-    from experiments.bounds.report import run_bounds
-    from lf_flame._common.provenance import cpu_count
-
-    show(run_bounds(scenes, seed, out, workers or cpu_count()), "bounds")
-
-
 @cloup.command("dataset-making")
 @out_option("dataset_making")
 @click.option("--samples", type=click.IntRange(min=64), default=1600, show_default=True)
@@ -133,20 +114,21 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
 
 @cloup.command()
 @out_option("effects")
-def effects(out: Path) -> None:
-    """Set every effect of the simulator beside a reference tracer, in minutes.
+@click.option("--scenes", type=click.IntRange(min=1), default=40, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+def effects(out: Path, scenes: int, seed: int) -> None:
+    """Compare every effect with a reference tracer, and bounds with random scenes.
 
     For the paper's camera and two that were sold: what the library gives, what a slow tracer gives
-    that shares no optics with it, the tracer's own error, the largest change that the effect makes,
-    and the bound that the plan knew beforehand. Run it from a checkout's root: the tracer is that
-    of the tests.
+    that shares no optics with it, the largest change that the effect makes, and the bound that the
+    plan computes beforehand. Then as many random SCENES, on which no change may exceed its bound.
+    It takes minutes.
 
-    OUT gets absolute.csv, .md and .json, the record.
+    OUT gets effects.csv, .md, .png and .json, the record.
     """
-    from experiments.effects.absolute import measure_effects
-    from experiments.effects.report import write
+    from experiments.effects.effects import run_effects
 
-    show(write(out, measure_effects()), "effects")
+    click.echo(run_effects(out, scenes, seed).read_text(encoding="utf-8"))
 
 
 @cloup.command()
@@ -156,10 +138,9 @@ def hard_cases(out: Path) -> None:
 
     OUT gets hard_cases.csv, .md, .png and .json, the record.
     """
-    load_keras()
     from experiments.hard_cases.report import run_hard_cases
 
-    show(run_hard_cases(out), "hard_cases")
+    click.echo(run_hard_cases(out).read_text(encoding="utf-8"))
 
 
 @cloup.command()

@@ -103,12 +103,6 @@ def test_the_table_of_the_readme_holds_the_committed_numbers():
         assert row in text, row
 
 
-def test_the_table_of_hard_cases_is_the_one_of_its_record():
-    paths = ROOT / "docs" / "hard_cases.md", RESULTS / "hard_cases" / "hard_cases.md"
-    page, record = (re.findall(r"^\|.*", path.read_text(encoding="utf-8"), re.M) for path in paths)
-    assert page == record != []
-
-
 @pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
 def test_links_lead_to_files_and_headings(path):
     text = path.read_text(encoding="utf-8")
