@@ -3,19 +3,20 @@
 import cloup
 
 from experiments.commands import (
-    bounds,
     costs,
     dataset_making,
     depth_test,
     effects,
+    evaluate,
     hard_cases,
     latency,
     screenshots,
     slope_maps,
+    slopes,
     study,
+    tables,
 )
 from experiments.old_results import results
-from experiments.paper.commands import evaluate, slopes, tables
 from experiments.systems.commands import compare, system_scenes
 from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
@@ -35,7 +36,7 @@ SECTIONS = [
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What slope maps are worth", [slope_maps]),
     cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
-    cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
+    cloup.Section("Numerically hard cases", [hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
     cloup.Section("Emission by depth", [emission, rivals, soot]),

@@ -1,4 +1,4 @@
-"""Commands that measure, and write a report into a folder of results: bounds to latency.
+"""Commands that measure, and write a report into a folder of results.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -10,8 +10,7 @@ import cloup
 
 from experiments.beside_reference import show
 from experiments.command_parts import quiet_tensorflow
-from experiments.paths import PAPER_VALUES
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
@@ -22,22 +21,51 @@ def out_option(folder: str):
 
 
 @cloup.command()
-@out_option("bounds")
-@click.option("--scenes", type=click.IntRange(min=1), default=1000, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--workers", type=click.IntRange(min=1), help="Processes; default: one per core.")
-def bounds(out: Path, scenes: int, seed: int, workers: int | None) -> None:
-    """Hold the effect plan's bounds against the images of random scenes.
+@click.argument("configs", type=FILE, nargs=-1, required=True)
+@click.option("--out", type=FOLDER, help="Folder for slopes.csv, .md, .json and .png.")
+def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
+    """Search the slope of sharpest focus of each object in data-set CONFIGS.
 
-    Scenes of flames, rough textures and cards before cameras with every imperfection. Each effect
-    that arises is forced against what the plan decided, and the largest change of a pixel is set
-    beside the bound. OUT gets bounds.csv, .md and .json, the record; a run that was stopped goes
-    on from it.
+    Printed beside the slope from the camera's geometry, and the paper's.
     """
-    from experiments.bounds.report import run_bounds
-    from lf_flame._common.provenance import cpu_count
+    from experiments.paper.evaluation import slope_report
+    from lf_flame.datasets.config import read_config
 
-    show(run_bounds(scenes, seed, out, workers or cpu_count()), "bounds")
+    click.echo(slope_report([read_config(path) for path in configs], out))
+
+
+@cloup.command()
+@click.argument("run", type=FOLDER)
+@click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
+@click.option("--figure", required=True, type=click.Choice(["figure7", "figure8"]))
+@click.option("--out", type=FOLDER, required=True, help="Results folder.")
+def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
+    """Score the test split of a finished RUN, and write its table and figure.
+
+    OUT gets TABLE.csv, .md and .json, TABLE_history.csv and FIGURE.png.
+    """
+    load_keras()
+    from experiments.paper.evaluation import evaluate_run
+
+    evaluate_run(run, table, figure, out)
+
+
+@cloup.command()
+@click.argument("results", type=FOLDER, nargs=-1, required=True)
+@click.option(
+    "--out",
+    type=UsablePath(dir_okay=False, path_type=Path),
+    help="File NAME.md for the tables; their numbers and a figure are written beside it.",
+)
+def tables(results: tuple[Path, ...], out: Path | None) -> None:
+    """Print Tables I and II of RESULTS folders beside the paper's values.
+
+    Runs in one folder of results that differ only in their seed are pooled: mean and standard
+    deviation over the seeds.
+    """
+    from experiments.paper.tables import report_tables
+
+    click.echo(report_tables(results, out))
 
 
 @cloup.command("dataset-making")
@@ -67,12 +95,12 @@ def dataset_making(out: Path, samples: int, processes: int | None, rounds: int) 
 def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     """Test whether trained networks see depth, or have memorised it.
 
-    In training every object stands at a depth of its own. Here two change places, all move, or one
-    stands alone, scaled so that the central view stays as it was. Shift-and-sum is the reference; a
-    network that has memorised the depths draws what is no longer there.
+    In training every object has a depth of its own. Here two exchange their depths, all move, or
+    one is alone, scaled so that the central view stays the same. Shift-and-sum is the reference; a
+    network that has memorised the depths draws the objects at their old ones.
 
-    RUNS are run folders of `lf-flame train` that were trained on the same kind of scenes. OUT gets
-    depth_test.csv, .md, .png and .json, and a picture of each scenario.
+    RUNS are run folders of `lf-flame train`, trained on the same kind of scenes. OUT gets
+    depth_test.csv, .md, .png and .json.
 
     \b
       python -m experiments depth-test runs/closed-form/flames
@@ -81,25 +109,26 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     quiet_tensorflow()
     from experiments.depth_test.permutation import run_depth_test
 
-    show(run_depth_test(runs, out, samples), "depth_test")
+    click.echo(run_depth_test(runs, out, samples).read_text("utf-8"))
 
 
 @cloup.command()
 @out_option("effects")
-def effects(out: Path) -> None:
-    """Set every effect of the simulator beside a reference tracer, in minutes.
+@click.option("--scenes", type=click.IntRange(min=1), default=40, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+def effects(out: Path, scenes: int, seed: int) -> None:
+    """Compare every effect with a reference tracer, and bounds with random scenes.
 
     For the paper's camera and two that were sold: what the library gives, what a slow tracer gives
-    that shares no optics with it, the tracer's own error, the largest change that the effect makes,
-    and the bound that the plan knew beforehand. Run it from a checkout's root: the tracer is that
-    of the tests.
+    that shares no optics with it, the largest change that the effect makes, and the bound that the
+    plan computes beforehand. Then as many random SCENES, on which no change may exceed its bound.
+    It takes minutes.
 
-    OUT gets absolute.csv, .md and .json, the record.
+    OUT gets effects.csv, .md, .png and .json, the record.
     """
-    from experiments.effects.absolute import measure_effects
-    from experiments.effects.report import write
+    from experiments.effects.effects import run_effects
 
-    show(write(out, measure_effects()), "effects")
+    click.echo(run_effects(out, scenes, seed).read_text(encoding="utf-8"))
 
 
 @cloup.command()
@@ -109,10 +138,9 @@ def hard_cases(out: Path) -> None:
 
     OUT gets hard_cases.csv, .md, .png and .json, the record.
     """
-    load_keras()
     from experiments.hard_cases.report import run_hard_cases
 
-    show(run_hard_cases(out), "hard_cases")
+    click.echo(run_hard_cases(out).read_text(encoding="utf-8"))
 
 
 @cloup.command()
@@ -163,36 +191,28 @@ def slope_maps(out: Path) -> None:
     "--work", type=FOLDER, default="runs/studies", show_default=True,
     help="Folder for data sets and runs.",
 )  # fmt: skip
-@click.option("--only", multiple=True, metavar="NAME", help="Variant to run; may be repeated.")
-@click.option("--workers", default=0, show_default=True, help="Simulation; 0 = one per core.")
 @click.option(
-    "--imagenet", type=FILE, help="Weights where a variant asks for ImageNet's (default: Keras's)."
-)
+    "--workers", type=click.IntRange(min=0), default=0, show_default=True,
+    help="Processes that simulate; 0 = one per core.",
+)  # fmt: skip
 @click.option(
-    "--paper", type=FILE, default=PAPER_VALUES, show_default="experiments/paper_values.toml"
+    "--imagenet", type=FILE, help="ImageNet weights, where a variant needs them (default: Keras's)."
 )
-def study(
-    study: Path, out: Path, work: Path, only: tuple[str, ...], workers: int, imagenet, paper
-) -> None:
-    """Train the variants of a STUDY file, and set their scores side by side.
+def study(study: Path, out: Path, work: Path, workers: int, imagenet: Path | None) -> None:
+    """Train the variants of a STUDY file, and compare their scores.
 
     A variant changes a data set, a model or a recipe; experiments/studies/ shows how. Each is
-    simulated, trained and scored on the same test light fields, and goes on where it was cut off;
-    what is done is not done again.
+    simulated, trained and scored on the same test samples. The command resumes where it was
+    stopped.
 
-    OUT gets STUDY.csv, .md, .png and .json after each variant, those still to come as missing. Of
-    a study that is timed, STUDY_time.csv and .png show what accuracy costs in time.
+    OUT gets STUDY.csv, .md, .png and .json after each variant.
     """
-    if workers < 0:
-        raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
     load_keras()
     quiet_tensorflow()
     from experiments.studies.study import run_study
     from lf_flame._common.provenance import cpu_count
 
-    crew = workers or cpu_count()
-    path = run_study(study, out, work, paper, only=only, workers=crew, imagenet=imagenet)
-    show(path, "costs" if "costs" in path.stem else "studies")
+    click.echo(run_study(study, out, work, workers or cpu_count(), imagenet).read_text("utf-8"))
 
 
 @cloup.command()

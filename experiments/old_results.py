@@ -20,7 +20,6 @@ CODE = {
     "benchmarks/training": "lf_flame/learning lf_flame/_common experiments/benchmarks",
     "benchmarks/viewer": "lf_flame/viewer experiments/benchmarks",
     "benchmarks": f"{REFOCUSING} lf_flame/_common experiments/benchmarks",
-    "bounds": f"{SIMULATION} experiments/bounds",
     "compare": f"{LEARNING} lf_flame/systems experiments/systems",
     "costs": f"{LEARNING} experiments/costs experiments/effects",
     "dataset_making": f"{LEARNING} experiments/dataset_making",

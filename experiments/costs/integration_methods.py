@@ -1,6 +1,5 @@
 """Methods of integrating the light of a scene over the rays of each pixel."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,14 +12,10 @@ from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
-from lf_flame.simulation.reference.forward import trace_forward
 from lf_flame.simulation.slabs import slice_scene
 
-PER_PIXEL = tuple(4.0**k for k in range(-1, 8))
-"""Rays per pixel of the forward methods."""
-
 PER_AXIS = (1, *(n * 2**k for k in range(9) for n in (2, 3)))
-"""Rays per pixel and axis of the backward methods."""
+"""Rays per pixel and axis."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +35,6 @@ class Method:
     share: float = 0.0
     theory: float | None = None
     theory_hidden: float | None = None
-
-
-def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
-    rays = math.ceil(study.pixels * per_pixel)
-    return trace_forward(study.scene, study.camera, rays, sequence)
 
 
 def _backward(study: Study, per_axis: float, finite_width: bool) -> np.ndarray:
@@ -68,14 +58,9 @@ def _blank(camera: PlenopticCamera) -> np.ndarray:
     return np.zeros((camera.views, camera.views, *camera.lenslets), np.float32)
 
 
-FORWARD = partial(Method, settings=PER_PIXEL, per_pixel=lambda n: n, share=0.38)
-BACKWARD = partial(Method, settings=PER_AXIS, per_pixel=lambda n: n**2, share=0.12)
+BACKWARD = partial(Method, settings=PER_AXIS, per_pixel=lambda n: n**2, share=0.5)
 
 METHODS = {
-    "random": FORWARD(
-        "forward, random (Monte Carlo)", partial(_forward, sequence="random"), theory=1 / 2
-    ),
-    "quasi": FORWARD("forward, quasi-random", partial(_forward, sequence="quasi"), theory=5 / 8),
     "midpoint": BACKWARD(
         "backward, midpoint rule", partial(_backward, finite_width=False), theory=1 / 2
     ),
@@ -85,6 +70,6 @@ METHODS = {
     ),
     "exact": Method("exact integrator", _exact),
 }  # fmt: skip
-"""The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge;
-n midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
-those in which two layers have an edge, one of n along an axis."""
+"""The methods of integration. Theory: n midpoints along an axis miss an edge by up to 1/n; boxes
+miss it by the square of that, except for those in which two layers have an edge, one of n along an
+axis."""

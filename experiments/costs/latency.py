@@ -236,7 +236,6 @@ def _described(subject: Subject) -> dict:
         "title": card.title,
         "preset": card.preset,
         "backbone_weights": card.backbone_weights,
-        "sha256": card.sha256,
         "image": card.image,
         "planes": len(card.depths_mm),
         "camera": to_json(card.camera),

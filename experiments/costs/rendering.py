@@ -2,7 +2,7 @@
 
 All runs take one thread of one machine, one after the other, compiled beforehand, so that ratios
 are fair. Errors are root-mean-square over the image relative to its brightest pixel, against an
-image multiplied out in float64 (`lf_flame.simulation.reference.closed_form`).
+image multiplied out in float64 by the reference tracer.
 """
 
 import math
@@ -19,14 +19,14 @@ from experiments import timing
 from experiments.command_parts import step_bar
 from experiments.costs.integration_methods import METHODS
 from experiments.costs.rendering_scenes import Study, study_scenes
-from experiments.effects.absolute import Trial, effect_trials
+from experiments.effects.effects import Trial, effect_trials
+from experiments.effects.tracer import flat_views
 from experiments.paths import DATA_SETS
 from experiments.timing import in_turn
 from lf_flame._common.config import to_json
 from lf_flame._common.threads import one_thread
 from lf_flame.datasets.config import read_config
 from lf_flame.simulation.planning.decisions import plan_effects
-from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render
 
 TOLERANCE = 1e-3
@@ -87,7 +87,7 @@ def _described(study: Study) -> dict:
 
 
 def _measure_methods(study: Study, budget_s: float) -> Iterator[dict]:
-    reference = closed_form(study.scene, study.camera)
+    reference = flat_views(study.scene, study.camera)
     for name, method in METHODS.items():
         yield from _measure_method(study, name, reference, method.share * budget_s)
 
@@ -117,7 +117,7 @@ def _measure_whole(path: Path) -> list[dict]:
     """Render a scene of a data set as large as its camera records it, on all cores."""
     config, cores = read_config(path), numba.get_num_threads()
     scene, camera = config.template.draw(None)[0], config.camera
-    reference = closed_form(scene, camera)
+    reference = flat_views(scene, camera)
     stop = replace(camera, aperture_diameter_mm=camera.aperture_mm)
     rows = []
     for name, has_stop, tolerance in WHOLE:

@@ -19,8 +19,6 @@ MARKED_LEVEL = 0.01
 """Error at which the figure gives the seconds."""
 
 STYLES = {
-    "random": ("#D55E00", "o"),
-    "quasi": ("#E69F00", "s"),
     "midpoint": ("#009E73", "^"),
     "thin": ("#0072B2", "D"),
     "exact": ("#000000", "*"),
@@ -124,7 +122,7 @@ to image, the fastest of a few runs, compiled beforehand.""",
 setting got there, and the curve is continued with its own exponent. Exponent: the error falls as
 the number of rays to minus this, fitted over the finer half of the settings, and by theory for a
 picture with edges out of focus. (Midpoints lie on a lattice, which some numbers of rays make
-uneven; a smooth picture is easier for quasi-random numbers.)""",
+uneven.)""",
         _levels_table(studies, pd.DataFrame(record["accuracy"])),
         "The whole light field, on all cores: [light_field.md](light_field.md).",
         "## Effects",

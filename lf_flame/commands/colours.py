@@ -11,7 +11,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, FiniteRange, PlacedFile, tell_all
+from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, FiniteRange, PlacedFile, tell_all
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -56,7 +56,8 @@ MOST_UNKNOWN = 0.01
 )
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default colours.")
-def calibrate_colours(placed, responses, exposures, emissivity, out, **options) -> None:
+@OVERWRITE
+def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, **options) -> None:
     """Measure the gains of a camera's colours, by pictures of a furnace at known temperatures.
 
     PICTURE@KELVIN is a picture of the opening of a furnace (black body) or of a lamp, read as by
@@ -92,7 +93,8 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             f"got {len(exposures)}."
         )
     reading = Reading(**options)
-    with output_folder(out or Path("colours"), colour_output.RECORD) as folder:
+    out = out or Path("colours")
+    with output_folder(out, colour_output.RECORD, overwrite=overwrite) as folder:
         sources = [path for path, _ in placed]
         in_files = [] if exposures else list(filter(None, map(read_exposure, sources)))
         # Gains are those of the first picture's exposure, to which that of the flame is compared.

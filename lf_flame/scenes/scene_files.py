@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 from skimage.util import img_as_float64
 
-from lf_flame._common.checksums import check_seal
 from lf_flame._common.config import build, strict
-from lf_flame._common.input_files import read_toml
+from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import check_levels, read_pixels, read_shape
 from lf_flame.errors import InputError
@@ -170,12 +169,6 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
 FASTEST = 0.5
 """F-number of the fastest lens in air, by Abbe's sine condition."""
 
-CHANGED = (
-    "; for a changed camera, write the entries of its camera that are not null as a table [camera] "
-    "of a TOML file, and give that"
-)
-"""What to do instead of changing the camera in a simulation's record."""
-
 
 def read_camera(path: str | Path) -> PlenopticCamera:
     """Read a camera from the ``[camera]`` table of a TOML file, or from a simulation's record.
@@ -183,8 +176,8 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     Raises
     ------
     InputError
-        If the file cannot be read, is a record that does not fit its own hash, has no camera, a
-        value cannot be used, or no lens has such an aperture.
+        If the file cannot be read, has no camera, a value cannot be used, or no lens has such an
+        aperture.
 
     Examples
     --------
@@ -192,7 +185,7 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     >>> read_camera("scene.toml").views
     9
     """
-    values = check_seal(path, CHANGED) if Path(path).suffix == ".json" else read_toml(path)
+    values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
     if "law" in values and "camera" not in values:
         raise InputError(
             f"{path} holds the measured law of a camera, and the thin-lens camera is needed here: "

@@ -124,7 +124,6 @@ def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_pat
     assert record["mean_height"] == pytest.approx(truth.mean(), abs=lenslet_mm / 2)
     assert set(record["files"]) == {"flame.csv", "flicker.png"}
     assert imread(out / "flicker.png").shape[0] > 500
-    assert run("verify", out).exit_code == 0
 
 
 @pytest.mark.parametrize("tip_mm", [-1.0, -0.337, 0.21])
@@ -226,7 +225,7 @@ def test_doubtful_frames_are_told(still, tmp_path):
         (["--burner-row", 48], "burner_row must lie within"),
         (["--depth-mm", -400, "--camera", "CAMERA"], "main lens"),
         (["--slope", 1e308], "shifted by more than the image"),
-        (["--out", "SOURCE"], "frames' own folder"),
+        (["--out", "SOURCE"], "exists; name another folder"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(still, camera_file, tmp_path, words, message):

@@ -65,14 +65,13 @@ REMADE = {
     "dataset_making/dataset_making": lambda: body(
         "dataset_making.report", "dataset_making/dataset_making"
     ),
-    "bounds/bounds": lambda: body("bounds.report", "bounds/bounds"),
     "system_scenes/scene_counts": lambda: body(
         "systems.scene_counts", "system_scenes/scene_counts"
     ),
     "compare/compare": compare,
     **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},
     "tomography/soot": lambda: body("tomography.soot", "tomography/soot"),
-    "effects/absolute": lambda: body("effects.report", "effects/absolute"),
+    "effects/effects": lambda: body("effects.effects", "effects/effects"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
     "slope_maps/slope_maps": lambda: body("slope_maps.report", "slope_maps/slope_maps"),
     "costs/refocusing": lambda: body("costs.refocusing_report", "costs/refocusing"),
