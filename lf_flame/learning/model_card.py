@@ -191,6 +191,7 @@ def export_network(run: str | Path, out: str | Path) -> None:
         with atomic_write(out) as aside, atomic_write(beside) as card_aside:
             network.save(aside)
             write_json(card_aside, to_json(replace(card, exported=provenance.environment())))
+            out.unlink(missing_ok=True)  # a kill leaves no older network beside the new card
 
 
 def _is_card(path: Path) -> bool:

@@ -154,6 +154,7 @@ def _train(job: Job, model: Path, started: float) -> None:
     }
     with atomic_write(model) as aside:  # renamed last: make looks at this file
         network.save(aside)
+        model.unlink(missing_ok=True)  # a kill leaves no older network beside the new record
         write_json(out / "run.json", record)
 
 

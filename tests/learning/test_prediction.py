@@ -301,7 +301,7 @@ def test_a_network_with_a_flipped_bit_is_refused(exported, tmp_path):
         + content[len(content) // 2 + 1 :]
     )
     card = read_card(tmp_path / "exported.keras")
-    with pytest.raises(InputError, match="is damaged: model.weights.h5 in it does not fit"):
+    with pytest.raises(InputError, match="is damaged, as model.weights.h5 in it does not fit"):
         load_network(tmp_path / "exported.keras", card)
 
 
