@@ -5,12 +5,10 @@ import cloup
 from experiments.commands import (
     bounds,
     costs,
-    dataset_making,
     depth_test,
     effects,
     hard_cases,
     latency,
-    screenshots,
     slope_maps,
     study,
 )
@@ -34,12 +32,12 @@ SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What slope maps are worth", [slope_maps]),
-    cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
+    cloup.Section("What accuracy costs in time", [costs, latency]),
     cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
     cloup.Section("Emission by depth", [emission, rivals, soot]),
-    cloup.Section("What the documents say", [results, screenshots]),
+    cloup.Section("What the documents say", [results]),
 ]
 
 

@@ -40,26 +40,6 @@ def bounds(out: Path, scenes: int, seed: int, workers: int | None) -> None:
     show(run_bounds(scenes, seed, out, workers or cpu_count()), "bounds")
 
 
-@cloup.command("dataset-making")
-@out_option("dataset_making")
-@click.option("--samples", type=click.IntRange(min=64), default=1600, show_default=True)
-@click.option("--processes", type=click.IntRange(1, 64), help="Default: one per core.")
-@click.option("--rounds", type=click.IntRange(min=1), default=3, show_default=True)
-def dataset_making(out: Path, samples: int, processes: int | None, rounds: int) -> None:
-    """Time how data sets are made; needs the extra [dask].
-
-    The paper's two data sets are made by one process, by a pool, and by a Dask cluster on this
-    machine, in turn; and an eighth of each straight from the scenes, through light fields in closed
-    form and by traced rays, with how far apart the images are. Run it on a machine that does
-    nothing else; it takes some minutes. OUT gets dataset_making.md and .json, the record.
-    """
-    from experiments.dataset_making.report import run_dataset_making
-    from lf_flame._common.provenance import cpu_count
-
-    processes = processes or cpu_count()
-    show(run_dataset_making(samples, processes, rounds, out), "dataset_making")
-
-
 @cloup.command("depth-test")
 @click.argument("runs", nargs=-1, required=True, type=FOLDER)
 @out_option("depth_test")
@@ -113,31 +93,6 @@ def hard_cases(out: Path) -> None:
     from experiments.hard_cases.report import run_hard_cases
 
     show(run_hard_cases(out), "hard_cases")
-
-
-@cloup.command()
-@out_option("screenshots")
-@click.option("--jupyter", type=FILE, help="JupyterLab's program (default: that on the PATH).")
-def screenshots(out: Path, jupyter: Path | None) -> None:
-    """Take pictures of the viewer, in a headless browser.
-
-    Needs Chromium (on Debian, apt-get install chromium-headless-shell) and the extra [test]. The
-    picture of a notebook needs JupyterLab, which is large, and may stand in an environment of its
-    own; lf_flame is installed there too:
-
-    \b
-      python -m venv .venv-jupyter
-      .venv-jupyter/bin/pip install jupyterlab '.[jupyter]'
-      python -m experiments screenshots --jupyter .venv-jupyter/bin/jupyter-lab
-    """  # noqa: D301 - click reads the backspace
-    from experiments.screenshots.notebook import find_jupyter
-    from experiments.screenshots.taking import take_screenshots
-
-    jupyter = jupyter or find_jupyter()
-    if jupyter is None:
-        click.echo("There is no JupyterLab: no picture of a notebook is taken.", err=True)
-    for path in take_screenshots(out, jupyter):
-        click.echo(path)
 
 
 @cloup.command("slope-maps")

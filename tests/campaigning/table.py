@@ -140,13 +140,11 @@ CALLS = (
     Call("experiments slope-maps --out out", minutes=True),
     Call("experiments hard-cases --out out", learns=True, minutes=True),
     Call("experiments emission --out out", minutes=True),
-    Call("experiments dataset-making --out out", minutes=True),
 )  # fmt: skip
 
 # Commands that the campaign leaves alone, and why.
 UNTRIED = {
     "experiments results": "lists, and writes nothing",
-    "experiments screenshots": "needs a browser",
     "experiments rivals": "takes minutes; its files are those of experiments emission",
     "experiments soot": "traces rays for minutes; its files are those of experiments emission",
 }
