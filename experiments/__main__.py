@@ -3,6 +3,7 @@
 import cloup
 
 from experiments.commands import (
+    bench,
     bounds,
     costs,
     depth_test,
@@ -32,7 +33,7 @@ SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What slope maps are worth", [slope_maps]),
-    cloup.Section("What accuracy costs in time", [costs, latency]),
+    cloup.Section("What accuracy costs in time", [costs, latency, bench]),
     cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
