@@ -188,11 +188,7 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
 @click.argument("runs", type=FOLDER, nargs=-1, required=True)
 @out_option("costs")
 @click.option("--repeats", default=30, show_default=True, help="Number of rounds, 3 or more.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True,
-    help="Seed of the random raw image.",
-)  # fmt: skip
-def latency(runs: tuple[Path, ...], out: Path, repeats: int, seed: int) -> None:
+def latency(runs: tuple[Path, ...], out: Path, repeats: int) -> None:
     """Time trained networks on one picture, on a machine that does nothing else.
 
     From a raw lenslet image in memory to the refocused images: resize, backbone, decoder, and all
@@ -206,7 +202,7 @@ def latency(runs: tuple[Path, ...], out: Path, repeats: int, seed: int) -> None:
     quiet_tensorflow()
     from experiments.costs.latency import measure_latency, write
 
-    _print(write(out, measure_latency(runs, repeats, seed)))
+    _print(write(out, measure_latency(runs, repeats)))
 
 
 @cloup.command()

@@ -16,19 +16,14 @@ LEARNING = f"{REFOCUSING} lf_flame/projection lf_flame/datasets lf_flame/learnin
 TABLES = f"{LEARNING} experiments/paper experiments/studies experiments/depth_test"
 
 CODE = {
-    "benchmarks/installing": "setup.cfg",
-    "benchmarks/training": "lf_flame/learning lf_flame/_common experiments/benchmarks",
-    "benchmarks/viewer": "lf_flame/viewer experiments/benchmarks",
-    "benchmarks": f"{REFOCUSING} lf_flame/_common experiments/benchmarks",
     "bounds": f"{SIMULATION} experiments/bounds",
     "compare": f"{LEARNING} lf_flame/systems experiments/systems",
     "costs": f"{LEARNING} experiments/costs experiments/effects",
-    "dataset_making": f"{LEARNING} experiments/dataset_making",
     "effects": f"{SIMULATION} experiments/effects",
     "hard_cases": f"{LEARNING} lf_flame/tomography experiments/hard_cases",
     "refocus": REFOCUSING,
     "regions": f"{REFOCUSING} lf_flame/systems",
-    "screenshots": "lf_flame/viewer experiments/screenshots",
+    "screenshots": "lf_flame/viewer",
     "slope_maps": f"{REFOCUSING} experiments/slope_maps",
     "system_scenes": f"{LEARNING} lf_flame/systems experiments/systems",
     "tomography/networks": f"{LEARNING} lf_flame/tomography experiments/tomography",

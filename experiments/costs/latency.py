@@ -1,10 +1,9 @@
 """How long a trained network takes for one picture, stage by stage, in 32 bits and in 16.
 
-The clock runs as for a user who has a raw lenslet image in memory: it is averaged to the network's
-size, the backbone makes features of it, and the decoder images of these; at batch 1. In each round
-every precision goes it once stage by stage and once in one go, so that other load on the machine
-slows all alike. The floor is the time to read weights and raw image from memory once, at the
-bandwidth measured in the same run.
+A raw lenslet image in memory is averaged to the network's size, the backbone makes features of it,
+and the decoder images of these; at batch 1. Each round runs every precision stage by stage and in
+one go, so that other load on the machine slows all alike. The floor is the time to read weights and
+raw image from memory once, at the bandwidth measured in the same run.
 """
 
 import time
@@ -31,9 +30,6 @@ STAGES = {"resize": "#999999", "backbone": "#56B4E9", "decoder": "#E69F00"}
 
 WHOLE = "whole"
 """Name of all stages in one go."""
-
-PICTURES = 16
-"""Largest number of test inputs on which precisions are compared."""
 
 
 def in_precision(network: keras.Model, precision: str) -> keras.Model:
@@ -72,11 +68,11 @@ def stage_calls(network: keras.Model, raw: np.ndarray, size: tuple[int, int]) ->
     ]
 
 
-def measure_latency(runs: Sequence[Path], repeats: int = 30, seed: int = 0) -> dict:
+def measure_latency(runs: Sequence[Path], repeats: int = 30) -> dict:
     """Time trained networks in all precisions, in 3 rounds or more; returns the record.
 
-    The raw images are random, for the time does not depend on what they show; the seed is theirs.
-    An InputError says that a run or its data set cannot be used, or that the rounds are too few.
+    The raw images are random, for the time does not depend on what they show. An InputError says
+    that a run or its data set cannot be used, or that the rounds are too few.
     """
     if repeats < 3:
         raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")
@@ -86,11 +82,11 @@ def measure_latency(runs: Sequence[Path], repeats: int = 30, seed: int = 0) -> d
         run = open_run(path)
         camera, data = run.config.camera, run.open_dataset()
         shape = [n * camera.views for n in camera.lenslets]
-        raw = np.random.default_rng(seed).random(shape, np.float32)
-        indices = run.record["test_indices"][:PICTURES]
+        raw = np.random.default_rng(0).random(shape, np.float32)
+        indices = run.record["test_indices"][:16]
         shown, truths = data.inputs[indices], data.targets[indices]
         rows += [
-            {"network": str(path), **row, "floor_ms": 1e3 * row.pop("read_bytes") / bandwidth}
+            {"network": str(path), "floor_ms": 1e3 * row.pop("read_bytes") / bandwidth, **row}
             for row in _measure(run.load_network(), raw, shown, truths, repeats)
         ]
         networks[str(path)] = (
@@ -101,7 +97,6 @@ def measure_latency(runs: Sequence[Path], repeats: int = 30, seed: int = 0) -> d
     return {
         "networks": networks,
         "repeats": repeats,
-        "seed": seed,
         "bandwidth_gb_s": bandwidth / 1e9,
         "ways": rows,
         "wall_s": time.perf_counter() - started,

@@ -37,17 +37,15 @@ from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
 """Titles of the trained network: from the light field, and without averaging its views."""
 
-COLOURS = {
-    "interpolation": "#0072B2", "central": "#E69F00", "spread": "#009E73", "storage": "#CC79A7",
-    "fourier": "#000000", "network": "#D55E00",
-}  # fmt: skip
-"""Colours of the families of methods."""
-
-CURVES = {
-    "central": ("s", "linear, central views: a smaller aperture"),
-    "spread": ("^", "linear, few views over the full aperture"),
+FAMILIES = {
+    "interpolation": ("#0072B2", "osD", ""),
+    "central": ("#E69F00", "s", "linear, central views: a smaller aperture"),
+    "spread": ("#009E73", "^", "linear, few views over the full aperture"),
+    "storage": ("#CC79A7", "osDv", ""),
+    "fourier": ("#000000", "osDv", ""),
+    "network": ("#D55E00", "*P", ""),
 }
-"""Marker and words of the families that the figure draws as curves."""
+"""Colour and markers of the families of methods; one with words is drawn as a curve."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +142,7 @@ def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None
         for scenes in found:
             camera, block = scenes.config.camera, scenes.config.block
             methods = [*formula_methods(camera.views, block), *network_methods(scenes)]
-            total = len(scenes.indices) * len(methods)
-            for some in step_bar(_measure(scenes, methods), total):
+            for some in step_bar(_measure(scenes, methods), len(scenes.indices) * len(methods)):
                 rows += some
     return {
         "scenes": {scenes.name: _described(scenes) for scenes in found},
@@ -251,26 +248,24 @@ the full aperture are what a camera with few views has, and show ghosts.""",
 def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
     """Draw PSNR and 1 - SSIM over milliseconds, one column for each data set.
 
-    Few views are curves that end at linear interpolation of all views.
+    Few views are curves that end at all views; the exact result itself is left out.
     """
     picture, axes = subplots(
         2, len(scenes), figsize=(6.0 * len(scenes), 10.5), sharex=True, sharey="row",
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    table = table.assign(distance=1 - table["ssim"]).replace(math.inf, math.nan)
+    table = table[np.isfinite(table["psnr_db"])].assign(distance=1 - table["ssim"])
     for name, column in zip(scenes, axes.T, strict=True):
         rows = table[table["data_set"] == name]
         whole = rows[rows["title"] == "linear"]
         for axis, score in zip(column, ("psnr_db", "distance"), strict=True):
-            for family, colour in COLOURS.items():
+            for family, (colour, markers, words) in FAMILIES.items():
                 some = rows[rows["family"] == family]
-                if family in CURVES:
-                    marker, label = CURVES[family]
+                if words:
                     line = pd.concat([some, whole])
-                    axis.plot(line["milliseconds"], line[score], marker=marker, color=colour,
-                              label=label, zorder=1)  # fmt: skip
+                    axis.plot(line["milliseconds"], line[score], marker=markers, color=colour,
+                              label=words, zorder=1)  # fmt: skip
                     continue
-                markers = "*P" if family == "network" else "osDv"
                 for row, marker in zip(some.to_dict("records"), markers, strict=False):
                     axis.plot(row["milliseconds"], row[score], marker, color=colour,
                               label=row["title"], markersize=9)  # fmt: skip
