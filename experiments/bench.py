@@ -38,8 +38,8 @@ SLOPES = (2.1, 1.15, 0.35, -1.25)
 STEPS = 10
 """Number of training steps that are timed together."""
 
-LEAST_S = 1.0
-"""Seconds for which the calls of a case are repeated, at least."""
+ROUNDS, LEAST_S = 3, 1.0
+"""Smallest number of rounds of a case, and seconds for which they go on at least."""
 
 
 @dataclass(frozen=True)
@@ -308,16 +308,17 @@ def measure(small: bool = False) -> dict:
     started, rows = time.perf_counter(), []
     for task in TASKS:
         for case in step_bar(task(small)):
-            rows += measure_case(case, 0.0 if small else LEAST_S)
+            rows += measure_case(case, small)
     threads = numba.get_num_threads()
     return {"threads": threads, "wall_s": time.perf_counter() - started, "rows": rows}
 
 
-def measure_case(case: Case, least_s: float) -> list[dict]:
+def measure_case(case: Case, small: bool = False) -> list[dict]:
     """Compare the outputs of the first calls, then time all in turn; a row for each other."""
     calls = [case.ours, *(other.call for other in case.others)]
     first, *theirs = (call() for call in calls)
-    times, rows = in_turn(*calls, least_s=least_s, warm_up=False), []
+    rounds, least_s = (1, 0.0) if small else (ROUNDS, LEAST_S)
+    times, rows = in_turn(*calls, rounds=rounds, least_s=least_s, warm_up=False), []
     for k, (other, output) in enumerate(zip(case.others, theirs, strict=True), 1):
         median, low, high = (other.factor * value for value in times.ratio(k, 0))
         rows.append({

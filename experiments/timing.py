@@ -14,16 +14,10 @@ import numpy as np
 ROUNDS, SHORT_S, LONG_S = 3, 0.3, 5.0
 """Usual number of rounds; more until SHORT_S have passed, none that begins after LONG_S."""
 
-BLOCK = 2**26
-"""Number of float32 elements read to measure the bandwidth: 256 MiB, beyond caches."""
-
 
 @dataclass(frozen=True)
 class Times:
-    """Times of calls that were made in turn: `seconds` has the shape (calls, rounds).
-
-    `results` holds what each call returned the last time.
-    """
+    """Seconds of calls made in turn, shape (calls, rounds), and what each returned last."""
 
     seconds: np.ndarray
     results: list
@@ -32,11 +26,6 @@ class Times:
     def best(self) -> np.ndarray:
         """Shortest time of each call."""
         return self.seconds.min(axis=1)
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Distance of the lower quartile of each call from its shortest time, in seconds."""
-        return np.percentile(self.seconds, 25, axis=1) - self.best
 
     def ratio(self, call: int, other: int) -> tuple[float, float, float]:
         """Time of a call over that of another in the same round: median and quartiles."""
@@ -54,28 +43,23 @@ def in_turn(
     """Time calls in turn, round by round, so that other load on the machine slows all alike.
 
     At least `rounds` rounds, and more until `least_s` seconds have passed; by default `ROUNDS` and
-    `SHORT_S`, and fewer rounds where they take longer than `LONG_S`. The warm-up is a first round
-    that does not count, in which loops are compiled.
+    `SHORT_S`, fewer where they take longer than `LONG_S`. A warm-up round compiles, uncounted.
     """
     most_s = LONG_S if rounds is None else np.inf
     least_s = (SHORT_S if rounds is None else 0.0) if least_s is None else least_s
     rounds = ROUNDS if rounds is None else rounds
-    if warm_up:
-        for call in calls:
-            call()
+    for call in calls if warm_up else ():
+        call()
     found, started = [], time.perf_counter()
     while True:
-        turns, results = zip(*(_timed(call) for call in calls), strict=True)
-        found.append(turns)
+        turns, results = [time.perf_counter()], []
+        for call in calls:
+            results.append(call())
+            turns.append(time.perf_counter())
+        found.append(np.diff(turns))
         spent = time.perf_counter() - started
         if spent >= most_s or (len(found) >= rounds and spent >= least_s):
-            return Times(np.transpose(found), list(results))
-
-
-def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
-    started = time.perf_counter()
-    result = call()
-    return time.perf_counter() - started, result
+            return Times(np.transpose(found), results)
 
 
 @contextmanager
@@ -107,7 +91,7 @@ def read_once(array: np.ndarray) -> None:
 
 def measure_bandwidth() -> float:
     """Measure how fast all cores together read from memory, in bytes per second."""
-    block = np.ones(BLOCK, np.float32)
+    block = np.ones(2**26, np.float32)  # 256 MiB, beyond caches
     return block.nbytes / float(in_turn(lambda: read_once(block), rounds=20).best[0])
 
 

@@ -294,7 +294,6 @@ def _measure_effect(name: str, trial: Trial) -> dict:
         "seconds_off": seconds_off,
         "seconds_on": seconds_on,
         "seconds_added": seconds_on - seconds_off,
-        "seconds_spread": float(times.spread.max()),
         "seconds_planned": planned[name].seconds,
         "integrator": planned.integrator,
     }

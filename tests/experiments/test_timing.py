@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from experiments import timing
-from experiments.timing import Times, in_turn
+from experiments.timing import in_turn
 
 
 @pytest.fixture
@@ -29,7 +29,6 @@ def test_calls_are_made_in_turn_and_the_first_round_does_not_count(clock):
     np.testing.assert_array_equal(times.seconds, [[1, 2, 4], [3, 4, 2]])
     np.testing.assert_array_equal(times.best, [1, 2])
     assert times.ratio(1, 0) == (2.0, 1.25, 2.5)  # the median of 3, 2 and 1/2, not 2 / 1
-    np.testing.assert_array_equal(times.spread, [0.5, 0.5])
     assert times.results == [7, 8]
 
 
@@ -43,11 +42,6 @@ def test_rounds_go_on_for_as_long_as_asked(clock, seconds, options, rounds):
         else options,
     )  # fmt: skip
     assert times.seconds.shape[1] == rounds
-
-
-def test_spread_is_from_the_best_to_the_lower_quartile():
-    times = Times(np.array([[1.0, 1.5, 2.0, 9.0, 9.0]]), [])
-    assert times.spread.tolist() == [0.5]
 
 
 @pytest.mark.slow
