@@ -3,20 +3,18 @@
 import cloup
 
 from experiments.commands import (
+    bench,
     costs,
-    dataset_making,
     depth_test,
     effects,
     evaluate,
     hard_cases,
     latency,
-    screenshots,
     slope_maps,
     slopes,
     study,
     tables,
 )
-from experiments.old_results import results
 from experiments.systems.commands import compare, system_scenes
 from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
@@ -35,12 +33,11 @@ SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What slope maps are worth", [slope_maps]),
-    cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
+    cloup.Section("What accuracy costs in time", [costs, latency, bench]),
     cloup.Section("Numerically hard cases", [hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
     cloup.Section("Emission by depth", [emission, rivals, soot]),
-    cloup.Section("What the documents say", [results, screenshots]),
 ]
 
 

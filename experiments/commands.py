@@ -8,11 +8,15 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.beside_reference import show
 from experiments.command_parts import quiet_tensorflow
-from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, UsablePath
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
+
+
+def show(report: Path) -> None:
+    """Print a report that was just written."""
+    click.echo(report.read_text(encoding="utf-8"))
 
 
 def out_option(folder: str):
@@ -68,26 +72,6 @@ def tables(results: tuple[Path, ...], out: Path | None) -> None:
     click.echo(report_tables(results, out))
 
 
-@cloup.command("dataset-making")
-@out_option("dataset_making")
-@click.option("--samples", type=click.IntRange(min=64), default=1600, show_default=True)
-@click.option("--processes", type=click.IntRange(1, 64), help="Default: one per core.")
-@click.option("--rounds", type=click.IntRange(min=1), default=3, show_default=True)
-def dataset_making(out: Path, samples: int, processes: int | None, rounds: int) -> None:
-    """Time how data sets are made; needs the extra [dask].
-
-    The paper's two data sets are made by one process, by a pool, and by a Dask cluster on this
-    machine, in turn; and an eighth of each straight from the scenes, through light fields in closed
-    form and by traced rays, with how far apart the images are. Run it on a machine that does
-    nothing else; it takes some minutes. OUT gets dataset_making.md and .json, the record.
-    """
-    from experiments.dataset_making.report import run_dataset_making
-    from lf_flame._common.provenance import cpu_count
-
-    processes = processes or cpu_count()
-    show(run_dataset_making(samples, processes, rounds, out), "dataset_making")
-
-
 @cloup.command("depth-test")
 @click.argument("runs", nargs=-1, required=True, type=FOLDER)
 @out_option("depth_test")
@@ -128,7 +112,7 @@ def effects(out: Path, scenes: int, seed: int) -> None:
     """
     from experiments.effects.effects import run_effects
 
-    click.echo(run_effects(out, scenes, seed).read_text(encoding="utf-8"))
+    show(run_effects(out, scenes, seed))
 
 
 @cloup.command()
@@ -140,32 +124,7 @@ def hard_cases(out: Path) -> None:
     """
     from experiments.hard_cases.report import run_hard_cases
 
-    click.echo(run_hard_cases(out).read_text(encoding="utf-8"))
-
-
-@cloup.command()
-@out_option("screenshots")
-@click.option("--jupyter", type=FILE, help="JupyterLab's program (default: that on the PATH).")
-def screenshots(out: Path, jupyter: Path | None) -> None:
-    """Take pictures of the viewer, in a headless browser.
-
-    Needs Chromium (on Debian, apt-get install chromium-headless-shell) and the extra [test]. The
-    picture of a notebook needs JupyterLab, which is large, and may stand in an environment of its
-    own; lf_flame is installed there too:
-
-    \b
-      python -m venv .venv-jupyter
-      .venv-jupyter/bin/pip install jupyterlab '.[jupyter]'
-      python -m experiments screenshots --jupyter .venv-jupyter/bin/jupyter-lab
-    """  # noqa: D301 - click reads the backspace
-    from experiments.screenshots.notebook import find_jupyter
-    from experiments.screenshots.taking import take_screenshots
-
-    jupyter = jupyter or find_jupyter()
-    if jupyter is None:
-        click.echo("There is no JupyterLab: no picture of a notebook is taken.", err=True)
-    for path in take_screenshots(out, jupyter):
-        click.echo(path)
+    show(run_hard_cases(out))
 
 
 @cloup.command("slope-maps")
@@ -181,7 +140,7 @@ def slope_maps(out: Path) -> None:
     from experiments.slope_maps.measuring import measure
     from experiments.slope_maps.report import write
 
-    show(write(out, *measure()), "slope_maps")
+    show(write(out, *measure()))
 
 
 @cloup.command()
@@ -212,7 +171,7 @@ def study(study: Path, out: Path, work: Path, workers: int, imagenet: Path | Non
     from experiments.studies.study import run_study
     from lf_flame._common.provenance import cpu_count
 
-    click.echo(run_study(study, out, work, workers or cpu_count(), imagenet).read_text("utf-8"))
+    show(run_study(study, out, work, workers or cpu_count(), imagenet))
 
 
 @cloup.command()
@@ -222,72 +181,65 @@ def study(study: Path, out: Path, work: Path, workers: int, imagenet: Path | Non
     show_default=True,
 )  # fmt: skip
 @click.option(
-    "--budget-s", default=420.0, show_default=True,
-    help="Seconds for the methods of integration; effects take a minute or two on top.",
-)  # fmt: skip
+    "--budget-s", default=150.0, show_default=True, help="Seconds for the methods of integration."
+)
 @click.option(
     "--run", type=FOLDER, default="runs/closed-form", show_default=True,
-    help="Folder of trained networks, RUN/shapes and RUN/flames, to set beside refocusing.",
+    help="Folder of trained networks, RUN/shapes and RUN/flames, to compare with refocusing.",
 )  # fmt: skip
 def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
-    """Measure what accuracy costs in time; run it on a machine that does nothing else.
+    """Measure what accuracy costs in time, on a machine that does nothing else.
 
-    Simulation: error against seconds for each method of integration, on the shape scene, a flame
-    and an occluding scene; for each effect the seconds that it adds and the error of leaving it
-    out. On one thread.
+    Simulation: error against seconds for each method of integration; for each effect the seconds
+    that it adds and the error of leaving it out. On one thread.
 
-    Refocusing: SSIM and PSNR against the exact result over milliseconds, for each interpolation,
-    for fewer views, for light fields stored in fewer bits, in the Fourier domain, and for the
-    trained networks. On all cores, in two or three minutes.
+    Refocusing: SSIM and PSNR against the exact result over milliseconds. On all cores.
     """
-    from experiments.costs import rendering_report
-    from experiments.costs.rendering import measure_costs
+    from experiments.costs import rendering
 
     if not budget_s > 0:
         raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
     if chapter != "refocusing":
-        show(rendering_report.write_reports(out, measure_costs(budget_s)), "costs")
+        show(rendering.write(out, rendering.measure_costs(budget_s)))
     if chapter != "simulation":
         load_keras()
-        from experiments.costs import refocusing_report
-        from experiments.costs.refocusing import measure_refocusing
+        from experiments.costs import refocusing
 
-        show(refocusing_report.write(out, measure_refocusing(run)), "costs")
+        show(refocusing.write(out, refocusing.measure_refocusing(run)))
 
 
 @cloup.command()
-@click.argument("networks", type=PATH, nargs=-1, required=True)
+@click.argument("runs", type=FOLDER, nargs=-1, required=True)
 @out_option("costs")
-@click.option("--repeats", default=30, show_default=True, help="Rounds that count; 3 or more.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True,
-    help="Seed of the random raw image.",
-)  # fmt: skip
-def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> None:
-    """Time trained NETWORKS on one picture; run it on a machine that does nothing else.
+@click.option("--repeats", default=30, show_default=True, help="Number of rounds, 3 or more.")
+def latency(runs: tuple[Path, ...], out: Path, repeats: int) -> None:
+    """Time trained networks on one picture, on a machine that does nothing else.
 
-    A NETWORK is a run folder, or a .keras file that `lf-flame export` wrote. The clock runs from a
-    raw lenslet image in memory, of the size of the network's camera, to the refocused images:
-    stage by stage (resize, backbone, decoder) and in one go, at batch 1.
-
-    Each network is timed in float32, bfloat16 and float16, and with its dense layers in int8 (Keras
-    has no convolutions in int8), compiled by each compiler that the backend has. Fewer bits cost
-    accuracy: beside each time stands how far the images are from float32's (PSNR in dB, higher is
-    closer), and from the truth where a run folder names its test split. What this machine cannot do
-    shows as missing, with the reason. Fewer bits need not be faster: that takes a processor, and a
-    library, with arithmetic for them.
-
-    The floor is the time to read weights and raw image once, at the bandwidth measured meanwhile.
-
-    OUT gets latency.csv, .md, .png and .json, the record.
+    From a raw lenslet image in memory to the refocused images: resize, backbone, decoder, and all
+    in one go, at batch 1, in float32, bfloat16 and float16. RUNS are run folders of `lf-flame
+    train`, their data sets at hand.
 
     \b
       python -m experiments latency runs/closed-form/flames --out latency
-      python -m experiments latency flames.keras runs/closed-form/shapes --out latency --repeats 100
     """  # noqa: D301 - click reads the backspace
     load_keras()
     quiet_tensorflow()
-    from experiments.costs import latency_report
-    from experiments.costs.latency import measure_latency
+    from experiments.costs.latency import measure_latency, write
 
-    show(latency_report.write(out, measure_latency(networks, repeats, seed)), "costs")
+    show(write(out, measure_latency(runs, repeats)))
+
+
+@cloup.command()
+@out_option("bench")
+@click.option("--small", is_flag=True, help="Small inputs, to try the command.")
+def bench(out: Path, small: bool) -> None:
+    """Time refocusing, decoding, rendering and training beside floors and rivals.
+
+    Run it on a machine that does nothing else. All calls of a case are timed in turn, and their
+    outputs are compared.
+    """
+    load_keras()
+    quiet_tensorflow()
+    from experiments.bench import measure, write
+
+    show(write(out, measure(small)))

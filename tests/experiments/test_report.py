@@ -12,30 +12,11 @@ from experiments.paths import REFERENCE
 from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
 
-BENCHMARKS = (
-    "decoding", "installing", "reconstructing", "refocusing", "speed",
-    "starting", "training", "video", "viewer",
-)  # fmt: skip
-
-
 EMISSION = ("emission", "bars", "networks")
 
 
 def read(name):
     return json.loads((REFERENCE / f"{name}.json").read_text())
-
-
-def benchmark(name):
-    from experiments.benchmarks.report import table_of
-
-    module = importlib.import_module(f"experiments.benchmarks.{name.removesuffix('_passive')}")
-    return [table_of(read(f"benchmarks/{name}")["rows"], module.COLUMNS)]
-
-
-def light_field():
-    from experiments.costs.rendering_report import light_field_body
-
-    return light_field_body(read("costs/costs"))
 
 
 def body(module, name):
@@ -58,13 +39,6 @@ def emission(name):
 
 
 REMADE = {
-    **{f"benchmarks/{name}": lambda name=name: benchmark(name) for name in BENCHMARKS},
-    "costs/costs": lambda: body("costs.rendering_report", "costs/costs"),
-    "costs/latency": lambda: body("costs.latency_report", "costs/latency"),
-    "costs/light_field": light_field,
-    "dataset_making/dataset_making": lambda: body(
-        "dataset_making.report", "dataset_making/dataset_making"
-    ),
     "system_scenes/scene_counts": lambda: body(
         "systems.scene_counts", "system_scenes/scene_counts"
     ),
@@ -74,11 +48,8 @@ REMADE = {
     "effects/effects": lambda: body("effects.effects", "effects/effects"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
     "slope_maps/slope_maps": lambda: body("slope_maps.report", "slope_maps/slope_maps"),
-    "costs/refocusing": lambda: body("costs.refocusing_report", "costs/refocusing"),
 }
 """Committed reports whose tables follow from their records, with what makes them."""
-
-NEED_KERAS = ("benchmarks/training", "costs/latency")
 
 NUMBER = re.compile(r"(?:(?<![\w.])[-+])?\d+(?:\.\d+)?(?:e[-+]\d+)?|\binf\b")
 
@@ -89,12 +60,8 @@ def numbers(text):
     return [[float(x) for x in row] for row in rows if row]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(x, marks=[pytest.mark.slow] * (x in NEED_KERAS)) for x in REMADE],
-)
-def test_committed_tables_follow_from_their_records(name, monkeypatch):
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # which training.py sets, so that it is undone
+@pytest.mark.parametrize("name", REMADE)
+def test_committed_tables_follow_from_their_records(name):
     remade = numbers("\n".join(REMADE[name]()))
     committed = numbers((REFERENCE / f"{name}.md").read_text())
     assert remade
