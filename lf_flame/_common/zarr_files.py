@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common.array_files import ArrayHeader
+from lf_flame._common.arrays_in_files import ArrayHeader
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from lf_flame._common.images import open_image
 from lf_flame._common.input_files import File, check_regular, open_bytes
-from lf_flame._common.tiff_files import open_image
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import MATLAB_SUFFIX
 from lf_flame.formats.view_files.sources import first_image, is_view_folder

@@ -9,9 +9,8 @@ import tifffile
 from PIL import Image, PngImagePlugin
 
 from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.images import TIFF_SUFFIXES, read_pixels, to_unit
 from lf_flame._common.input_files import Source
-from lf_flame._common.pixels import read_pixels, to_unit
-from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")

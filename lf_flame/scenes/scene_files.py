@@ -8,9 +8,9 @@ from skimage.util import img_as_float64
 
 from lf_flame._common.checksums import check_seal
 from lf_flame._common.config import build, strict
+from lf_flame._common.images import check_levels, read_pixels, read_shape
 from lf_flame._common.input_files import read_toml
 from lf_flame._common.memory import check_memory
-from lf_flame._common.pixels import check_levels, read_pixels, read_shape
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture

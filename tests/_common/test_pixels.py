@@ -9,7 +9,7 @@ import tifffile
 from PIL import EpsImagePlugin, Image
 
 from lf_flame import InputError
-from lf_flame._common.pixels import read_pixels
+from lf_flame._common.images import read_pixels
 from lf_flame.formats.images import read_image
 from lf_flame.formats.reading import read_light_field
 from lf_flame.scenes.scene_files import read_scene

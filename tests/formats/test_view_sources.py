@@ -130,7 +130,7 @@ def test_archives_that_cannot_be_trusted_are_refused(tmp_path, rng, monkeypatch)
     with pytest.raises(InputError, match=r"a\.zip would need 0\.009 GB"):
         read_light_field(path)
     monkeypatch.delenv(LIMIT)
-    monkeypatch.setattr("lf_flame._common.zip_files.MOST_FILES", 8)
+    monkeypatch.setattr("lf_flame._common.input_files.MOST_FILES", 8)
     with pytest.raises(InputError, match="it holds 9 files, and 8 are the most"):
         read_light_field(path)
     pack(path, files | {name.replace("view", "depth"): png for name, png in files.items()})
