@@ -101,7 +101,7 @@ def read_pixels(path: Source) -> np.ndarray:
         If the file is missing or damaged, is not an image of these formats, is neither grey
         nor RGB, or needs too much memory.
     """
-    if _is_tiff(path):
+    if is_tiff(path):
         return _rows_first(*_read_tiff(path))
     with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
         _check_colours(image, path)
@@ -126,7 +126,7 @@ def read_shape(path: Source) -> tuple[int, int, int]:
     InputError
         If the file is missing, or is not an image of these formats.
     """
-    if _is_tiff(path):
+    if is_tiff(path):
         with open_tiff(path) as file:
             page, values = (one := pictures(file, path)[0]).keyframe, prod(one.shape)
         rows, columns = page.imagelength, page.imagewidth
@@ -346,7 +346,8 @@ def _check_packing(page: tifffile.TiffPage, path: Source) -> None:
                 check_memory(prod(part.size) * page.samplesperpixel * PER_VALUE, path)
 
 
-def _is_tiff(path: Source) -> bool:
+def is_tiff(path: Source) -> bool:
+    """Whether a file is TIFF, by its ending or its first bytes."""
     if PurePath(str(path)).suffix.lower() in TIFF_SUFFIXES:
         return True
     with readable(path, (OSError,)), open_bytes(path) as file:
