@@ -74,14 +74,7 @@ class ArrayFile:
         return ArrayHeader(shape, dtype)
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times.
-
-        Raises
-        ------
-        InputError
-            If one is not an array of numbers or is damaged, or together they exceed the memory
-            limit.
-        """
+        """Read arrays by name, if they fit into memory `copies` times."""
         names = list(names)
         check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
         arrays = []
@@ -111,13 +104,7 @@ class ArrayFile:
 
 @contextmanager
 def open_arrays(path: str | Path) -> Iterator[ArrayFile]:
-    """Open a ``.npy`` or ``.npz`` file; the content decides which.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is neither of the two.
-    """
+    """Open a ``.npy`` or ``.npz`` file; the content decides which."""
     with readable(path, ZIP_ERRORS):
         archive = ZipFile(path) if is_zipfile(path) else None
     if archive is None:
@@ -223,14 +210,7 @@ class Hdf5File:
         return self._found[name]
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times.
-
-        Raises
-        ------
-        InputError
-            If one is damaged or packed in another way than by DEFLATE, or they exceed the memory
-            limit.
-        """
+        """Read arrays by name, if they fit into memory `copies` times."""
         names, arrays = list(names), []
         check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
         with readable(self.path, HDF5_ERRORS), self._h5py.File(self.path, "r") as file:
@@ -379,13 +359,7 @@ class MatlabFile:
         return self._found[name]
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times, and as stored.
-
-        Raises
-        ------
-        InputError
-            If one is damaged, or they exceed the memory limit.
-        """
+        """Read arrays by name, if they fit into memory `copies` times, and one as stored."""
         from scipy.io import loadmat
 
         names, arrays = list(names), []

@@ -119,13 +119,7 @@ def read_pixels(path: Source) -> np.ndarray:
 
 
 def read_shape(path: Source) -> tuple[int, int, int]:
-    """Rows, columns and channels of an image, from its header alone.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, or is not an image of these formats.
-    """
+    """Rows, columns and channels of an image, from its header alone."""
     if is_tiff(path):
         with open_tiff(path) as file:
             page, values = (one := pictures(file, path)[0]).keyframe, prod(one.shape)
@@ -178,13 +172,7 @@ class _Apart(io.FileIO):
 
 @contextmanager
 def open_tiff(path: Source) -> Iterator[tifffile.TiffFile]:
-    """Open a TIFF file; other files that it names are not opened.
-
-    Raises
-    ------
-    InputError
-        If it is not a regular file, or not a readable TIFF file.
-    """
+    """Open a TIFF file; other files that it names are not opened."""
     with readable(path, TIFF_ERRORS):
         stream: IO[bytes] = (
             open_bytes(path) if isinstance(path, PackedFile) else io.BufferedReader(_Apart(path))
@@ -210,12 +198,8 @@ def pictures(file: tifffile.TiffFile, path: Source) -> list[tifffile.TiffPageSer
     """Series of an open TIFF file that are the picture in full resolution, or its like pages.
 
     A file may begin with a thumbnail, and hold the picture behind it or in a SubIFD of it (DNG);
-    NewSubfileType says so. Smaller pictures behind the first are left out.
-
-    Raises
-    ------
-    InputError
-        If the file does not say which of its pictures is meant.
+    NewSubfileType says so. Smaller pictures behind the first are left out. A file that does not
+    say which of its pictures is meant is refused.
     """
     if not file.series:
         raise InputError(f"{path} cannot be read: it is damaged, or holds no picture.")
@@ -251,19 +235,8 @@ def read_pages(series: list[tifffile.TiffPageSeries], path: Source) -> tuple[np.
     """Read series of like pages, if all of them fit into memory as floats.
 
     Grey levels that count from white are inverted, levels that do not fill whole bytes become
-    fractions of the highest, and pictures are turned to their shown orientation.
-
-    Returns
-    -------
-    ndarray
-        Pixels, shape (series, ...).
-    str
-        Letters of the axes: I for the series, then tifffile's, with axes of length 1.
-
-    Raises
-    ------
-    InputError
-        If a page is in another file, its samples are not light, or memory does not suffice.
+    fractions of the highest, and pictures are turned to their shown orientation. The letters of
+    the axes are I for the series, then tifffile's, with axes of length 1.
     """
     itemsize = series[0].dtype.itemsize
     check_memory(

@@ -140,13 +140,12 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Parse a TOML file of bounded size and depth."""
     text = read_text(path, LARGEST_TOML)
-    _check_depth(text, path)
+    if _has_long_name(text):
+        raise _too_deep(path)
     try:
         values = tomllib.loads(text)
-    except RecursionError:  # text can hide brackets from `_check_depth`
-        raise InputError(
-            f"{path} is not a TOML file that can be read: it nests too deep."
-        ) from None
+    except RecursionError:
+        raise _too_deep(path) from None
     except ValueError as error:  # also an impossible date or number
         raise InputError(f"{path} is not a TOML file: {error}.") from None
     _check_values(values, path)
@@ -166,11 +165,12 @@ def parse_json(text: str, source: str | Path) -> Any:
 
     `source` is the origin of the text, for the message.
     """
-    _check_depth(text, source)
     try:
         values = json.loads(
             text, object_pairs_hook=_unique, parse_float=_finite, parse_constant=_finite
         )
+    except RecursionError:
+        raise _too_deep(source) from None
     except ValueError as error:
         raise InputError(f"{source} is not a JSON file: {error}.") from None
     _check_values(values, source)
@@ -191,46 +191,27 @@ def _finite(text: str) -> float:
     return number
 
 
-MARKS = re.compile(
-    r""" "(?:[^"\\\n]|\\.)*" | '[^'\n]*'  # text
-       | \#[^\n]*                         # a remark, in TOML
-       | [\[{\]}.\n,=]""",
-    re.VERBOSE,
-)
-
-
-def _check_depth(text: str, source: str | Path) -> None:
-    """Refuse nesting that is too deep, by brackets and, in TOML, by dots in names.
-
-    This precedes parsing because parsers recurse at each bracket, and TOML's parser makes n * n
-    copies for a name of n parts.
-    """
-    brackets = dots = 0
-    for found in MARKS.finditer(text):
-        mark = found[0][0]
-        if mark in "[{":
-            brackets += 1
-        elif mark in "]}":
-            brackets = max(brackets - 1, 0)
-        elif mark == ".":
-            dots += 1
-        elif mark in "\n,=":
-            dots = 0
-        if brackets + dots > DEEPEST:
-            raise InputError(
-                f"{source} cannot be read: its tables and lists nest deeper than {DEEPEST}."
-            )
+def _has_long_name(text: str) -> bool:
+    """Whether a name may have too many parts: TOML's parser copies it once for each of them."""
+    for piece in re.split(r"[=,{}\[\]\n]", text):
+        before = piece.partition("#")[0]
+        quoted = '"' in before or "'" in before  # the # may be part of a text
+        if (piece if quoted else before).count(".") > DEEPEST:
+            return True
+    return False
 
 
 def _check_values(values: Any, source: str | Path) -> None:
-    """Refuse text that no file name or message can hold, and integers beyond 64 bits."""
-    left = [values]
+    """Refuse deep nesting, text that no file name can hold, and integers beyond 64 bits."""
+    left = [(values, 0)]
     while left:
-        value = left.pop()
+        value, depth = left.pop()
+        if depth > DEEPEST:
+            raise _too_deep(source)
         if isinstance(value, dict):
-            left += [*value.keys(), *value.values()]
+            left += [(one, depth + 1) for one in (*value.keys(), *value.values())]
         elif isinstance(value, list):
-            left += value
+            left += [(one, depth + 1) for one in value]
         elif isinstance(value, str) and _is_odd(value):
             raise InputError(
                 f"{source} cannot be used: a text in it holds a null byte or half a character, "
@@ -238,6 +219,10 @@ def _check_values(values: Any, source: str | Path) -> None:
             )
         elif isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise InputError(f"{source} cannot be used: it holds a whole number beyond 64 bits.")
+
+
+def _too_deep(source: str | Path) -> InputError:
+    return InputError(f"{source} cannot be read: its tables and lists nest deeper than {DEEPEST}.")
 
 
 def _is_odd(text: str) -> bool:
