@@ -2,7 +2,7 @@
 
 Methods and effects run on one thread, one after the other, compiled beforehand, so that ratios are
 fair. Errors are root-mean-square over the image relative to its brightest pixel, against an image
-multiplied out in float64 (`closed_form`).
+multiplied out in float64 by the reference tracer.
 """
 
 import math
@@ -19,6 +19,7 @@ from numba import njit
 from experiments import timing
 from experiments.command_parts import step_bar
 from experiments.effects.effects import Trial, effect_trials
+from experiments.effects.tracer import flat_views
 from experiments.paths import DATA_SETS
 from experiments.report import markdown, write_report
 from experiments.timing import in_turn, on_threads
@@ -26,7 +27,7 @@ from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
+from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation.exact import integrate
@@ -160,72 +161,6 @@ def _framed(camera: PlenopticCamera, layers: Sequence[Layer]) -> PlenopticCamera
     return replace(few, lenslets=tuple(lenslets))
 
 
-def closed_form(scene: Scene, camera: PlenopticCamera) -> np.ndarray:
-    """Multiply out the image of flat layers in float64, one of which may be opaque.
-
-    The rays of a pixel fill a unit square along each axis: place on the lenslet times place on the
-    pixel. A cell of a layer is a strip of it, so that two cells behind each other are seen through
-    the intersection of two strips. Nothing is sampled. Returns [v, u, t, s].
-    """
-    image, card = 0.0, None
-    for layer in scene.front_to_back:
-        if layer.texture.any():
-            rows, columns = (
-                np.diff(trapezoid_cdf(edges, *np.abs(widths)), axis=1)  # of each pixel's rays
-                for edges, widths in (_edges(layer, camera, axis) for axis in (0, 1))
-            )
-            image = image + rows @ layer.texture @ columns.T
-            image = image - _hidden(card, layer, camera) if card else image
-        card = layer if layer.opaque else card
-    (lines, columns), n = camera.lenslets, camera.views
-    return image.reshape(n, lines, n, columns).swapaxes(1, 2)
-
-
-def _edges(layer: Layer, camera: PlenopticCamera, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the cells from the central ray of each pixel, and the widths of its bundle in mm."""
-    seen = trace_footprint(camera, layer.depth_mm, axis)
-    edges = layer.cell_edges_mm(axis) - seen.centres_mm.reshape(-1, 1)
-    return edges, np.array([seen.lenslet_width_mm, seen.pixel_width_mm])
-
-
-def _hidden(front: Layer, behind: Layer, camera: PlenopticCamera) -> np.ndarray:
-    """Light of a layer that an opaque one hides."""
-    shared = []
-    for axis in (0, 1):
-        (near, one), (far, other) = (_edges(layer, camera, axis) for layer in (front, behind))
-        areas = [_corner_area((near[:, [i]], far), (one, other)) for i in range(near.shape[1])]
-        shared.append(np.diff(np.diff(np.stack(areas, axis=1), axis=1), axis=2))
-    rows, columns = shared
-    opacity = np.broadcast_to(front.opacity, front.texture.shape)
-    hidden = np.zeros((len(rows), len(columns)))
-    for i in np.flatnonzero(opacity.any(axis=1)):
-        hidden += rows[:, i] @ behind.texture @ np.tensordot(opacity[i], columns, (0, 1)).T
-    return hidden
-
-
-def _corner_area(edges, widths) -> np.ndarray:
-    """Area of the unit square where ``w[0] a + w[1] b`` lies below the edges of both layers.
-
-    For each a the places b form an interval, whose length is linear between the a where an edge
-    enters or leaves the square or both cross: the trapezoid rule between these is exact.
-    """
-    if min(abs(w[1]) - 1e-9 * abs(w[0]) for w in widths) < 0:
-        widths = [w[::-1] for w in widths]  # in focus: a ray's place on the pixel does not matter
-    height = [edge / w[1] for edge, w in zip(edges, widths, strict=True)]
-    slope = [-w[0] / w[1] for w in widths]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bends = [(side - h) / m for h, m in zip(height, slope, strict=True) for side in (-0.5, 0.5)]
-        bends.append((height[1] - height[0]) / (slope[0] - slope[1]))
-    a = np.nan_to_num(np.stack(np.broadcast_arrays(-0.5, *bends, 0.5)))
-    a = np.sort(np.clip(a, -0.5, 0.5), axis=0)
-    low, high = np.full_like(a, -0.5), np.full_like(a, 0.5)
-    for h, m, w in zip(height, slope, widths, strict=True):
-        edge = np.clip(h + m * a, -0.5, 0.5)
-        low, high = (low, np.minimum(high, edge)) if w[1] > 0 else (np.maximum(low, edge), high)
-    length = np.maximum(high - low, 0)
-    return ((length[1:] + length[:-1]) / 2 * np.diff(a, axis=0)).sum(axis=0)
-
-
 def measure_costs(
     budget_s: float = 150.0,
     studies: Sequence[Study] | None = None,
@@ -244,7 +179,7 @@ def measure_costs(
     accuracy: list[dict] = []
     with on_threads(1):
         for study in step_bar(studies):
-            truth = closed_form(study.scene, study.camera)
+            truth = flat_views(study.scene, study.camera)
             for name in METHODS:
                 accuracy += _measure_method(study, name, truth, budget_s / len(studies))
         effects = [_measure_effect(*item) for item in step_bar(trials.items())]

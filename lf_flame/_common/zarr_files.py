@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lf_flame._common.array_files import ArrayHeader
+from lf_flame._common.arrays_in_files import ArrayHeader
 from lf_flame._common.input_files import read_record, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError

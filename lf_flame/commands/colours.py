@@ -79,6 +79,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.formats import read_exposure
+    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import colour_output
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
     from lf_flame.tomography.pyrometry import least_temperature
@@ -107,6 +108,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
         fit = replace(fit, calibration=replace(fit.calibration, exposure=first))
+        notes = next(filter(None, map(notes_on_coding, sources)), [])
         colour_output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
@@ -116,6 +118,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "emissivity": emissivity,
             "least_temperature_K": least,
             "reading": reading.given(),
+            "notes": notes,
         }
     click.echo(colour_output.colours_table(fit, kelvin))
     click.echo(f"these colours tell temperatures of soot from {least:.0f} K on")
@@ -131,6 +134,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "is; if not, say so by --exposure, or its absorption comes out wrong.",
             err=True,
         )
+    tell_all("Note", notes)
     tell_all("Warning", fit.warnings)
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.array_files import MappedArray
+from lf_flame._common.arrays_in_files import MappedArray
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
 from lf_flame._common.zarr_files import EVERY_CHUNK, import_zarr
 from lf_flame.errors import InputError

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lf_flame._common.array_files import open_arrays
+from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.atomic_files import atomic_folder, write_json, write_text
 from lf_flame._common.config import load_record
 from lf_flame.errors import InputError

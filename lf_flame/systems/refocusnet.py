@@ -11,7 +11,7 @@ import keras
 import numpy as np
 from keras import layers
 
-from lf_flame._common.array_files import open_arrays
+from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.config import load_record
-from lf_flame._common.tiff_files import read_tiff
+from lf_flame._common.images import read_tiff
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import LONGEST, SHORTEST
 

@@ -467,16 +467,20 @@ def test_a_black_level_is_told_by_its_share_of_the_peak(tmp_path):
     assert told.endswith("It is at up to 20 % of the flame's peak.")
 
 
-def test_pictures_that_are_likely_coded_get_a_note(tmp_path):
+@pytest.mark.parametrize(("suffix", "kind"), [("png", "PNG"), ("tif", "TIFF")])
+def test_pictures_that_are_likely_coded_get_a_note(tmp_path, suffix, kind):
     (tmp_path / "video").mkdir()
     for number in range(16):
         grey = np.zeros((30, 30), np.uint8)
         grey[12 + number % 3 :, 12:18] = 200
-        imsave(tmp_path / "video" / f"{number}.png", grey, check_contrast=False)
+        imsave(tmp_path / "video" / f"{number}.{suffix}", grey, check_contrast=False)
     words = ["--frames-per-second", 50, "--views", 3, "--out", tmp_path / "out"]
     result = run("flicker", tmp_path / "video", *words)
     assert result.exit_code == 0, result.output
-    assert "0.png is a PNG file of 8 bits. Such files usually hold gamma-coded" in result.output
+    assert (
+        f"0.{suffix} is a {kind} file of 8 bits. Such files usually hold gamma-coded"
+        in result.output
+    )
     assert "gamma-coded" in record_of(tmp_path / "out")["notes"][0]
 
 

@@ -79,6 +79,17 @@ def test_diffraction_is_drawn_from_its_patterns():
         assert np.mean(radii < ring) == pytest.approx(share, abs=5e-4)
 
 
+def test_a_card_over_half_the_field_hides_half_the_light(small_camera):
+    """Rows near its edge see it out of focus; by symmetry they lose half of their light, too."""
+    glow = Layer(np.ones((1, 1)), 0.0, small_camera.field_mm(0.0))
+    np.testing.assert_allclose(flat_views(Scene([glow]), small_camera), 1.0, rtol=1e-9)
+    y, x = small_camera.field_mm(-2.0)
+    card = Layer([[0.0]], -2.0, (4 * y, 4 * x), (2 * y, 0.0), opaque=True)
+    lit = flat_views(Scene([glow, card]), small_camera).mean(axis=(0, 1, 3))
+    np.testing.assert_allclose((lit[0], lit[-1]), (1.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(lit + lit[::-1], 1.0, atol=1e-9)
+
+
 def test_scenes_that_cannot_be_multiplied_out_are_refused(small_camera):
     card, glow = Layer([[0.0]], 0.0, (1, 1), opaque=True), Layer([[1.0]], 9.0, (1, 1))
     for layers, words in (

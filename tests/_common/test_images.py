@@ -1,17 +1,24 @@
-"""Image files are decoded, and nothing else happens."""
+"""Image files are decoded to the levels that they hold, and nothing else happens."""
 
 import os
 import stat
+import struct
+import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
 import tifffile
 from PIL import EpsImagePlugin, Image
+from sentences import sentence_of
 
 from lf_flame import InputError
-from lf_flame._common.pixels import read_pixels
+from lf_flame._common.images import read_pixels, read_shape
+from lf_flame._common.memory import LIMIT
+from lf_flame.formats import read_focal_stack
 from lf_flame.formats.images import read_image
 from lf_flame.formats.reading import read_light_field
+from lf_flame.formats.stacks import is_stack
 from lf_flame.scenes.scene_files import read_scene
 
 EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n%%EndComments\n%%EOF\n"
@@ -148,39 +155,66 @@ def lzw(data):
     return int(bits, 2).to_bytes(len(bits) // 8)
 
 
+def zstd(data):
+    """One frame of raw blocks (RFC 8878, 3.1.1)."""
+    head = bytes.fromhex("28b52ffd") + b"\xa0" + len(data).to_bytes(4, "little")
+    return head + (len(data) << 3 | 1).to_bytes(3, "little") + data
+
+
+def by_bytes(data, width, samples, itemsize):
+    """Predictor 3 (TIFF Technical Note 3): high bytes of a row first, then their differences."""
+    rows = np.frombuffer(data, np.uint8).reshape(-1, width * samples, itemsize)
+    rows = rows.transpose(0, 2, 1).reshape(len(rows), -1).astype(int)
+    rows[:, samples:] -= rows[:, :-samples].copy()
+    return rows.astype(np.uint8).tobytes()
+
+
+PACKINGS = {1: bytes, 5: lzw, 8: zlib.compress, 50000: zstd}
+
+
+def write_tiff(path, pixels, order="<", packing=1, predictor=1, tags=()):
+    """One strip and one directory, by the words of TIFF 6.0."""
+    samples = pixels.shape[2] if pixels.ndim == 3 else 1
+    data = pixels.astype(pixels.dtype.newbyteorder(order)).tobytes()
+    if predictor == 3:  # the high byte is first, whatever the order of the file
+        whole = pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
+        data = by_bytes(whole, pixels.shape[1], samples, pixels.itemsize)
+    data = PACKINGS[packing](data)
+    depth = (258, 3, samples, (8 * pixels.itemsize,) * samples)
+    kind = {"u": 1, "f": 3}[pixels.dtype.kind]
+    entries = [
+        (256, 4, 1, (pixels.shape[1],)), (257, 4, 1, (pixels.shape[0],)), depth,
+        (259, 3, 1, (packing,)), (262, 3, 1, (2 if samples == 3 else 1,)), (273, 4, 1, (8,)),
+        (277, 3, 1, (samples,)), (278, 4, 1, (pixels.shape[0],)), (279, 4, 1, (len(data),)),
+        (317, 3, 1, (predictor,)), (339, 3, samples, (kind,) * samples), *tags,
+    ]  # fmt: skip
+    content = bytearray(data + b"\0" * (len(data) % 2))
+    table = struct.pack(f"{order}H", len(entries))
+    for tag, form, count, values in sorted(entries):
+        packed = struct.pack(f"{order}{count}{'H' if form == 3 else 'I'}", *values)
+        if len(packed) > 4:
+            at, content = 8 + len(content), content + packed + b"\0" * (len(packed) % 2)
+            packed = struct.pack(f"{order}I", at)
+        table += struct.pack(f"{order}HHI", tag, form, count) + packed.ljust(4, b"\0")
+    start = struct.pack(f"{order}2sHI", b"MM" if order == ">" else b"II", 42, 8 + len(content))
+    path.write_bytes(start + content + table + bytes(4))
+
+
 @pytest.mark.parametrize("order", "<>")
-def test_deep_colours_in_lzw_keep_all_bits(tmp_path, rng, order):
-    levels = rng.integers(0, 2**16, (9, 8, 3)).astype(np.uint16)
-    packed = lzw(levels.astype(f"{order}u2").tobytes())
-    tifffile.imwrite(
-        tmp_path / "a.tif", iter([packed]), shape=levels.shape, dtype="u2", byteorder=order,
-        compression="adobe_deflate", photometric="rgb", rowsperstrip=9,
-    )  # fmt: skip
-    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
-        file.pages[0].tags["Compression"].overwrite(5)
-    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), levels / np.float32(65535))
+@pytest.mark.parametrize("packing", PACKINGS)
+@pytest.mark.parametrize("colours", [(), (3,)])
+@pytest.mark.parametrize("kind", ["u1", "u2", "f4"])
+def test_packed_levels_keep_all_bits(tmp_path, rng, order, packing, colours, kind):
+    shape = (9, 8, *colours)
+    levels = rng.uniform(size=shape).astype("f4")
+    if kind != "f4":
+        levels = (levels * np.iinfo(kind).max).astype(kind)
+    for predictor in (1, 3) if kind == "f4" and packing != 1 else (1,):
+        write_tiff(tmp_path / "a.tif", levels, order, packing, predictor)
+        np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
 
 
-def test_packing_that_only_newer_pythons_know_is_left_to_pillow(tmp_path, rng):
-    """Zstandard: tifffile looks for a decoder that Python has from 3.14 on."""
-    pack = pytest.importorskip("numcodecs").Zstd().encode
-    levels = rng.integers(0, 2**16, (9, 8, 3)).astype(np.uint16)
-    tifffile.imwrite(
-        tmp_path / "a.tif", iter([pack(levels.tobytes())]), shape=levels.shape, dtype="u2",
-        compression="adobe_deflate", photometric="rgb", rowsperstrip=9,
-    )  # fmt: skip
-    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
-        file.pages[0].tags["Compression"].overwrite(50000)
-    try:
-        found = read_image(tmp_path / "a.tif")
-    except InputError as error:  # where Pillow's libtiff was built without it
-        assert "packed in a way (compression 50000" in str(error)  # noqa: PT017
-        return
-    np.testing.assert_array_equal(found, levels / np.float32(65535))
-
-
-def test_deep_colours_that_pillow_would_round_are_refused(tmp_path, rng):
-    """In planes of their own: of these it gives the high byte alone."""
+def test_deep_colours_in_planes_of_their_own_keep_all_bits(tmp_path, rng):
     levels = rng.integers(0, 2**16, (3, 9, 8)).astype(np.uint16)
     tifffile.imwrite(
         tmp_path / "a.tif", iter([lzw(plane.tobytes()) for plane in levels]), shape=levels.shape,
@@ -189,21 +223,62 @@ def test_deep_colours_that_pillow_would_round_are_refused(tmp_path, rng):
     )  # fmt: skip
     with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
         file.pages[0].tags["Compression"].overwrite(5)
-    with pytest.raises(InputError, match=r"packed in a way \(compression 5, 16 bits\)"):
-        read_image(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), np.moveaxis(levels, 0, -1))
 
 
-def test_brightness_and_colour_differences_become_rgb(tmp_path, rng):
-    """By ITU-R BT.601, as in JFIF; and where several pixels share a colour, a refusal."""
-    coded = rng.integers(100, 156, (9, 7, 3)).astype(np.uint8)
-    y, cb, cr = np.moveaxis(coded.astype(float), -1, 0) - np.array([0, 128, 128])[:, None, None]
-    rgb = np.stack([y + 1.402 * cr, y - 0.344136 * cb - 0.714136 * cr, y + 1.772 * cb], axis=-1)
-    Image.fromarray(coded, "YCbCr").save(tmp_path / "a.tif")
-    np.testing.assert_allclose(255 * read_image(tmp_path / "a.tif"), rgb, atol=1.01)
-    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
-        file.pages[0].tags["YCbCrSubSampling"].overwrite((2, 2))
-    with pytest.raises(InputError, match="packed in a way"):
-        read_image(tmp_path / "a.tif")
+@pytest.mark.parametrize("order", "<>")
+def test_levels_of_12_bits_are_fractions_of_the_highest(tmp_path, rng, order):
+    levels = rng.integers(0, 2**12, (9, 8), np.uint16)
+    bits = "".join(f"{level:012b}" for level in levels.ravel())
+    packed = np.frombuffer(int(bits, 2).to_bytes(len(bits) // 8), np.uint8).reshape(9, 12)
+    write_tiff(tmp_path / "a.tif", packed, order)
+    whole = (tmp_path / "a.tif").read_bytes()
+    for tag, old, new in ((256, 12, 8), (258, 8, 12)):
+        form = "HHII" if tag == 256 else "HHIH"
+        kinds = (tag, 4 if tag == 256 else 3, 1)
+        before, after = (struct.pack(order + form, *kinds, x) for x in (old, new))
+        assert before in whole
+        whole = whole.replace(before, after)
+    (tmp_path / "a.tif").write_bytes(whole)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels / np.float32(4095))
+
+
+PICTURE, THUMBNAIL = np.arange(63, dtype=np.uint16).reshape(7, 9), np.full((2, 3), 7, np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("pages", "inside"),
+    [
+        ([(THUMBNAIL, 1), (PICTURE, 0)], 0),
+        ([(PICTURE, 0), (THUMBNAIL, 1)], 0),
+        ([(PICTURE, 0), (THUMBNAIL, 0)], 0),
+        ([(THUMBNAIL, 1), (PICTURE, 0)], 1),  # in a SubIFD, as in DNG
+        ([(PICTURE, 0), (PICTURE[::2, ::2], 1)], 1),  # a pyramid
+        ([(PICTURE, 1)], 0),  # there is no other
+    ],
+)
+def test_the_picture_is_the_page_in_full_resolution(tmp_path, pages, inside):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for number, (page, kind) in enumerate(pages):
+            inner = inside if number == 0 and inside else None
+            file.write(page, subfiletype=kind, subifds=inner, metadata=None)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), PICTURE)
+    assert read_shape(tmp_path / "a.tif") == (7, 9, 1)
+    assert not is_stack(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("thumbnail", [False, True])
+@pytest.mark.parametrize("kind", [0, 2])
+def test_pages_of_one_form_are_a_stack_with_a_thumbnail_or_without(tmp_path, thumbnail, kind):
+    pages = np.stack([PICTURE + k for k in range(4)])
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        if thumbnail:
+            file.write(THUMBNAIL, subfiletype=1, metadata=None)
+        for page in pages:
+            file.write(page, subfiletype=kind, metadata=None)
+    assert is_stack(tmp_path / "a.tif")
+    stack, _ = read_focal_stack(tmp_path / "a.tif")
+    np.testing.assert_array_equal(stack, pages / np.float32(65535))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", "lzw.tif", ".jpg", ".webp"])
@@ -234,20 +309,6 @@ def test_pictures_are_turned_as_they_are_to_be_seen(tmp_path, rng, orientation, 
     np.testing.assert_allclose(found.astype(int), seen, atol=3 if suffix == ".jpg" else 0)
 
 
-@pytest.mark.parametrize(
-    ("photometric", "samples", "extra"),
-    [("separated", 4, None), ("minisblack", 4, None), ("minisblack", 2, None),
-     ("rgb", 4, ["unspecified"]), ("rgb", 4, ["assocalpha"])],
-)  # fmt: skip
-def test_samples_that_are_no_plain_light_are_refused(tmp_path, photometric, samples, extra):
-    tifffile.imwrite(
-        tmp_path / "a.tif", np.ones((9, 8, samples), np.uint8), photometric=photometric,
-        planarconfig="contig", extrasamples=extra,
-    )  # fmt: skip
-    with pytest.raises(InputError, match=r"a\.tif (holds no light but|has . samples to a pixel)"):
-        read_image(tmp_path / "a.tif")
-
-
 @pytest.mark.parametrize("samples", [2, 4])
 def test_samples_of_which_the_file_says_nothing_are_refused(tmp_path, samples):
     """With the tag of the transparency they are read, and without it not."""
@@ -265,18 +326,98 @@ def test_samples_of_which_the_file_says_nothing_are_refused(tmp_path, samples):
         read_image(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize("suffix", ["png", "webp"])
-def test_films_are_refused(tmp_path, suffix):
+def tiff(pixels, **form):
+    return lambda path: tifffile.imwrite(path, np.asarray(pixels), **form)
+
+
+def pages(*some):
+    def write(path):
+        with tifffile.TiffWriter(path) as file:
+            for page, kind in some:
+                file.write(page, subfiletype=kind, metadata=None)
+
+    return write
+
+
+def film(path):
     first, *others = (Image.new("RGB", (8, 8), (90 * k, 0, 0)) for k in range(3))
-    first.save(tmp_path / f"a.{suffix}", save_all=True, append_images=others)
-    with pytest.raises(InputError, match="holds 3 pictures that follow each other"):
-        read_image(tmp_path / f"a.{suffix}")
+    first.save(path, save_all=True, append_images=others)
 
 
-def test_inks_are_refused(tmp_path):
-    Image.new("CMYK", (8, 8)).save(tmp_path / "a.jpg")
-    with pytest.raises(InputError, match="holds no light but CMYK"):
-        read_image(tmp_path / "a.jpg")
+def samples(count, photometric, extra=None):
+    return tiff(
+        np.ones((9, 8, count), np.uint8), photometric=photometric, planarconfig="contig",
+        extrasamples=extra,
+    )  # fmt: skip
+
+
+def packed_by_webp(path):
+    tifffile.imwrite(path, np.ones((9, 8), np.uint8), compression="zlib")
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        file.pages[0].tags["Compression"].overwrite(50001)
+
+
+def bomb(path):
+    """A JPEG of 3000 x 3000 pixels in a file that says that it holds 8 x 8."""
+    Image.new("L", (3000, 3000)).save(path, "JPEG")
+    data = path.read_bytes()
+    tifffile.imwrite(
+        path, iter([data]), shape=(8, 8), dtype="u1", compression="jpeg", rowsperstrip=8
+    )
+
+
+REFUSED = {
+    "inks.tif": (samples(4, "separated"), "holds no grey or RGB light but SEPARATED"),
+    "lab.tif": (lambda path: Image.new("LAB", (8, 8)).save(path), "light but CIELAB"),
+    "ycbcr.tif": (lambda path: Image.new("YCbCr", (8, 8)).save(path), "light but YCBCR"),
+    "four.tif": (samples(4, "minisblack"), "has 4 samples to a pixel"),
+    "two.tif": (samples(2, "minisblack"), "has 2 samples to a pixel"),
+    "unsaid.tif": (samples(4, "rgb", ["unspecified"]), "has 4 samples to a pixel"),
+    "multiplied.tif": (samples(4, "rgb", ["assocalpha"]), "has 4 samples to a pixel"),
+    "deep.tif": (tiff(np.ones((4, 5), np.uint32)), "or floats, got uint32"),
+    "white.tif": (tiff(np.ones((4, 5), "f4"), photometric="miniswhite"), "counts from white"),
+    "larger.tif": (pages((THUMBNAIL, 0), (PICTURE, 0)), "does not say which of them is a thumbn"),
+    "other.tif": (pages((PICTURE, 0), (PICTURE.astype("f4"), 0)), "pictures of different forms"),
+    "reduced.tif": (pages((THUMBNAIL, 1), (PICTURE, 1)), "2 pictures, all declared as smaller"),
+    "webp.tif": (packed_by_webp, r"packed by compression 50001 \(WEBP\), which is not read"),
+    "bomb.tif": (bomb, "would need 0.081 GB"),
+    "film.png": (film, "holds 3 pictures that follow each other"),
+    "film.webp": (film, "holds 3 pictures that follow each other"),
+    "inks.jpg": (lambda path: Image.new("CMYK", (8, 8)).save(path), "holds no light but CMYK"),
+    "empty.tif": (lambda path: path.write_bytes(b""), "cannot be read: it is damaged"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_pictures_that_cannot_be_used_are_refused(tmp_path, monkeypatch, name):
+    write, words = REFUSED[name]
+    write(tmp_path / name)
+    monkeypatch.setenv(LIMIT, "0.05")
+    with pytest.raises(InputError, match=rf"{name}.*{words}") as refused:
+        read_image(tmp_path / name)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_a_strip_unpacks_to_no_more_than_its_declared_size(tmp_path, packing):
+    """Of 20 million bytes, where the picture has 72; or the last half is missing."""
+    write_tiff(tmp_path / "a.tif", np.zeros((9, 8), np.uint8), packing=packing)
+    whole = (tmp_path / "a.tif").read_bytes()
+    data = PACKINGS[packing](bytes(72))
+    large = PACKINGS[packing](bytes(200_000))
+    entry = struct.pack("<HHI", 279, 4, 1)
+    for strip in (large, data[: len(data) // 2]):
+        moved = whole.replace(entry + struct.pack("<I", len(data)),
+                              entry + struct.pack("<I", len(strip)))  # fmt: skip
+        moved = moved.replace(struct.pack("<HHII", 273, 4, 1, 8),
+                              struct.pack("<HHII", 273, 4, 1, len(whole)))  # fmt: skip
+        (tmp_path / "a.tif").write_bytes(moved + strip)
+        tracemalloc.start()
+        told = sentence_of(read_pixels, tmp_path / "a.tif")
+        assert tracemalloc.get_traced_memory()[1] < 4e5
+        tracemalloc.stop()
+        assert not told or "a.tif cannot be read: it is damaged" in told
+        assert told or strip is large
 
 
 def test_a_layer_is_no_complex_picture(tmp_path):

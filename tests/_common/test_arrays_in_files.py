@@ -7,7 +7,7 @@ import pytest
 from sentences import sentence_of
 
 from lf_flame import InputError
-from lf_flame._common.array_files import open_arrays
+from lf_flame._common.arrays_in_files import open_arrays
 
 
 @pytest.fixture
