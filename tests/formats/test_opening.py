@@ -135,9 +135,7 @@ def test_a_zarr_folder_without_one_of_its_chunks_is_refused(views, tmp_path):
     assert read_light_field(tmp_path / "a.zarr").shape == views.shape
     next(file for file in (tmp_path / "a.zarr/views/c").rglob("*") if file.is_file()).unlink()
     for read in (read_light_field, open_light_field):
-        with pytest.raises(
-            InputError, match=r"read: 1 of its \d+ chunk files are missing"
-        ):
+        with pytest.raises(InputError, match=r"read: 1 of its \d+ chunk files are missing"):
             read(tmp_path / "a.zarr")
 
 
