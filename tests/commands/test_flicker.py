@@ -414,7 +414,7 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
         heights = 20 + 5 * np.sin(2 * np.pi * 12 * shown / 100)
         write_video(tmp_path / folder, [f"f{n}" for n in range(40)], heights)
     np.savetxt(tmp_path / "times.txt", np.array(shown) / 100 + 1e-4 * np.arange(40))
-    words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
+    words = ["--frames-per-second", 100, "--out", tmp_path / "out", "--overwrite"]
     result = run("flicker", tmp_path / "one", *words)
     assert "1 of 40 frames, first f20.npy: The picture is the same as the one" in result.output
     assert record_of(tmp_path / "out")["repeated"] == ["f20.npy"]
@@ -425,7 +425,7 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
     assert "4 of 40 frames repeat the one before" in result.output
     assert "flickers at" not in result.output
     assert record_of(tmp_path / "out")["flicker"] is None
-    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "out"]
+    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "out", "--overwrite"]
     result = run("flicker", tmp_path / "some", *words)
     found = record_of(tmp_path / "out")["flicker"]["frequency_hz"]
     assert found == pytest.approx(12, abs=0.2)

@@ -269,7 +269,7 @@ def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
         assert says in str(result.exception)
     (tmp_path / "a" / "emission.tif").write_bytes(b"no picture")
     broken = run("temperature", tmp_path / "a", tmp_path / "a", "--wavelengths", 550, 650)
-    assert "is not the file that reconstruct.json was written for" in str(broken.exception)
+    assert "emission.tif cannot be read" in str(broken.exception)
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 

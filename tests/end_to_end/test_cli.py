@@ -149,9 +149,8 @@ def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path, monkeypat
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     monkeypatch.setattr("tifffile.imwrite", full)
-    monkeypatch.setattr(
-        sys, "argv", ["lf-flame", "simulate", str(tmp_path / "scene.toml"), "--out", str(out)]
-    )
+    words = ["simulate", str(tmp_path / "scene.toml"), "--out", str(out), "--overwrite"]
+    monkeypatch.setattr(sys, "argv", ["lf-flame", *words])
     with pytest.raises(SystemExit) as caught:
         cli.main()
     assert caught.value.code == 2
