@@ -16,7 +16,7 @@ from experiments.commands import (
 )
 from experiments.old_results import results
 from experiments.paper.commands import evaluate, slopes, tables
-from experiments.systems.commands import compare, system_scenes
+from experiments.systems.commands import compare
 from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
@@ -37,7 +37,7 @@ SECTIONS = [
     cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
     cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
-    cloup.Section("Systems side by side", [compare, system_scenes]),
+    cloup.Section("Systems side by side", [compare]),
     cloup.Section("Emission by depth", [emission, rivals, soot]),
     cloup.Section("What the documents say", [results, screenshots]),
 ]

@@ -43,7 +43,7 @@ def body(module, name):
 
 
 def compare():
-    from experiments.systems.report import body
+    from experiments.systems.comparison import body
 
     scores, costs = (
         pd.read_csv(REFERENCE / f"compare/{name}.csv") for name in ("compare", "systems")
@@ -66,15 +66,12 @@ REMADE = {
         "dataset_making.report", "dataset_making/dataset_making"
     ),
     "bounds/bounds": lambda: body("bounds.report", "bounds/bounds"),
-    "system_scenes/scene_counts": lambda: body(
-        "systems.scene_counts", "system_scenes/scene_counts"
-    ),
     "compare/compare": compare,
     **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},
     "tomography/soot": lambda: body("tomography.soot", "tomography/soot"),
     "effects/absolute": lambda: body("effects.report", "effects/absolute"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
-    "slope_maps/slope_maps": lambda: body("slope_maps.report", "slope_maps/slope_maps"),
+    "slope_maps/slope_maps": lambda: body("slope_maps.measuring", "slope_maps/slope_maps"),
     "costs/refocusing": lambda: body("costs.refocusing_report", "costs/refocusing"),
 }
 """Committed reports whose tables follow from their records, with what makes them."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from lf_flame import InputError, read_light_field
+from lf_flame import read_light_field
 from lf_flame.learning.scores import psnr
 from lf_flame.refocus import align_views, shift_and_sum
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
@@ -52,18 +52,6 @@ def test_layers_are_the_published_ones(model, rng):
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_views_are_the_authors_on_nine_by_nine_and_as_far_out_on_others(model):
-    system = RefocusNet(model)
-    assert system.view_indices(9, 9) == [(4, 2), (2, 4), (4, 6), (6, 4)]
-    assert system.view_indices(15, 15) == [(7, 3), (3, 7), (7, 11), (11, 7)]
-    for count in range(3, 20):
-        indices = np.array(system.view_indices(count, count))
-        assert 0 <= np.ptp(indices) - (count - 1) / 2 < 2
-        assert indices.min() >= 0
-        assert indices.max() < count
-        assert len(np.unique(indices, axis=0)) == 4
-
-
 def test_colours_are_mixed_only_by_weights_that_have_seen_them(model, rng):
     views = rng.uniform(size=(3, 3, 20, 18, 3)).astype(np.float32)
     apart = RefocusNet(model).refocus(views, 0.3)
@@ -91,46 +79,6 @@ def test_grey_is_shown_as_three_equal_colours(model, rng):
     aligned = align_views(coloured, 0.4, system.view_indices(3, 3))
     image = whole(np.concatenate(list(aligned), axis=-1)[None])[0]
     np.testing.assert_allclose(grey[0], np.clip(image.mean(axis=-1), 0, 1), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("shape", "slope", "words"),
-    [
-        ((3, 4, 20, 20), 0.5, "RefocusNet needs a square of 3 x 3 views or more, got 3 x 4"),
-        ((1, 1, 20, 20), 0.5, "got 1 x 1"),
-        ((3, 3, 16, 20), 0.5, "needs images of 17 pixels or more along each side, got 16 x 20"),
-        ((3, 3, 20, 20), np.inf, "slopes must be one or more finite numbers"),
-        ((3, 3, 20, 20, 2), 0.5, "takes grey light fields and those of 3 channels, got 2"),
-    ],
-)
-def test_bad_input_is_one_sentence(model, shape, slope, words):
-    with pytest.raises(InputError, match=words):
-        RefocusNet(model).refocus(np.zeros(shape, np.float32), slope)
-
-
-def test_images_smaller_than_the_receptive_field_after_averaging_are_refused(model):
-    with pytest.raises(InputError, match="got 15 x 20"):
-        RefocusNet(model).refocus(np.zeros((3, 3, 30, 40), np.float32), 0.5, (2, 2))
-
-
-@pytest.mark.parametrize(
-    ("arrays", "words"),
-    [
-        (None, "there is no such file"),
-        (b"no zip", "is no NumPy file of plain arrays"),
-        ({"w1": np.array([None])}, "w1 is no plain array of numbers"),
-        ({"b1": np.zeros(64)}, "w1 and b1 must have shapes .* got missing and"),
-        ({"w1": np.zeros((3, 3, 3, 64)), "b1": np.zeros(64)}, r"got \(3, 3, 3, 64\)"),
-    ],
-)
-def test_a_file_without_the_weights_is_refused(model, tmp_path, arrays, words):
-    path = tmp_path / "weights.npz"
-    if isinstance(arrays, bytes):
-        path.write_bytes(arrays)
-    elif arrays is not None:
-        np.savez(path, **arrays)
-    with pytest.raises(InputError, match=words):
-        load_official_weights(model, path)
 
 
 # PSNR of four-view shift-and-sum and of RefocusNet against all 81 views, and SSIM of both

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from lf_flame import InputError
 from lf_flame.systems.similarity import SCALE_WEIGHTS, ms_ssim, scales, ssim
+from lf_flame.systems.sparse_unet import unet_loss
 
 
 @pytest.fixture
@@ -49,15 +49,6 @@ def test_all_five_scales_weigh_as_in_tensorflow(rng):
     np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
-def test_equal_images_score_one_and_worse_ones_less(pictures):
-    smooth, noisy = pictures
-    half = (smooth + noisy) / 2
-    scores = [keras.ops.convert_to_numpy(ms_ssim(smooth, x)) for x in (smooth, half, noisy)]
-    np.testing.assert_allclose(scores[0], 1, atol=1e-6)
-    assert np.all(scores[0] > scores[1])
-    assert np.all(scores[1] > scores[2])
-
-
 def test_opposite_images_score_next_to_nothing_and_not_nan(pictures):
     smooth, _ = pictures
     found = keras.ops.convert_to_numpy(ms_ssim(smooth, 1 - smooth))
@@ -72,6 +63,33 @@ def test_there_are_as_many_scales_as_leave_a_window(size, count):
     assert scales(size) == count
 
 
-def test_images_smaller_than_a_window_are_refused():
-    with pytest.raises(InputError, match="11 pixels or more along each side, got 10 x 50"):
-        scales((10, 50))
+def test_loss_is_the_published_sum(rng):
+    truth = rng.uniform(size=(2, 24, 24, 1)).astype(np.float32)
+    image = np.clip(truth + rng.normal(0, 0.1, truth.shape), 0, 1).astype(np.float32)
+    squared = ((truth - image) ** 2).mean(axis=(1, 2, 3))
+    absolute = np.abs(truth - image).mean(axis=(1, 2, 3))
+    likeness = keras.ops.convert_to_numpy(ms_ssim(truth, image))
+    psnr = -10 * np.log10(squared)
+    expected = squared + 0.65 * (1 - likeness) + 0.35 * absolute + 500 / psnr
+    found = keras.ops.convert_to_numpy(unet_loss(truth, image))
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("error", "psnr_term"),
+    [
+        (0.0, 500 / 100),  # as of a mean square of 1e-10: 100 dB
+        (0.5, 500 / (20 * np.log10(2))),
+        (0.88, 500 / (-20 * np.log10(0.88))),  # 1.11 dB
+        (0.9, 500.0),  # 0.92 dB, and below that 0 dB and less
+        (1.0, 500.0),
+        (1.5, 500.0),
+    ],
+)
+def test_peak_signal_to_noise_counts_from_1_to_100_db(error, psnr_term):
+    """Images of one grey value each, so that only the luminance of the likeness counts."""
+    truth, image = (np.full((1, 16, 16, 1), x, np.float32) for x in (0.0, error))
+    likeness = (1e-4 / (error**2 + 1e-4)) ** 1.0  # one scale, of the whole weight
+    expected = error**2 + 0.65 * (1 - max(likeness, 1e-6)) + 0.35 * error + psnr_term
+    found = keras.ops.convert_to_numpy(unet_loss(truth, image))
+    np.testing.assert_allclose(found, [expected], rtol=1e-4)

@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
 
-from experiments.slope_maps import report, scenes
-from experiments.slope_maps.measuring import measure, score
-from experiments.slope_maps.rivals import WAYS
+from experiments.slope_maps import scenes
+from experiments.slope_maps.measuring import METHODS, measure, score, write
 from experiments.slope_maps.scenes import Kind, Surface, curved, make_sample, planes
 
 PICTURE = np.add.outer(np.sin(np.arange(200) / 3), np.cos(np.arange(180) / 4)) / 4 + 0.5
@@ -69,9 +68,9 @@ def test_scores_of_a_map_with_known_errors():
 def test_the_record_has_a_row_for_each_map_and_scene(tmp_path):
     record, shown = measure(kinds={"slanted planes": Kind(planes, views=5)}, seeds=(1,))
     table = pd.DataFrame(record["rows"])
-    assert len(table) == 2 * len(WAYS)
-    path = report.write(tmp_path, record, shown)
-    assert all(f"| {name} " in path.read_text() for name in WAYS)
+    assert len(table) == 2 * len(METHODS)
+    path = write(tmp_path, record, shown)
+    assert all(f"| {name} " in path.read_text() for name in METHODS)
     assert len(json.loads((tmp_path / "slope_maps.json").read_text())["rows"]) == len(table)
     assert (tmp_path / "slope_maps.png").stat().st_size > 1000
     bad = table[table["scene"] == "all"].set_index("map")["bad_07"]
