@@ -22,14 +22,14 @@ def small(monkeypatch):
 @pytest.mark.parametrize("draw", [planes, curved])
 def test_views_moved_by_the_true_slopes_are_the_central_view(draw):
     """What a corner view shows at p + d(p) (v, u), read here by SciPy, away from outlines."""
-    sample = make_sample(Kind(draw, views=3, noise=0.0), 3, [PICTURE])
-    inside = maximum_filter(sample.slopes, 9) - minimum_filter(sample.slopes, 9) < 0.15
+    views, slopes = make_sample(Kind(draw, views=3, noise=0.0), 3, [PICTURE])
+    inside = maximum_filter(slopes, 9) - minimum_filter(slopes, 9) < 0.15
     inside[[0, 1, 2, -3, -2, -1]] = inside[:, [0, 1, 2, -3, -2, -1]] = False
-    t, s = np.indices(sample.slopes.shape)
-    middle, corner = (sample.views[n, n].astype(float) for n in (1, 2))
+    t, s = np.indices(slopes.shape)
+    middle, corner = (views[n, n].astype(float) for n in (1, 2))
     errors = [
         np.median(np.abs(map_coordinates(corner, [t + d, s + d], order=3) - middle)[inside])
-        for d in (sample.slopes, sample.slopes + 0.1, -sample.slopes)
+        for d in (slopes, slopes + 0.1, -slopes)
     ]
     assert inside.mean() > 0.3
     assert errors[0] < 0.5 < 2 * errors[0] + 0.5 < min(errors[1:])
