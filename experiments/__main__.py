@@ -15,7 +15,7 @@ from experiments.commands import (
     study,
     tables,
 )
-from experiments.systems.commands import compare, system_scenes
+from experiments.systems.commands import compare
 from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
@@ -36,7 +36,7 @@ SECTIONS = [
     cloup.Section("What accuracy costs in time", [costs, latency, bench]),
     cloup.Section("Numerically hard cases", [hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
-    cloup.Section("Systems side by side", [compare, system_scenes]),
+    cloup.Section("Systems side by side", [compare]),
     cloup.Section("Emission by depth", [emission, rivals, soot]),
 ]
 

@@ -130,15 +130,14 @@ def hard_cases(out: Path) -> None:
 @cloup.command("slope-maps")
 @out_option("slope_maps")
 def slope_maps(out: Path) -> None:
-    """Compare the slope map, and three plain methods, with the truth, in minutes.
+    """Compare the slope map, and three plain methods, with the true slopes; about eight minutes.
 
-    On photographs on slanted, curved, thin, occluding, shadowed and glossy surfaces, with noise,
-    JPEG and uneven views; the true slopes follow from the geometry.
+    The scenes are photographs on slanted, curved, thin, occluding, shadowed and glossy surfaces,
+    with noise, JPEG and uneven views; the true slopes follow from the geometry.
 
     OUT gets slope_maps.csv, .md, .png and .json, the record.
     """
-    from experiments.slope_maps.measuring import measure
-    from experiments.slope_maps.report import write
+    from experiments.slope_maps.measuring import measure, write
 
     show(write(out, *measure()))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.systems.entries import by_recipe
+from experiments.systems.compared import by_recipe
 from experiments.tomography.phantoms import BLOCK, Recorder, paper_flames, truth_on
 from experiments.tomography.tasks import (
     DEPTHS_MM,

@@ -24,7 +24,7 @@ def body(module, name):
 
 
 def compare():
-    from experiments.systems.report import body
+    from experiments.systems.comparison import body
 
     scores, costs = (
         pd.read_csv(REFERENCE / f"compare/{name}.csv") for name in ("compare", "systems")
@@ -39,15 +39,12 @@ def emission(name):
 
 
 REMADE = {
-    "system_scenes/scene_counts": lambda: body(
-        "systems.scene_counts", "system_scenes/scene_counts"
-    ),
     "compare/compare": compare,
     **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},
     "tomography/soot": lambda: body("tomography.soot", "tomography/soot"),
     "effects/effects": lambda: body("effects.effects", "effects/effects"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
-    "slope_maps/slope_maps": lambda: body("slope_maps.report", "slope_maps/slope_maps"),
+    "slope_maps/slope_maps": lambda: body("slope_maps.measuring", "slope_maps/slope_maps"),
 }
 """Committed reports whose tables follow from their records, with what makes them."""
 

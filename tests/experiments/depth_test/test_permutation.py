@@ -13,7 +13,8 @@ from click.testing import CliRunner
 from experiments.__main__ import commands
 from experiments.depth_scenarios import draw_scenario, make_scenarios
 from experiments.depth_test.permutation import run_depth_test, share_memorised
-from experiments.systems.entries import variant_entry
+from experiments.held_out import find_scenes
+from experiments.systems.compared import resnet_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
 from lf_flame.commands import cli
@@ -73,16 +74,17 @@ def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
     runs, config, tmp_path
 ):
     (tmp_path / "shapes").symlink_to(runs[0])
-    found = [variant_entry(run, [config], tmp_path, 2) for run in runs]
+    tested = [find_scenes(config, tmp_path / "shapes", 2)]
+    found = [resnet_entry(run, tested) for run in runs]
     assert [one.name for one in found] == [
-        "ResNet-50, smoke recipe, raw", "ResNet-50, smoke recipe, views"
+        f"ResNet-50, smoke preset, 1 epochs, {kind}" for kind in ("raw", "views")
     ]  # fmt: skip
     assert {one.only for one in found} == {"shapes"}
     assert len(found[1].load().view_indices(5, 5)) == 3
     with pytest.raises(InputError, match="has seen light fields .* such as 22"):
-        variant_entry(runs[0], [config], tmp_path / "none", 2).load()
+        resnet_entry(runs[0], [find_scenes(config, tmp_path / "none", 2)]).load()
     with pytest.raises(InputError, match="no finished run"):
-        variant_entry(tmp_path / "none", [config], tmp_path, 2).load()
+        resnet_entry(tmp_path / "none", tested).load()
 
 
 def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):
