@@ -8,6 +8,7 @@ from experiments.commands import (
     dataset_making,
     depth_test,
     effects,
+    emission,
     hard_cases,
     latency,
     screenshots,
@@ -17,7 +18,6 @@ from experiments.commands import (
 from experiments.old_results import results
 from experiments.paper.commands import evaluate, slopes, tables
 from experiments.systems.commands import compare, system_scenes
-from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
 
@@ -38,7 +38,7 @@ SECTIONS = [
     cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
-    cloup.Section("Emission by depth", [emission, rivals, soot]),
+    cloup.Section("Emission by depth", [emission]),
     cloup.Section("What the documents say", [results, screenshots]),
 ]
 
