@@ -32,7 +32,7 @@ COMPARED = 0.03, 0.97
 
 @cache
 def round_views() -> np.ndarray:
-    """Views of the axisymmetric flame; its axis is in the middle of a pixel column."""
+    """Trace the axisymmetric flame; its axis is in the middle of a pixel column."""
     slabs = truth.volume(round_glow, REACH, 0.25, (-HEIGHT / 2, HEIGHT / 2, -REACH, REACH + 1))
     return truth.trace(PAPER, slabs, spots=4, parts=1)
 
@@ -91,7 +91,7 @@ def round_flame(rng: np.random.Generator) -> Iterator[dict]:
 
 
 CREMERS, CREMERS_RADIUS, FADES = truth.Lens(lenslets=(60, 60)), 2.2, 1.5
-"""Camera, radius of the printed profile's edge, and the height over which the flame fades, in mm."""
+"""Camera, radius of the profile's edge, and height over which the flame fades, in mm."""
 
 PRINTED = {
     "Nestor and Olsen": (0.0040, 0.0071),
@@ -181,7 +181,7 @@ def soot_light(flame: truth.SootFlame, exponent: float) -> np.ndarray:
     """Trace the light of each pixel, [v, u, t, s]."""
     light = np.zeros((UNDER, UNDER, *LENSLETS))
     for colour, curve in enumerate(curves(NM)):
-        band, where = curve > 1e-4, OPEN & (MOSAIC == colour)
+        band, where = curve > 1e-4, OPEN & (colour == MOSAIC)
         slabs = flame.slabs(NM[band], exponent)
         seen = truth.trace(RAW, slabs, parts=1, where=where, channels=(band.sum(),))
         light += seen @ curve[band] * (NM[1] - NM[0])
@@ -193,7 +193,7 @@ class Sensor:
 
     def __init__(self, light: np.ndarray, noise: float, rng: np.random.Generator):
         self._rng, self._noise = rng, noise * WHITE
-        self._gains = np.array([WHITE / light[MOSAIC == colour].max() for colour in range(3)])
+        self._gains = np.array([WHITE / light[colour == MOSAIC].max() for colour in range(3)])
         white = self._read(self._even([2000.0, 2600.0, 1500.0]), 2.0)
         dark = np.full(white.shape, BLACK, np.float32)
         self._plan = DecodePlan(
@@ -275,7 +275,7 @@ def _judged(temperatures, absorption: np.ndarray, kelvin: np.ndarray, lit: np.nd
     }
 
 
-def soot_bars(draws: int, rng: np.random.Generator) -> dict:
+def soot_bars(draws: int, rng: np.random.Generator) -> Iterator[dict]:
     """Count how often bars of 95 % cover the true temperature of the first flame."""
     name, (flame, noise, exponent) = next(iter(SOOT.items()))
     light, judged = soot_light(flame, exponent), []
@@ -285,8 +285,8 @@ def soot_bars(draws: int, rng: np.random.Generator) -> dict:
             sensor.record(light), GRID, sensor.calibration, bootstrap=DRAWS, seed=10 * draw
         )
         judged.append(_judged(found.temperatures, *soot_truth(flame)))
-    return {
-        "flame": f"soot: {name}", "noise": f"{noise:.0%}", "what": "temperatures",
+    yield {
+        "flame": name, "noise": noise, "what": "temperatures",
         "covered": float(np.mean([one["covered"] for one in judged])),
         "standard_error": float(np.std([one["covered"] for one in judged], ddof=1) / draws**0.5),
         "error": float(np.mean([one["rms_K"] for one in judged])),

@@ -13,33 +13,39 @@ MOST = 300
 """Largest number of iterations of SART and LSQR."""
 
 
-def refocused(light_field: LightField, grid: FrustumGrid, noise: float) -> np.ndarray:
+Stacks = list[np.ndarray]
+"""Emission on the planes; several where a strength must be chosen. That of least true error counts,
+which no user could choose."""
+
+
+def refocused(light_field: LightField, grid: FrustumGrid, noise: float) -> Stacks:
     """Take refocused images for emission, as the paper reads its planes."""
-    return shift_and_sum(light_field, grid.slopes)
+    return [shift_and_sum(light_field, grid.slopes)]
 
 
-def deconvolved(light_field: LightField, grid: FrustumGrid, noise: float) -> np.ndarray:
-    """Remove from refocused images what other planes blur into them (Wiener), then negative light.
+def deconvolved(light_field: LightField, grid: FrustumGrid, noise: float) -> Stacks:
+    """Remove from refocused images what other planes blur into them, then negative light.
 
     Refocused at one plane's slope, another plane is the mean of its copies, one for each view: at
-    each frequency a factor, and the factors of all pairs of planes are a small matrix. The signal
-    is taken for white, with the variance of the refocused images.
+    each frequency a factor, and the factors of all pairs of planes are a small matrix.
     """
-    images = np.asarray(refocused(light_field, grid, noise), float)
-    spectra = np.fft.rfft2(images)
+    (images,) = refocused(light_field, grid, noise)
     views, apart = grid.camera.views, np.subtract.outer(grid.slopes, grid.slopes)
     steps = np.arange(views) - (views - 1) / 2
     down, right = (
         np.cos(2 * np.pi * frequency[:, None, None, None] * apart[..., None] * steps).mean(axis=-1)
         for frequency in (np.fft.fftfreq(images.shape[1]), np.fft.rfftfreq(images.shape[2]))
     )
-    ratio = noise**2 / views**2 / images.var()
-    blur = down[:, None] * right[None] + ratio * np.eye(len(images))
-    found = np.linalg.solve(blur, np.moveaxis(spectra, 0, -1)[..., None])[..., 0]
-    return np.clip(np.fft.irfft2(np.moveaxis(found, -1, 0), images.shape[1:]), 0, None)
+    blur, spectra = down[:, None] * right[None], np.moveaxis(np.fft.rfft2(images), 0, -1)
+    found = []
+    for strength in (0.001, 0.003, 0.01, 0.03, 0.1, 0.3):
+        sharp = np.linalg.solve(blur + strength * np.eye(len(images)), spectra[..., None])
+        planes = np.fft.irfft2(np.moveaxis(sharp[..., 0], -1, 0), images.shape[1:])
+        found.append(np.clip(planes, 0, None))
+    return found
 
 
-def sart(light_field: LightField, grid: FrustumGrid, noise: float) -> np.ndarray:
+def sart(light_field: LightField, grid: FrustumGrid, noise: float) -> Stacks:
     """SART with all views at once (SIRT): ``x <- max(x + A'((y - A x) / rows) / columns, 0)``.
 
     Andersen and Kak, Ultrason. Imaging 6, 81 (1984). It stops where the residual is the noise.
@@ -58,10 +64,10 @@ def sart(light_field: LightField, grid: FrustumGrid, noise: float) -> np.ndarray
         if np.mean(np.square(residual, dtype=float)) <= noise**2:
             break
         cells = np.maximum(cells + columns * operator.rmatvec(rows * residual), 0)
-    return grid.crop(cells.reshape(grid.shape))
+    return [grid.crop(cells.reshape(grid.shape))]
 
 
-def least_squares(light_field: LightField, grid: FrustumGrid, noise: float) -> np.ndarray:
+def least_squares(light_field: LightField, grid: FrustumGrid, noise: float) -> Stacks:
     """LSQR (SciPy), which knows no bound at zero; it stops where the residual is the noise."""
     operator, rays = ProjectionOperator(grid), light_field.views.ravel().astype(float)
     double = LinearOperator(
@@ -72,12 +78,14 @@ def least_squares(light_field: LightField, grid: FrustumGrid, noise: float) -> n
     )
     stop = noise * np.sqrt(rays.size) / np.linalg.norm(rays)
     cells = lsqr(double, rays, atol=0, btol=stop, conlim=0, iter_lim=MOST)[0]
-    return grid.crop(cells.reshape(grid.shape))
+    return [grid.crop(cells.reshape(grid.shape))]
 
 
-PLANES: dict[str, Callable[[LightField, FrustumGrid, float], np.ndarray]] = {
+QUICK: dict[str, Callable[[LightField, FrustumGrid, float], Stacks]] = {
     "refocused": refocused,
-    "deconvolved": deconvolved,
+    "refocused, deconvolved": deconvolved,
+}
+PLANES = QUICK | {
     "SART": sart,
     "LSQR": least_squares,
 }
@@ -90,10 +98,6 @@ def onion_peeling(half: np.ndarray, step: float) -> np.ndarray:
     chord = 2 * np.sqrt(np.clip(edges**2 - places[:, None] ** 2, 0, None))
     shells = np.diff(chord, axis=1, prepend=0)
     return np.linalg.solve(shells, half.T).T
-
-
-STRENGTHS = 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0
-"""Strengths of PyAbel's penalty; that of least true error counts, which no user could choose."""
 
 
 def round_methods() -> Iterator[tuple[str, Callable[[np.ndarray, float], list[np.ndarray]]]]:
@@ -112,6 +116,6 @@ def round_methods() -> Iterator[tuple[str, Callable[[np.ndarray, float], list[np
         "PyAbel, Daun, best penalty",
         lambda half, step: [
             daun.daun_transform(half, reg=("diff", strength), degree=1, dr=step, **options)
-            for strength in STRENGTHS
+            for strength in (0.1, 0.3, 1, 3, 10, 30, 100)
         ],
     )

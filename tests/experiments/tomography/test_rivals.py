@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from own_rays import Lens, Sheet, cells, record
 from scipy.integrate import quad
 
+from experiments.emission.truth import Lens, Sheet, cells, record
 from experiments.paths import EXPERIMENTS, REFERENCE
 from experiments.tomography import flame_rays as rays
 from experiments.tomography.rivals import CASES, METHODS, body

@@ -1,0 +1,321 @@
+"""Emission by planes on traced flames, beside simple methods, and how often its bars are right."""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from experiments.command_parts import step_bar
+from experiments.emission import truth
+from experiments.emission.flames import PAPER, REACH, noisy, round_glow, round_views
+from experiments.emission.rivals import PLANES, QUICK, refocused
+from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
+from lf_flame import LightField, PlenopticCamera
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.profiles import axial, radial
+
+OURS = "reconstruct"
+SMALL = truth.Lens(lenslets=(60, 60))
+QUARTER = truth.Lens(views=15, lenslets=(72, 84))
+"""A field a quarter as wide as the paper's, for flames a quarter in size."""
+
+DEPTHS = 20.0, 10.0, 0.0, -10.0
+NOISES = 0.001, 0.003, 0.01, 0.03, 0.1, 0.3
+
+
+def behind(size: float = 1.0) -> list[Slab]:
+    """Four flames behind each other, so that every pixel holds several depths."""
+    heights, places = (28.0, 22.0, 18.0, 25.0), (-3.0, 2.5, -1.0, 4.0)
+    return [
+        burner_sheet(size * depth, size * height, size * 2.4, size * 14, size * place)
+        for depth, height, place in zip(DEPTHS, heights, places, strict=True)
+    ]
+
+
+def side_by_side(size: float = 1.0, places=(-26.0, -8.5, 8.5, 25.0)) -> list[Slab]:
+    """Four flames about as large and as far apart as the paper's."""
+    heights = 27.4, 23.0, 21.5, 13.2
+    return [
+        burner_sheet(size * depth, size * height, size * 2.4, size * 14.5, size * place)
+        for depth, height, place in zip(DEPTHS, heights, places, strict=True)
+    ]
+
+
+def grid_of(lens: truth.Lens, depths: Sequence[float]) -> FrustumGrid:
+    """Make the grid on which the package looks for the emission."""
+    return FrustumGrid(PlenopticCamera(**lens.numbers()), list(depths))
+
+
+def relative_error(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Root-mean-square error over all cells, relative to the truth's root mean square."""
+    return float(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A flame's views without noise, and its emission on the planes on which it is sought."""
+
+    name: str
+    views: np.ndarray
+    truth: np.ndarray
+    grid: FrustumGrid
+
+    def errors(self, noises: Sequence[float], draws: int, rng, methods=PLANES) -> Iterator[dict]:
+        """Give the mean error of every method over draws of each noise."""
+        for noise in noises:
+            errors = defaultdict(list)
+            for _ in range(draws):
+                light_field = noisy(self.views, noise, rng)
+                ours = reconstruct(light_field, self.grid)
+                errors[OURS].append(relative_error(ours.emission, self.truth))
+                for method, find in methods.items():
+                    found = find(light_field, self.grid, ours.noise)
+                    errors[method].append(min(relative_error(one, self.truth) for one in found))
+            for method, some in errors.items():
+                mean = float(np.mean(some))
+                yield {"flame": self.name, "noise": noise, "method": method, "error": mean}
+
+
+def traced(name: str, lens: truth.Lens, slabs: Sequence[Slab], depths: Sequence[float]) -> Case:
+    """Trace slabs, and lay the emission of each on the nearest plane."""
+    wanted, _ = truth.on_planes(lens, slabs, depths)
+    spots = 4 if lens == PAPER else 2
+    return Case(name, truth.trace(lens, slabs, spots), wanted, grid_of(lens, depths))
+
+
+SHEETS, DEEP = (6.0, 2.0, -2.0, -6.0), tuple(np.arange(-4.0, 4.5))
+
+
+def _sheets(name: str, lens: truth.Lens, depths: Sequence[float], aside: float = 0.0) -> Case:
+    sheets = [
+        Sheet(depth, (aside, place + aside), (1.5, 0.7))
+        for depth, place in zip(depths, (-1.2, 1.1, -0.3, 0.6), strict=True)
+    ]
+    wanted = [truth.cells(SMALL, *pair) for pair in zip(sheets, SHEETS, strict=True)]
+    return Case(name, truth.record(lens, sheets), np.array(wanted), grid_of(SMALL, SHEETS))
+
+
+def _edged(outside: np.ndarray) -> np.ndarray:
+    """Glow that falls from 1 to 0 over 0.1 mm about an edge, by the distance outside of it."""
+    return np.clip(0.5 - outside / 0.1, 0, 1)
+
+
+EDGES = [
+    Slab(3.0, lambda y, x: (_edged(np.hypot(y, x + 0.6) - 1.7), 0.0)),
+    Slab(-4.0, lambda y, x: (0.7 * _edged(np.maximum(np.abs(y), np.abs(x - 0.6)) - 1.5), 0.0)),
+]
+
+
+def _hollow(y, x, z):
+    return np.exp(-(((np.hypot(x, z) - 1.2) / 0.35) ** 2) - (y / 1.5) ** 2)
+
+
+def _elliptic(y, x, z):
+    return np.exp(-((x / 0.8) ** 2) - (z / 1.6) ** 2 - (y / 1.5) ** 2)
+
+
+def known_planes(rng: np.random.Generator) -> Iterator[dict]:
+    """Find small flames behind each other, and flames that are thick in depth."""
+    for case in (
+        _sheets("sheets, on the planes", SMALL, SHEETS),
+        _sheets("sheets, 0.6 mm off, moved aside", SMALL, (6.6, 1.4, -2.6, -5.4), 0.05),
+        _sheets("sheets, pitch 0.5 % wrong", replace(SMALL, pitch=1.005 * SMALL.pitch), SHEETS),
+        traced("disc and square", SMALL, EDGES, (3.0, -4.0)),
+        traced("hollow flame", SMALL, volume(_hollow, 2.5, 0.1), DEEP),
+        traced("elliptic flame, twice as deep", SMALL, volume(_elliptic, 3.5, 0.1), DEEP),
+    ):
+        yield from case.errors((0.01, 0.1), 3, rng)
+
+
+def against_noise(rng: np.random.Generator) -> Iterator[dict]:
+    """Find the sheets in ever more noise."""
+    yield from _sheets("sheets, on the planes", SMALL, SHEETS).errors(NOISES, 3, rng)
+
+
+def large_flames(rng: np.random.Generator) -> Iterator[dict]:
+    """Find four flames of the paper's kind, by the methods that are quick at that size."""
+    for name, slabs in (("side by side", side_by_side()), ("behind each other", behind())):
+        yield from traced(f"four flames {name}", PAPER, slabs, DEPTHS).errors(
+            (0.01, 0.05), 3, rng, QUICK
+        )
+
+
+def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
+    """Find four flames in a light field, or with a grid, that is not as was stated."""
+    case = traced("four flames side by side", PAPER, side_by_side(), DEPTHS)
+    light_field, camera = noisy(case.views, 0.01, rng), case.grid.camera
+    gains = 1 + 0.02 * rng.standard_normal((*light_field.views.shape[:2], 1, 1))
+    peak = float(case.views.max())
+    for what, seen, depths in (
+        ("nothing", light_field, DEPTHS),
+        ("gains of views, 2 %", LightField(light_field.views * gains), DEPTHS),
+        ("background, 2 % of the peak", LightField(light_field.views + 0.02 * peak), DEPTHS),
+        ("depths, by 0.5 mm", light_field, np.add(DEPTHS, 0.5)),
+        (
+            "slopes, by 5 %",
+            light_field,
+            [camera.slope_to_depth(1.05 * m) for m in case.grid.slopes],
+        ),
+    ):
+        found = reconstruct(seen, replace(case.grid, depths_mm=[float(z) for z in depths]))
+        error = relative_error(found.emission, case.truth)
+        yield {"flame": case.name, "noise": 0.01, "method": OURS, "wrong": what, "error": error}
+
+
+def absorption(rng: np.random.Generator) -> Iterator[dict]:
+    """Find flames that absorb a thickness of 0.5 in all, which is given or ignored."""
+
+    def even(slab):
+        return replace(slab, light=lambda y, x: (slab.light(y, x)[0], 0.125), box=Slab.box)
+
+    def own(slab):
+        return replace(slab, light=lambda y, x: (slab.light(y, x)[0], 0.125 * slab.light(y, x)[0]))
+
+    for matter, change in (("even", even), ("like the glow", own)):
+        slabs = [change(slab) for slab in behind(0.25)]
+        depths = [slab.depth for slab in slabs]
+        case = traced("four flames behind each other, small", QUARTER, slabs, depths)
+        light_field = noisy(case.views, 0.01, rng)
+        _, thickness = truth.on_planes(QUARTER, slabs, depths)
+        for what, given in (("given", thickness), ("ignored", None)):
+            found = reconstruct(light_field, case.grid, optical_thickness=given).emission
+            yield {
+                "flame": case.name, "noise": 0.01, "method": OURS, "absorbs": matter,
+                "thickness is": what, "light": float(found.sum() / case.truth.sum() - 1),
+                "error": relative_error(found, case.truth),
+            }  # fmt: skip
+
+
+def _width(planes: np.ndarray, depths: np.ndarray) -> float:
+    """Root-mean-square extent of the light along depth."""
+    light = planes.sum(axis=(1, 2), dtype=float)
+    middle = light @ depths / light.sum()
+    return float(np.sqrt(light @ (depths - middle) ** 2 / light.sum()))
+
+
+def unknown_depth(rng: np.random.Generator) -> Iterator[dict]:
+    """Find where light is in depth: four flames on none of twenty planes, and a thick flame."""
+    methods = {OURS: lambda one, grid: reconstruct(one, grid).emission,
+               "refocused": lambda one, grid: refocused(one, grid, 0.0)[0]}  # fmt: skip
+    flames = traced("four flames side by side, 20 planes", PAPER, side_by_side(), DEPTHS)
+    grid = grid_of(PAPER, np.arange(-15.0, 24.0, 2.0))
+    depths, light_field = np.array(grid.depths_mm), noisy(flames.views, 0.01, rng)
+    for method, find in methods.items():
+        found, off = find(light_field, grid), []
+        for depth, plane in zip(DEPTHS, flames.truth, strict=True):
+            light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=float)
+            off.append(abs(float(light @ depths / light.sum()) - depth))
+        yield {"flame": flames.name, "noise": 0.01, "method": method, "centroid_mm": max(off)}
+    grid = grid_of(PAPER, np.arange(-12.0, 13.0, 2.0))
+    depths = np.array(grid.depths_mm)
+    wanted, _ = truth.on_planes(PAPER, volume(round_glow, REACH, 0.25), depths)
+    for noise in (0.01, 0.05):
+        light_field = noisy(round_views(), noise, rng)
+        for method, find in methods.items():
+            found = find(light_field, grid)
+            yield {
+                "flame": "axisymmetric, 13 planes", "noise": noise, "method": method,
+                "error": relative_error(found, wanted),
+                "too_wide": _width(found, depths) / _width(wanted, depths) - 1,
+            }  # fmt: skip
+
+
+def separation(rng: np.random.Generator) -> Iterator[dict]:
+    """Find how far apart in depth two blobs must be to be seen as two, at 1 % of noise.
+
+    The rule is twice their radius over the angle of the aperture. They are two where the light
+    between them falls to 81 % of the fainter one, as by Rayleigh's criterion.
+    """
+    lens = truth.Lens(views=15, lenslets=(60, 60))
+    for radius in (0.3, 0.6, 1.2):
+        rule = 2 * radius / (lens.views * lens.step / lens.focus)
+        depths = rule / 6 * np.arange(-9, 10)
+        grid, places = grid_of(lens, depths), (np.arange(60) - 29.5) * lens.cell
+        inside, from_ = np.hypot(places[:, None], places) < radius, math.inf
+        for share in (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0):
+            blobs = [
+                one
+                for middle in (-share * rule / 2, share * rule / 2)
+                for one in truth.slabs(Sheet(middle, (0, 0), (radius, radius)), radius, radius / 4)
+            ]
+            found = reconstruct(noisy(truth.record(lens, blobs), 0.01, rng), grid).emission
+            light = found[:, inside].sum(axis=1, dtype=float)
+            if light[9] <= 0.81 * min(light[:9].max(), light[10:].max()):
+                from_ = share
+                break
+        yield {
+            "flame": f"two blobs of radius {radius:g} mm", "noise": 0.01, "method": OURS,
+            "rule_mm": rule, "two_from": from_,
+        }  # fmt: skip
+
+
+# --- error bars ---
+
+BOOTSTRAP, STRIP, BRIGHT = 20, 0.3, 0.05
+"""Number of bootstrap draws; width of a profile's strip in mm; share of a plane's peak from which
+a place counts."""
+
+TIMES = float(stats.t(BOOTSTRAP).ppf(0.975))
+"""Number of standard errors that a bar of 95 % reaches."""
+
+
+def photons(views: np.ndarray, rng: np.random.Generator) -> LightField:
+    """Count photo-electrons, 100 in the brightest pixel."""
+    share = views.max() / 100
+    return LightField(rng.poisson(views / share) * share)
+
+
+def bars(draws: int, rng: np.random.Generator) -> Iterator[dict]:
+    """Count how often bars of 95 % cover the truth of cells and profiles of small flames."""
+    deep = volume(
+        lambda y, x, z: truth.round_glow(0.5 - y / 6.25, np.hypot(x, z), 1.0),
+        3,
+        0.125,
+        (-3.125, 3.125, -3, 3),
+    )
+    together = [slab.depth for slab in behind(0.25)]
+    cases = [
+        traced(name, QUARTER, slabs, depths)
+        for name, slabs, depths in (
+            ("side by side", side_by_side(0.25, (-7.5, -2.5, 2.5, 7.5)), together),
+            ("behind each other", behind(0.25), together),
+            ("thick in depth", deep, np.arange(-3.0, 3.25, 0.5)),
+        )
+    ]
+    noises: dict[str, Callable] = {"1 %": lambda v, r: noisy(v, 0.01, r), "100 electrons": photons}
+    for case in step_bar(cases):
+        lit = case.truth > BRIGHT * case.truth.max(axis=(1, 2), keepdims=True)
+        for noise, add in noises.items():
+            judged: dict[str, list[tuple[float, float]]] = {"cells": [], "profiles": []}
+            for _ in range(draws):
+                found = reconstruct(add(case.views, rng), case.grid, bootstrap=BOOTSTRAP, rng=rng)
+                covered = (np.abs(found.emission - case.truth) <= TIMES * found.sigma)[lit].mean()
+                error = relative_error(found.emission, case.truth)
+                judged["cells"].append((covered, error))
+                judged["profiles"].append(np.mean(list(_profiles(found, case)), axis=0))
+            for what, values in judged.items():
+                covered, error = np.array(values).T
+                yield {
+                    "flame": case.name, "noise": noise, "what": what,
+                    "covered": float(covered.mean()),
+                    "standard_error": float(covered.std(ddof=1) / draws**0.5),
+                    "error": float(error.mean()),
+                }  # fmt: skip
+
+
+def _profiles(found, case: Case) -> Iterator[tuple[float, float]]:
+    """Give the share of places within the band, and the error, of two profiles of each plane."""
+    for plane, wanted in enumerate(case.truth):
+        cell = case.grid.cell_mm(case.grid.depths_mm[plane])
+        draws, nothing = found.draws[:, plane], np.empty((0, *wanted.shape))
+        for axis, take in enumerate((axial, radial)):
+            light = wanted.sum(axis=axis)
+            middle = (np.arange(light.size) - (light.size - 1) / 2) * cell @ light / light.sum()
+            where = cell, float(middle if axis == 0 else -middle), STRIP
+            profile = take(found.emission[plane], draws, *where)
+            true = take(wanted, nothing, *where).values
+            off, bright = np.abs(profile.values - true), true > BRIGHT * wanted.max()
+            yield np.mean(off[bright] <= profile.band[bright]), relative_error(profile.values, true)
