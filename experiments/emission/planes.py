@@ -1,6 +1,5 @@
 """Emission by planes on traced flames, beside simple methods, and how often its bars are right."""
 
-import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -45,8 +44,8 @@ def side_by_side(size: float = 1.0, places=(-26.0, -8.5, 8.5, 25.0)) -> list[Sla
 
 
 def grid_of(lens: truth.Lens, depths: Sequence[float]) -> FrustumGrid:
-    """Make the grid on which the package looks for the emission."""
-    return FrustumGrid(PlenopticCamera(**lens.numbers()), list(depths))
+    """Make the grid on which the emission is sought."""
+    return FrustumGrid(PlenopticCamera(**lens.numbers()), [float(depth) for depth in depths])
 
 
 def relative_error(found: np.ndarray, wanted: np.ndarray) -> float:
@@ -81,7 +80,7 @@ class Case:
 
 def traced(name: str, lens: truth.Lens, slabs: Sequence[Slab], depths: Sequence[float]) -> Case:
     """Trace slabs, and lay the emission of each on the nearest plane."""
-    wanted, _ = truth.on_planes(lens, slabs, depths)
+    wanted = truth.on_planes(lens, slabs, depths)
     spots = 4 if lens == PAPER else 2
     return Case(name, truth.trace(lens, slabs, spots), wanted, grid_of(lens, depths))
 
@@ -98,15 +97,13 @@ def _sheets(name: str, lens: truth.Lens, depths: Sequence[float], aside: float =
     return Case(name, truth.record(lens, sheets), np.array(wanted), grid_of(SMALL, SHEETS))
 
 
-def _edged(outside: np.ndarray) -> np.ndarray:
-    """Glow that falls from 1 to 0 over 0.1 mm about an edge, by the distance outside of it."""
-    return np.clip(0.5 - outside / 0.1, 0, 1)
+def _disc(y, x):
+    return np.clip(0.5 - (np.hypot(y, x + 0.6) - 1.7) / 0.1, 0, 1), 0.0  # an edge of 0.1 mm
 
 
-EDGES = [
-    Slab(3.0, lambda y, x: (_edged(np.hypot(y, x + 0.6) - 1.7), 0.0)),
-    Slab(-4.0, lambda y, x: (0.7 * _edged(np.maximum(np.abs(y), np.abs(x - 0.6)) - 1.5), 0.0)),
-]
+def _square(y, x):
+    outside = np.maximum(np.abs(y), np.abs(x - 0.6)) - 1.5
+    return 0.7 * np.clip(0.5 - outside / 0.1, 0, 1), 0.0
 
 
 def _hollow(y, x, z):
@@ -123,7 +120,7 @@ def known_planes(rng: np.random.Generator) -> Iterator[dict]:
         _sheets("sheets, on the planes", SMALL, SHEETS),
         _sheets("sheets, 0.6 mm off, moved aside", SMALL, (6.6, 1.4, -2.6, -5.4), 0.05),
         _sheets("sheets, pitch 0.5 % wrong", replace(SMALL, pitch=1.005 * SMALL.pitch), SHEETS),
-        traced("disc and square", SMALL, EDGES, (3.0, -4.0)),
+        traced("disc and square", SMALL, [Slab(3.0, _disc), Slab(-4.0, _square)], (3.0, -4.0)),
         traced("hollow flame", SMALL, volume(_hollow, 2.5, 0.1), DEEP),
         traced("elliptic flame, twice as deep", SMALL, volume(_elliptic, 3.5, 0.1), DEEP),
     ):
@@ -160,33 +157,8 @@ def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
             [camera.slope_to_depth(1.05 * m) for m in case.grid.slopes],
         ),
     ):
-        found = reconstruct(seen, replace(case.grid, depths_mm=[float(z) for z in depths]))
-        error = relative_error(found.emission, case.truth)
+        error = relative_error(reconstruct(seen, grid_of(PAPER, depths)).emission, case.truth)
         yield {"flame": case.name, "noise": 0.01, "method": OURS, "wrong": what, "error": error}
-
-
-def absorption(rng: np.random.Generator) -> Iterator[dict]:
-    """Find flames that absorb a thickness of 0.5 in all, which is given or ignored."""
-
-    def even(slab):
-        return replace(slab, light=lambda y, x: (slab.light(y, x)[0], 0.125), box=Slab.box)
-
-    def own(slab):
-        return replace(slab, light=lambda y, x: (slab.light(y, x)[0], 0.125 * slab.light(y, x)[0]))
-
-    for matter, change in (("even", even), ("like the glow", own)):
-        slabs = [change(slab) for slab in behind(0.25)]
-        depths = [slab.depth for slab in slabs]
-        case = traced("four flames behind each other, small", QUARTER, slabs, depths)
-        light_field = noisy(case.views, 0.01, rng)
-        _, thickness = truth.on_planes(QUARTER, slabs, depths)
-        for what, given in (("given", thickness), ("ignored", None)):
-            found = reconstruct(light_field, case.grid, optical_thickness=given).emission
-            yield {
-                "flame": case.name, "noise": 0.01, "method": OURS, "absorbs": matter,
-                "thickness is": what, "light": float(found.sum() / case.truth.sum() - 1),
-                "error": relative_error(found, case.truth),
-            }  # fmt: skip
 
 
 def _width(planes: np.ndarray, depths: np.ndarray) -> float:
@@ -211,7 +183,7 @@ def unknown_depth(rng: np.random.Generator) -> Iterator[dict]:
         yield {"flame": flames.name, "noise": 0.01, "method": method, "centroid_mm": max(off)}
     grid = grid_of(PAPER, np.arange(-12.0, 13.0, 2.0))
     depths = np.array(grid.depths_mm)
-    wanted, _ = truth.on_planes(PAPER, volume(round_glow, REACH, 0.25), depths)
+    wanted = truth.on_planes(PAPER, volume(round_glow, REACH, 0.25), depths)
     for noise in (0.01, 0.05):
         light_field = noisy(round_views(), noise, rng)
         for method, find in methods.items():
@@ -222,37 +194,6 @@ def unknown_depth(rng: np.random.Generator) -> Iterator[dict]:
                 "too_wide": _width(found, depths) / _width(wanted, depths) - 1,
             }  # fmt: skip
 
-
-def separation(rng: np.random.Generator) -> Iterator[dict]:
-    """Find how far apart in depth two blobs must be to be seen as two, at 1 % of noise.
-
-    The rule is twice their radius over the angle of the aperture. They are two where the light
-    between them falls to 81 % of the fainter one, as by Rayleigh's criterion.
-    """
-    lens = truth.Lens(views=15, lenslets=(60, 60))
-    for radius in (0.3, 0.6, 1.2):
-        rule = 2 * radius / (lens.views * lens.step / lens.focus)
-        depths = rule / 6 * np.arange(-9, 10)
-        grid, places = grid_of(lens, depths), (np.arange(60) - 29.5) * lens.cell
-        inside, from_ = np.hypot(places[:, None], places) < radius, math.inf
-        for share in (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0):
-            blobs = [
-                one
-                for middle in (-share * rule / 2, share * rule / 2)
-                for one in truth.slabs(Sheet(middle, (0, 0), (radius, radius)), radius, radius / 4)
-            ]
-            found = reconstruct(noisy(truth.record(lens, blobs), 0.01, rng), grid).emission
-            light = found[:, inside].sum(axis=1, dtype=float)
-            if light[9] <= 0.81 * min(light[:9].max(), light[10:].max()):
-                from_ = share
-                break
-        yield {
-            "flame": f"two blobs of radius {radius:g} mm", "noise": 0.01, "method": OURS,
-            "rule_mm": rule, "two_from": from_,
-        }  # fmt: skip
-
-
-# --- error bars ---
 
 BOOTSTRAP, STRIP, BRIGHT = 20, 0.3, 0.05
 """Number of bootstrap draws; width of a profile's strip in mm; share of a plane's peak from which
@@ -295,7 +236,10 @@ def bars(draws: int, rng: np.random.Generator) -> Iterator[dict]:
                 covered = (np.abs(found.emission - case.truth) <= TIMES * found.sigma)[lit].mean()
                 error = relative_error(found.emission, case.truth)
                 judged["cells"].append((covered, error))
-                judged["profiles"].append(np.mean(list(_profiles(found, case)), axis=0))
+                inside, off, true = np.array(list(_profiles(found, case))).T
+                judged["profiles"].append(
+                    (inside.mean(), np.hypot.reduce(off) / np.hypot.reduce(true))
+                )
             for what, values in judged.items():
                 covered, error = np.array(values).T
                 yield {
@@ -306,8 +250,8 @@ def bars(draws: int, rng: np.random.Generator) -> Iterator[dict]:
                 }  # fmt: skip
 
 
-def _profiles(found, case: Case) -> Iterator[tuple[float, float]]:
-    """Give the share of places within the band, and the error, of two profiles of each plane."""
+def _profiles(found, case: Case) -> Iterator[tuple[float, ...]]:
+    """Give the share of places within the band, and norms of error and truth, of all profiles."""
     for plane, wanted in enumerate(case.truth):
         cell = case.grid.cell_mm(case.grid.depths_mm[plane])
         draws, nothing = found.draws[:, plane], np.empty((0, *wanted.shape))
@@ -318,4 +262,5 @@ def _profiles(found, case: Case) -> Iterator[tuple[float, float]]:
             profile = take(found.emission[plane], draws, *where)
             true = take(wanted, nothing, *where).values
             off, bright = np.abs(profile.values - true), true > BRIGHT * wanted.max()
-            yield np.mean(off[bright] <= profile.band[bright]), relative_error(profile.values, true)
+            covered = np.mean(off[bright] <= profile.band[bright])
+            yield float(covered), float(np.linalg.norm(off)), float(np.linalg.norm(true))

@@ -27,7 +27,7 @@ PARTS = {
         "measured, or after 300 iterations. Errors are root-mean-square over all cells, relative "
         "to the truth's root mean square. Sheets, disc, hollow and elliptic flame: 7 x 7 views of "
         "60 x 60 lenslets, mean of three draws of the noise, four planes 4 mm apart or nine 1 mm "
-        "apart. Four flames: 15 x 15 views of 90 x 180 pixels, small ones of 72 x 84. Noise is "
+        "apart. Four flames: 15 x 15 views of 90 x 180 pixels. Noise is "
         "relative to the brightest pixel.",
     ),
     "round": (
@@ -66,11 +66,8 @@ COLUMNS = {
     "noise": ("noise", percent),
     "error": ("error", ".3g"),
     "wrong": ("stated wrongly", ""),
-    "light": ("all light", "+.1%"),
     "centroid_mm": ("centroid off by (mm)", ".2f"),
     "too_wide": ("too wide in depth", "+.0%"),
-    "rule_mm": ("rule (mm)", ".1f"),
-    "two_from": ("two from (rule)", ".2f"),
     "rms": ("rms error", ".4f"),
     "largest": ("largest", ".4f"),
     "rms_K": ("rms (K)", ".1f"),
@@ -94,9 +91,7 @@ def measures(draws: int) -> dict[str, dict[str, Measure]]:
             NOISE: planes.against_noise,
             "Flames at full size": planes.large_flames,
             "What is stated wrongly": planes.wrongly_known,
-            "Absorption": planes.absorption,
             "Unknown depth": planes.unknown_depth,
-            "Two blobs": planes.separation,
         },
         "round": {
             "Error of the volume": flames.round_flame,
@@ -112,39 +107,44 @@ def measures(draws: int) -> dict[str, dict[str, Measure]]:
 
 def run(out: Path, parts: list[str], seed: int, draws: int) -> Path:
     """Measure parts, and write the report; other parts that OUT's report has stay in it."""
-    path = out / "emission.json"
-    done = json.loads(path.read_text(encoding="utf-8"))["parts"] if path.is_file() else {}
     for part in parts:
         began, rng = time.perf_counter(), np.random.default_rng(seed)
         rows = {name: list(measure(rng)) for name, measure in measures(draws)[part].items()}
-        made = provenance.environment()
-        seconds = round(time.perf_counter() - began)
-        done[part] = {"command": made["command"], "date": made["date"], "seconds": seconds}
-        done[part]["tables"] = rows
+        made = {name: provenance.environment()[name] for name in ("command", "date")}
+        made |= {"seconds": round(time.perf_counter() - began), "tables": rows}
         pictures = {}
         if part == "planes":
             pictures = {"noise": noise_figure(rows[NOISE]), "slices": slices_figure(seed)}
-        path = write(out, done, pictures)
+        record = out / "emission.json"
+        done = json.loads(record.read_text(encoding="utf-8"))["parts"] if record.is_file() else {}
+        done[part] = made
+        path = write(out, {name: done[name] for name in PARTS if name in done}, pictures)
     return path
 
 
 def write(out: Path, done: dict, pictures: dict[str, Figure]) -> Path:
     """Write the report of all parts that were measured."""
-    body, every = [], []
-    for part, (title, text) in PARTS.items():
-        if part not in done:
-            continue
-        made = done[part]
-        origin = f"`{made['command']}`, {made['date']}, {made['seconds']} s."
-        body += [f"## {title}", text, origin]
-        for name, rows in made["tables"].items():
-            body += [f"### {name}", table(rows)]
-            every += [{"part": part, "table": name} | row for row in rows]
-    body.append("No real flame has been measured.")
+    every = [
+        {"part": part, "table": name} | row
+        for part, made in done.items()
+        for name, rows in made["tables"].items()
+        for row in rows
+    ]
     return write_report(
-        out, "emission", "Emission by depth", {"parts": done}, body,
+        out, "emission", "Emission by depth", {"parts": done}, body({"parts": done}),
         tables={"emission": pd.DataFrame(every)}, pictures=pictures, dpi=110,
     )  # fmt: skip
+
+
+def body(record: dict) -> list[str]:
+    """Text and tables of a record."""
+    text = []
+    for part, made in record["parts"].items():
+        origin = f"`{made['command']}`, {made['date']}, {made['seconds']} s."
+        text += [f"## {PARTS[part][0]}", PARTS[part][1], origin]
+        for name, rows in made["tables"].items():
+            text += [f"### {name}", table(rows)]
+    return [*text, "No real flame has been measured."]
 
 
 def table(rows: list[dict]) -> str:

@@ -10,7 +10,7 @@ Lengths are in mm; y runs down, x to the right, depth away from the camera.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -45,11 +45,12 @@ class Lens:
 
     def numbers(self) -> dict:
         """Arguments with which `lf_flame.PlenopticCamera` is this camera."""
-        return {
-            "main_lens_focal_mm": self.focal, "focus_distance_mm": self.focus,
-            "lenslet_focal_mm": self.lenslet_focal, "lenslet_pitch_mm": self.pitch,
-            "views": self.views, "lenslets": self.lenslets,
-        }  # fmt: skip
+        lengths = self.focal, self.focus, self.lenslet_focal, self.pitch
+        names = "main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm"
+        return dict(zip(names, lengths, strict=True)) | {
+            "views": self.views,
+            "lenslets": self.lenslets,
+        }
 
 
 def _places(count: int, nodes: np.ndarray) -> np.ndarray:
@@ -128,9 +129,9 @@ def trace(
 ) -> np.ndarray:
     """Follow rays through slabs; gives views, float64, shape (v, u, t, s, *channels).
 
-    A pixel is summed from spots x spots places of its lenslet and parts x parts of its square of
-    the lens; views that the mask `where` excludes are 0. Each slab adds
-    ``(1 - exp(-tau)) / tau`` of its glow, dimmed by exp(-tau) of all slabs nearer to the camera.
+    A pixel is a sum over spots x spots places of its lenslet and parts x parts of its square of the
+    lens; views outside the mask `where` are 0. Of its glow a slab adds ``(1 - exp(-tau)) / tau``,
+    attenuated by exp(-tau) of all slabs nearer to the camera.
     """
     nodes, weights = leggauss(spots)
     y, x = (lens.cell * _places(count, nodes).ravel() for count in lens.lenslets)
@@ -147,30 +148,26 @@ def trace(
                 rows = slice(*np.searchsorted(down, slab.box[:2]))
                 columns = slice(*np.searchsorted(right, slab.box[2:]))
                 glow, tau = slab.light(down[rows, None], right[None, columns])
-                if np.any(tau):
-                    glow = glow * np.exp(-before[rows, columns]) * -np.expm1(-tau) / (tau + 1e-300)
-                    before[rows, columns] += tau
-                light[rows, columns] += glow
+                own = -np.expm1(-tau) / tau if np.any(tau) else 1.0
+                light[rows, columns] += glow * own * np.exp(-before[rows, columns])
+                before[rows, columns] += tau
             pixels = light.reshape(lens.lenslets[0], spots, lens.lenslets[1], spots, *channels)
             mean = np.einsum("tisj...,i,j->ts...", pixels, weights / 2, weights / 2)
             views[v, u] += mean * shares[i] * shares[j] / 4
     return views
 
 
-def on_planes(
-    lens: Lens, matter: Sequence[Slab], depths: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Glow and thickness of slabs, each on the nearest plane's cells, (planes, rows, columns)."""
+def on_planes(lens: Lens, matter: Sequence[Slab], depths: Sequence[float]) -> np.ndarray:
+    """Give the mean glow of slabs on the nearest plane's cells, shape (planes, rows, columns)."""
     nodes, weights = leggauss(6)
-    planes = np.zeros((2, len(depths), *lens.lenslets))
+    planes = np.zeros((len(depths), *lens.lenslets))
     for slab in matter:
         nearest = int(np.argmin(np.abs(np.subtract(depths, slab.depth))))
         side = lens.cell * (1 + depths[nearest] / lens.focus)
         y, x = (side * _places(count, nodes).ravel() for count in lens.lenslets)
-        for plane, values in zip(planes, slab.light(y[:, None], x[None]), strict=True):
-            pixels = np.broadcast_to(values, (y.size, x.size)).reshape(lens.lenslets[0], 6, -1, 6)
-            plane[nearest] += np.einsum("tisj,i,j->ts", pixels, weights, weights) / 4
-    return planes[0], planes[1]
+        glow = slab.light(y[:, None], x[None])[0].reshape(lens.lenslets[0], 6, -1, 6)
+        planes[nearest] += np.einsum("tisj,i,j->ts", glow, weights, weights) / 4
+    return planes
 
 
 def volume(glow: Callable[..., np.ndarray], reach: float, step: float, box=Slab.box) -> list[Slab]:
@@ -186,37 +183,26 @@ def _burner(up: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.n
     return inside, radius * np.sqrt(1 - h) * (0.6 + 1.2 * h), 3 * (1 - h)
 
 
-def _projected(up: np.ndarray, x: np.ndarray, radius: float, ignition: float) -> np.ndarray:
-    """Integral of R(r) along the line of sight; the ignition is 1, or less near the burner."""
+def round_glow(up: np.ndarray, r: np.ndarray, radius: float) -> np.ndarray:
+    """Emission R(r) of an axisymmetric flame per mm, by share of its height."""
     inside, b, c = _burner(up, radius)
-    q = (x / b) ** 2
-    lit = 1 - ignition * np.exp(-((up / 0.15) ** 2))
-    return inside * lit * np.sqrt(np.pi) * b * np.exp(-q) * (1 + c * (q + 0.5))
+    return inside * (1 + c * (r / b) ** 2) * np.exp(-((r / b) ** 2))
 
 
-@cache
-def _brightest(radius: float, ignition: float = 0.0) -> float:
-    up, x = np.linspace(0, 1, 1001)[:, None], np.linspace(0, 2 * radius, 400)
-    return float(_projected(up, x, radius, ignition).max())
+def burner_sheet(depth: float, height: float, radius: float, foot: float, across: float) -> Slab:
+    """Put the light of such a flame, integrated along the line of sight, at one depth.
 
-
-def burner_sheet(
-    depth: float, height: float, radius: float, foot: float, across: float, peak: float = 1.0
-) -> Slab:
-    """Make a flame whose light is all at one depth; it rises from y = `foot`."""
-    scale, side = peak / _brightest(radius, 0.85), 3.2 * radius
+    It rises from y = `foot`, and is fainter near the burner, where it ignites.
+    """
 
     def light(y, x):
-        return scale * _projected((foot - y) / height, x - across, radius, 0.85), 0.0
+        up = (foot - y) / height
+        inside, b, c = _burner(up, radius)
+        q = ((x - across) / b) ** 2
+        lit = inside * (1 - 0.85 * np.exp(-((up / 0.15) ** 2)))
+        return lit * np.sqrt(np.pi) * b * np.exp(-q) * (1 + c * (q + 0.5)), 0.0
 
-    return Slab(depth, light, (foot - height, foot, across - side, across + side))
-
-
-def round_glow(up: np.ndarray, r: np.ndarray, radius: float) -> np.ndarray:
-    """Axisymmetric R(r) by share of the height; its brightest projection is 1."""
-    inside, b, c = _burner(up, radius)
-    q = (r / b) ** 2
-    return inside * (1 + c * q) * np.exp(-q) / _brightest(radius)
+    return Slab(depth, light, (foot - height, foot, across - 3.2 * radius, across + 3.2 * radius))
 
 
 def planck(nm: np.ndarray | float, kelvin: np.ndarray | float) -> np.ndarray:
@@ -228,9 +214,8 @@ def planck(nm: np.ndarray | float, kelvin: np.ndarray | float) -> np.ndarray:
 class SootFlame:
     """A hollow sooty flame about the middle of the field.
 
-    The thickness is optical, at 600 nm through the axis, where it is largest; the depth ratio is
-    the extent in depth relative to that across, the core the soot on the axis relative to the
-    shell's.
+    Largest optical thickness through the axis at 600 nm; extent in depth relative to that across;
+    soot on the axis relative to the shell's.
     """
 
     thickness: float = 0.5
@@ -267,7 +252,7 @@ class SootFlame:
 
         def light(y, x, z):
             r = np.hypot(x, z / self.depth_ratio)
-            tau = step * self.absorption(r, -y)[..., None] * (600 / nm) ** exponent
+            tau = step * self.absorption(r, -y)[..., None] * (600 / nm) ** exponent + 1e-300
             return tau * planck(nm, self.kelvin(r, -y)[..., None]), tau
 
         middles = (np.arange(steps) + 0.5) * step - reach

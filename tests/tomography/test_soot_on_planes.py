@@ -38,7 +38,7 @@ def soot(sheet, y, x):
 def slab(sheet):
     def light(y, x):
         tau, kelvin = soot(sheet, y, x)
-        tau = tau[..., None] * 600 / NM
+        tau = tau[..., None] * 600 / NM + 1e-300
         return tau * planck(NM, kelvin[..., None]), tau
 
     return Slab(sheet[0], light)
