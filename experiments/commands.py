@@ -69,15 +69,8 @@ def dataset_making(out: Path, samples: int, processes: int | None, rounds: int) 
     show_default=True,
     help="Part to measure; a report in OUT keeps its other parts.",
 )
-@click.option(
-    "--draws",
-    type=click.IntRange(min=2),
-    default=10,
-    show_default=True,
-    help="Draws of the noise with which error bars are judged.",
-)
 @click.option("--seed", default=1, show_default=True, help="Seed of the noise.")
-def emission(out: Path, part: str, draws: int, seed: int) -> None:
+def emission(out: Path, part: str, seed: int) -> None:
     """Measure emission by depth, axisymmetric flames and soot temperature on traced flames.
 
     planes: flames behind each other and thick flames, with refocused images, their deconvolution,
@@ -89,7 +82,7 @@ def emission(out: Path, part: str, draws: int, seed: int) -> None:
     from experiments.emission.report import run
 
     parts = ["planes", "round", "soot", "bars"] if part == "all" else [part]
-    click.echo(run(out, parts, seed, draws).read_text(encoding="utf-8"))
+    click.echo(run(out, parts, seed).read_text(encoding="utf-8"))
 
 
 @cloup.command("depth-test")

@@ -26,9 +26,6 @@ PAPER = truth.Lens(views=15, lenslets=(90, 180), lenslet_focal=1.2, pitch=0.336)
 HEIGHT, RADIUS, REACH = 25.0, 4.0, 12.0
 """Height and radius of the axisymmetric flame, and the radius up to which it is sought, in mm."""
 
-COMPARED = 0.03, 0.97
-"""Shares of the flame's height that are compared; the tip is finer than a pixel."""
-
 
 @cache
 def round_views() -> np.ndarray:
@@ -54,14 +51,12 @@ Section = tuple[np.ndarray, np.ndarray, np.ndarray]
 def sections(light_field: LightField) -> Iterator[tuple[str, list[Section]]]:
     """Find the half section by every method: from all views, and from the central view alone."""
     camera = PlenopticCamera(**PAPER.numbers())
-    axis = find_axis(light_field, camera)
-    place, step = axis.across_mm, PAPER.cell
-    centre = PAPER.views // 2
+    axis, step, centre = find_axis(light_field, camera), PAPER.cell, PAPER.views // 2
     for views, seen, image in (
         ("all", "all views", light_field.photograph),
         ("central", "central view", light_field.views[centre, centre]),
     ):
-        grid = AxisymmetricGrid(camera, place, axis.depth_mm, REACH, 1, views, -HEIGHT / 2)
+        grid = AxisymmetricGrid(camera, axis.across_mm, axis.depth_mm, REACH, 1, views, -HEIGHT / 2)
         found = reconstruct_axisymmetric(light_field, grid)
         yield f"abel, {seen}", [(grid.heights_mm, grid.radii_mm, found.emission)]
         middle, count = image.shape[1] // 2, int(np.ceil(REACH / step))  # right of the middle
@@ -74,9 +69,9 @@ def sections(light_field: LightField) -> Iterator[tuple[str, list[Section]]]:
 
 
 def section_error(heights: np.ndarray, radii: np.ndarray, found: np.ndarray) -> float:
-    """Root-mean-square error over the flame's volume, relative to the truth's."""
+    """Root-mean-square error over the volume, but for the tip, which is finer than a pixel."""
     up = heights / HEIGHT + 0.5
-    rows = (up > COMPARED[0]) & (up < COMPARED[1])
+    rows = (up > 0.03) & (up < 0.97)
     wanted = truth.round_glow(up[rows, None], radii[None], RADIUS)
     weight = np.sqrt(radii)
     return float(np.linalg.norm((found[rows] - wanted) * weight) / np.linalg.norm(wanted * weight))
@@ -116,17 +111,16 @@ def cremers_profile(r: np.ndarray) -> np.ndarray:
     return np.where(r < 0.25, inner, np.where(r < 1, outer, 0))
 
 
-def cremers_glow(y: np.ndarray, x: np.ndarray, z: float) -> np.ndarray:
-    """Emission per mm of an axisymmetric flame with that profile, which fades with height."""
-    return cremers_profile(np.hypot(x, z) / CREMERS_RADIUS) * np.exp(-((y / FADES) ** 2))
-
-
 def beside_print(rng: np.random.Generator) -> Iterator[dict]:
     """Give errors of `abel` on the profile of Cremers and Birkebak, and those that they print."""
     one = "one projection, 31 points, no noise, four digits"
     for method, (rms, worst) in PRINTED.items():
         yield {"method": f"{method}, as printed", "input": one, "rms": rms, "largest": worst}
-    views = truth.trace(CREMERS, truth.volume(cremers_glow, 2.5, 0.1))
+
+    def glow(y, x, z):
+        return cremers_profile(np.hypot(x, z) / CREMERS_RADIUS) * np.exp(-((y / FADES) ** 2))
+
+    views = truth.trace(CREMERS, truth.volume(glow, 2.5, 0.1))
     grid = AxisymmetricGrid(PlenopticCamera(**CREMERS.numbers()), 0.0, 0.0, 2.6)
     row, radii = int(np.argmin(np.abs(grid.heights_mm))), np.arange(19) / 30
     for noise in (0.0, 0.01, 0.1):
@@ -138,8 +132,6 @@ def beside_print(rng: np.random.Generator) -> Iterator[dict]:
         pixels = f"49 views, {CREMERS_RADIUS / grid.radii_mm[1]:.0f} pixels, noise {noise:.0%}"
         yield {"method": "abel", "input": pixels, "rms": rms, "largest": worst}
 
-
-# --- soot, from one raw image of a colour camera with a round lens ---
 
 LENSLETS, UNDER = (72, 52), 14
 """Number of lenslets, and of pixels under one along each axis."""
@@ -155,9 +147,8 @@ OPEN = np.hypot(*(np.indices((UNDER, UNDER)) - (UNDER - 1) / 2)) <= UNDER / 2
 BLACK, WHITE, FULL = 64.0, 3000.0, 4095
 """Black level, brightest signal above it, and largest number of the sensor."""
 
-FURNACE_K = 1473.0, 1573.0, 1673.0, 1773.0, 1873.0
-DRAWS, LIT = 20, 0.2
-"""Number of bootstrap draws; emission relative to its peak from which temperatures count."""
+FURNACE_K, DRAWS = (1473.0, 1573.0, 1673.0, 1773.0, 1873.0), 20
+"""Temperatures of the furnace, and number of bootstrap draws."""
 
 SOOT = {
     "hollow, thickness 0.5": (truth.SootFlame(), 0.01, 1.0),
@@ -219,8 +210,7 @@ class Sensor:
         return self._plan.decode(self._read(light, self._noise))
 
     def _even(self, colours) -> np.ndarray:
-        lit = (OPEN * np.asarray(colours)[MOSAIC])[..., None, None]
-        return np.broadcast_to(lit, (UNDER, UNDER, *LENSLETS))
+        return (OPEN * np.asarray(colours)[MOSAIC])[..., None, None] * np.ones(LENSLETS)
 
     def _read(self, light: np.ndarray, noise: float) -> np.ndarray:
         raw = light.transpose(2, 0, 3, 1).reshape([n * UNDER for n in LENSLETS])
@@ -233,7 +223,7 @@ def soot_truth(flame: truth.SootFlame) -> tuple[np.ndarray, np.ndarray, np.ndarr
     up, r = np.meshgrid(GRID.heights_mm, GRID.radii_mm, indexing="ij")
     absorption, kelvin = flame.absorption(r, up), flame.kelvin(r, up)
     red = absorption * truth.planck(PEAKS[0], kelvin)
-    return absorption, kelvin, red > LIT * red.max()
+    return absorption, kelvin, red > 0.2 * red.max()
 
 
 def soot(rng: np.random.Generator) -> Iterator[dict]:
@@ -275,19 +265,23 @@ def _judged(temperatures, absorption: np.ndarray, kelvin: np.ndarray, lit: np.nd
     }
 
 
-def soot_bars(draws: int, rng: np.random.Generator) -> Iterator[dict]:
+def in_the_mean(judged: list[tuple[float, float]]) -> dict:
+    """Mean of the shares that bars cover, its standard error, and the mean error, over draws."""
+    covered, error = np.array(judged).T
+    standard_error = float(covered.std(ddof=1) / np.sqrt(covered.size))
+    mean = {"covered": float(covered.mean()), "standard_error": standard_error}
+    return mean | {"error": float(error.mean())}
+
+
+def soot_bars(rng: np.random.Generator) -> Iterator[dict]:
     """Count how often bars of 95 % cover the true temperature of the first flame."""
     name, (flame, noise, exponent) = next(iter(SOOT.items()))
     light, judged = soot_light(flame, exponent), []
     sensor = Sensor(light, noise, rng)
-    for draw in step_bar(range(draws)):
+    for draw in step_bar(range(10)):
         found = reconstruct_axisymmetric_soot(
             sensor.record(light), GRID, sensor.calibration, bootstrap=DRAWS, seed=10 * draw
         )
-        judged.append(_judged(found.temperatures, *soot_truth(flame)))
-    yield {
-        "flame": name, "noise": noise, "what": "temperatures",
-        "covered": float(np.mean([one["covered"] for one in judged])),
-        "standard_error": float(np.std([one["covered"] for one in judged], ddof=1) / draws**0.5),
-        "error": float(np.mean([one["rms_K"] for one in judged])),
-    }  # fmt: skip
+        one = _judged(found.temperatures, *soot_truth(flame))
+        judged.append((one["covered"], one["rms_K"]))
+    yield {"flame": name, "noise": noise, "what": "temperatures"} | in_the_mean(judged)

@@ -1,7 +1,7 @@
 """Emission by planes on traced flames, beside simple methods, and how often its bars are right."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,12 +9,11 @@ from scipy import stats
 
 from experiments.command_parts import step_bar
 from experiments.emission import truth
-from experiments.emission.flames import PAPER, REACH, noisy, round_glow, round_views
+from experiments.emission.flames import PAPER, REACH, in_the_mean, noisy, round_glow, round_views
 from experiments.emission.rivals import PLANES, QUICK, refocused
 from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
 from lf_flame import LightField, PlenopticCamera
 from lf_flame.tomography import FrustumGrid, reconstruct
-from lf_flame.tomography.profiles import axial, radial
 
 OURS = "reconstruct"
 SMALL = truth.Lens(lenslets=(60, 60))
@@ -22,25 +21,25 @@ QUARTER = truth.Lens(views=15, lenslets=(72, 84))
 """A field a quarter as wide as the paper's, for flames a quarter in size."""
 
 DEPTHS = 20.0, 10.0, 0.0, -10.0
-NOISES = 0.001, 0.003, 0.01, 0.03, 0.1, 0.3
+
+
+def four(heights, places, foot: float, size: float = 1.0) -> list[Slab]:
+    """Four flames, each at a depth of its own; all lengths are multiplied by the size."""
+    return [
+        burner_sheet(size * depth, size * height, size * 2.4, size * foot, size * place)
+        for depth, height, place in zip(DEPTHS, heights, places, strict=True)
+    ]
 
 
 def behind(size: float = 1.0) -> list[Slab]:
     """Four flames behind each other, so that every pixel holds several depths."""
-    heights, places = (28.0, 22.0, 18.0, 25.0), (-3.0, 2.5, -1.0, 4.0)
-    return [
-        burner_sheet(size * depth, size * height, size * 2.4, size * 14, size * place)
-        for depth, height, place in zip(DEPTHS, heights, places, strict=True)
-    ]
+    return four((28.0, 22.0, 18.0, 25.0), (-3.0, 2.5, -1.0, 4.0), 14.0, size)
 
 
-def side_by_side(size: float = 1.0, places=(-26.0, -8.5, 8.5, 25.0)) -> list[Slab]:
+def side_by_side(size: float = 1.0, apart: float = 17.0) -> list[Slab]:
     """Four flames about as large and as far apart as the paper's."""
-    heights = 27.4, 23.0, 21.5, 13.2
-    return [
-        burner_sheet(size * depth, size * height, size * 2.4, size * 14.5, size * place)
-        for depth, height, place in zip(DEPTHS, heights, places, strict=True)
-    ]
+    places = apart * np.arange(-1.5, 2.0)
+    return four((27.4, 23.0, 21.5, 13.2), places, 14.5, size)
 
 
 def grid_of(lens: truth.Lens, depths: Sequence[float]) -> FrustumGrid:
@@ -129,15 +128,15 @@ def known_planes(rng: np.random.Generator) -> Iterator[dict]:
 
 def against_noise(rng: np.random.Generator) -> Iterator[dict]:
     """Find the sheets in ever more noise."""
-    yield from _sheets("sheets, on the planes", SMALL, SHEETS).errors(NOISES, 3, rng)
+    case = _sheets("sheets, on the planes", SMALL, SHEETS)
+    yield from case.errors((0.001, 0.003, 0.01, 0.03, 0.1, 0.3), 3, rng)
 
 
 def large_flames(rng: np.random.Generator) -> Iterator[dict]:
     """Find four flames of the paper's kind, by the methods that are quick at that size."""
     for name, slabs in (("side by side", side_by_side()), ("behind each other", behind())):
-        yield from traced(f"four flames {name}", PAPER, slabs, DEPTHS).errors(
-            (0.01, 0.05), 3, rng, QUICK
-        )
+        case = traced(f"four flames {name}", PAPER, slabs, DEPTHS)
+        yield from case.errors((0.01, 0.05), 3, rng, QUICK)
 
 
 def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
@@ -145,17 +144,13 @@ def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
     case = traced("four flames side by side", PAPER, side_by_side(), DEPTHS)
     light_field, camera = noisy(case.views, 0.01, rng), case.grid.camera
     gains = 1 + 0.02 * rng.standard_normal((*light_field.views.shape[:2], 1, 1))
-    peak = float(case.views.max())
+    peak, steeper = float(case.views.max()), 1.05 * np.asarray(case.grid.slopes)
     for what, seen, depths in (
         ("nothing", light_field, DEPTHS),
         ("gains of views, 2 %", LightField(light_field.views * gains), DEPTHS),
         ("background, 2 % of the peak", LightField(light_field.views + 0.02 * peak), DEPTHS),
         ("depths, by 0.5 mm", light_field, np.add(DEPTHS, 0.5)),
-        (
-            "slopes, by 5 %",
-            light_field,
-            [camera.slope_to_depth(1.05 * m) for m in case.grid.slopes],
-        ),
+        ("slopes, by 5 %", light_field, camera.slope_to_depth(steeper)),
     ):
         error = relative_error(reconstruct(seen, grid_of(PAPER, depths)).emission, case.truth)
         yield {"flame": case.name, "noise": 0.01, "method": OURS, "wrong": what, "error": error}
@@ -195,72 +190,32 @@ def unknown_depth(rng: np.random.Generator) -> Iterator[dict]:
             }  # fmt: skip
 
 
-BOOTSTRAP, STRIP, BRIGHT = 20, 0.3, 0.05
-"""Number of bootstrap draws; width of a profile's strip in mm; share of a plane's peak from which
-a place counts."""
-
-TIMES = float(stats.t(BOOTSTRAP).ppf(0.975))
-"""Number of standard errors that a bar of 95 % reaches."""
-
-
 def photons(views: np.ndarray, rng: np.random.Generator) -> LightField:
     """Count photo-electrons, 100 in the brightest pixel."""
     share = views.max() / 100
     return LightField(rng.poisson(views / share) * share)
 
 
-def bars(draws: int, rng: np.random.Generator) -> Iterator[dict]:
-    """Count how often bars of 95 % cover the truth of cells and profiles of small flames."""
-    deep = volume(
-        lambda y, x, z: truth.round_glow(0.5 - y / 6.25, np.hypot(x, z), 1.0),
-        3,
-        0.125,
-        (-3.125, 3.125, -3, 3),
+def _small(y, x, z):
+    return truth.round_glow(0.5 - y / 6.25, np.hypot(x, z), 1.0)
+
+
+def bars(rng: np.random.Generator) -> Iterator[dict]:
+    """Count how often bars of 95 % cover the true emission of the cells of small flames."""
+    apart, deep = [slab.depth for slab in behind(0.25)], volume(_small, 3.0, 0.125, (-4, 4, -3, 3))
+    times = float(stats.t(20).ppf(0.975))
+    cases = (
+        traced("four flames side by side", QUARTER, side_by_side(0.25, 5.0), apart),
+        traced("four flames behind each other", QUARTER, behind(0.25), apart),
+        traced("a flame thick in depth", QUARTER, deep, np.arange(-3.0, 3.25, 0.5)),
     )
-    together = [slab.depth for slab in behind(0.25)]
-    cases = [
-        traced(name, QUARTER, slabs, depths)
-        for name, slabs, depths in (
-            ("side by side", side_by_side(0.25, (-7.5, -2.5, 2.5, 7.5)), together),
-            ("behind each other", behind(0.25), together),
-            ("thick in depth", deep, np.arange(-3.0, 3.25, 0.5)),
-        )
-    ]
-    noises: dict[str, Callable] = {"1 %": lambda v, r: noisy(v, 0.01, r), "100 electrons": photons}
     for case in step_bar(cases):
-        lit = case.truth > BRIGHT * case.truth.max(axis=(1, 2), keepdims=True)
-        for noise, add in noises.items():
-            judged: dict[str, list[tuple[float, float]]] = {"cells": [], "profiles": []}
-            for _ in range(draws):
-                found = reconstruct(add(case.views, rng), case.grid, bootstrap=BOOTSTRAP, rng=rng)
-                covered = (np.abs(found.emission - case.truth) <= TIMES * found.sigma)[lit].mean()
-                error = relative_error(found.emission, case.truth)
-                judged["cells"].append((covered, error))
-                inside, off, true = np.array(list(_profiles(found, case))).T
-                judged["profiles"].append(
-                    (inside.mean(), np.hypot.reduce(off) / np.hypot.reduce(true))
-                )
-            for what, values in judged.items():
-                covered, error = np.array(values).T
-                yield {
-                    "flame": case.name, "noise": noise, "what": what,
-                    "covered": float(covered.mean()),
-                    "standard_error": float(covered.std(ddof=1) / draws**0.5),
-                    "error": float(error.mean()),
-                }  # fmt: skip
-
-
-def _profiles(found, case: Case) -> Iterator[tuple[float, ...]]:
-    """Give the share of places within the band, and norms of error and truth, of all profiles."""
-    for plane, wanted in enumerate(case.truth):
-        cell = case.grid.cell_mm(case.grid.depths_mm[plane])
-        draws, nothing = found.draws[:, plane], np.empty((0, *wanted.shape))
-        for axis, take in enumerate((axial, radial)):
-            light = wanted.sum(axis=axis)
-            middle = (np.arange(light.size) - (light.size - 1) / 2) * cell @ light / light.sum()
-            where = cell, float(middle if axis == 0 else -middle), STRIP
-            profile = take(found.emission[plane], draws, *where)
-            true = take(wanted, nothing, *where).values
-            off, bright = np.abs(profile.values - true), true > BRIGHT * wanted.max()
-            covered = np.mean(off[bright] <= profile.band[bright])
-            yield float(covered), float(np.linalg.norm(off)), float(np.linalg.norm(true))
+        lit = case.truth > 0.05 * case.truth.max(axis=(1, 2), keepdims=True)
+        for noise in (0.01, "100 electrons"):
+            judged = []
+            for _ in range(10):
+                seen = photons(case.views, rng) if noise != 0.01 else noisy(case.views, noise, rng)
+                found = reconstruct(seen, case.grid, bootstrap=20, rng=rng)
+                covered = np.abs(found.emission - case.truth) <= times * found.sigma
+                judged.append((covered[lit].mean(), relative_error(found.emission, case.truth)))
+            yield {"flame": case.name, "noise": noise, "what": "cells"} | in_the_mean(judged)

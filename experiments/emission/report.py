@@ -3,8 +3,8 @@
 import json
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,8 +17,18 @@ from lf_flame._common import provenance
 from lf_flame._common.figures import subplots
 from lf_flame.tomography import reconstruct
 
+
+class Part(NamedTuple):
+    """Title and text of a part, and the functions that measure the rows of its tables."""
+
+    title: str
+    text: str
+    tables: dict[str, Callable[[np.random.Generator], Iterator[dict]]]
+
+
+NOISE = "Error against noise"
 PARTS = {
-    "planes": (
+    "planes": Part(
         "Emission by planes",
         "Light fields are traced by rays that share no line with the package. `reconstruct` is "
         "called as a user calls it; all other methods get the same light field, grid and noise. "
@@ -27,10 +37,17 @@ PARTS = {
         "measured, or after 300 iterations. Errors are root-mean-square over all cells, relative "
         "to the truth's root mean square. Sheets, disc, hollow and elliptic flame: 7 x 7 views of "
         "60 x 60 lenslets, mean of three draws of the noise, four planes 4 mm apart or nine 1 mm "
-        "apart. Four flames: 15 x 15 views of 90 x 180 pixels. Noise is "
-        "relative to the brightest pixel.",
+        "apart. Four flames: 15 x 15 views of 90 x 180 pixels. Noise is relative to the brightest "
+        "pixel.",
+        {
+            "Error": planes.known_planes,
+            NOISE: planes.against_noise,
+            "Flames at full size": planes.large_flames,
+            "What is stated wrongly": planes.wrongly_known,
+            "Unknown depth": planes.unknown_depth,
+        },
     ),
-    "round": (
+    "round": Part(
         "Axisymmetric flames",
         "15 x 15 views of 90 x 180 pixels; `abel` finds the axis, too. Errors are root-mean-square "
         "over the volume between 3 and 97 % of the flame's height, relative to the truth; one draw "
@@ -38,23 +55,25 @@ PARTS = {
         "row by row; Daun's penalty is that, of seven, of least true error. The printed profile is "
         "equation 13 of C. J. Cremers and R. C. Birkebak, Applied Optics 5, 1057 (1966), whose "
         "largest emission is 1; errors at radii m / 30, m = 0 to 18.",
+        {"Error of the volume": flames.round_flame, "A printed profile": flames.beside_print},
     ),
-    "soot": (
+    "soot": Part(
         "Soot temperature from one exposure",
-        f"One raw image of {72 * 14} x {52 * 14} pixels behind a round lens and a colour filter "
-        "array (rggb, three overlapping bands of 67 nm at half height), 12 bits, and a furnace at "
-        "1473 to 1873 K for calibration. Temperatures count where emission in red is above 20 % of "
-        "its peak. One draw of the noise; 20 bootstrap draws. Thickness is found over true.",
+        "One raw image of 1008 x 728 pixels behind a round lens and a colour filter array (rggb, "
+        "three overlapping bands of 67 nm at half height), 12 bits, and a furnace at 1473 to "
+        "1873 K for calibration. Temperatures count where emission in red is above 20 % of its "
+        "peak. One draw of the noise; 20 bootstrap draws. Thickness is found over true.",
+        {"Temperature": flames.soot},
     ),
-    "bars": (
+    "bars": Part(
         "Error bars",
-        "Share of cells, of places on profiles, and of temperatures whose truth is within the bar "
-        "of 95 %, its standard error, and the method's error (of temperatures in K), means over "
-        "draws of the noise. Flames a quarter in size, 15 x 15 views of 72 x 84 lenslets; cells "
-        "and places count where the truth exceeds 5 % of the plane's peak. Soot as above.",
+        "Share of cells and of temperatures whose truth is within the bar of 95 %, its standard "
+        "error, and the method's error (of temperatures in K), means over ten draws of the noise. "
+        "Flames a quarter in size, 15 x 15 views of 72 x 84 lenslets; cells count where the truth "
+        "exceeds 5 % of the plane's peak. Soot as above.",
+        {"Emission": planes.bars, "Temperature of soot": flames.soot_bars},
     ),
 }
-"""Title and text of each part."""
 
 
 def percent(value: float | str) -> str:
@@ -78,38 +97,12 @@ COLUMNS = {
 }
 """Headings and formats of the columns of numbers."""
 
-NOISE = "Error against noise"
 
-Measure = Callable[[np.random.Generator], Iterator[dict]]
-
-
-def measures(draws: int) -> dict[str, dict[str, Measure]]:
-    """Name the tables of each part, and the functions that measure their rows."""
-    return {
-        "planes": {
-            "Error": planes.known_planes,
-            NOISE: planes.against_noise,
-            "Flames at full size": planes.large_flames,
-            "What is stated wrongly": planes.wrongly_known,
-            "Unknown depth": planes.unknown_depth,
-        },
-        "round": {
-            "Error of the volume": flames.round_flame,
-            "A printed profile": flames.beside_print,
-        },
-        "soot": {"Temperature": flames.soot},
-        "bars": {
-            "Emission": partial(planes.bars, draws),
-            "Temperature of soot": partial(flames.soot_bars, draws),
-        },
-    }
-
-
-def run(out: Path, parts: list[str], seed: int, draws: int) -> Path:
+def run(out: Path, parts: list[str], seed: int) -> Path:
     """Measure parts, and write the report; other parts that OUT's report has stay in it."""
     for part in parts:
         began, rng = time.perf_counter(), np.random.default_rng(seed)
-        rows = {name: list(measure(rng)) for name, measure in measures(draws)[part].items()}
+        rows = {name: list(measure(rng)) for name, measure in PARTS[part].tables.items()}
         made = {name: provenance.environment()[name] for name in ("command", "date")}
         made |= {"seconds": round(time.perf_counter() - began), "tables": rows}
         pictures = {}
@@ -125,14 +118,13 @@ def run(out: Path, parts: list[str], seed: int, draws: int) -> Path:
 def write(out: Path, done: dict, pictures: dict[str, Figure]) -> Path:
     """Write the report of all parts that were measured."""
     every = [
-        {"part": part, "table": name} | row
+        pd.DataFrame(rows).assign(part=part, table=name)
         for part, made in done.items()
         for name, rows in made["tables"].items()
-        for row in rows
     ]
     return write_report(
         out, "emission", "Emission by depth", {"parts": done}, body({"parts": done}),
-        tables={"emission": pd.DataFrame(every)}, pictures=pictures, dpi=110,
+        tables={"emission": pd.concat(every)}, pictures=pictures, dpi=110,
     )  # fmt: skip
 
 
@@ -141,7 +133,7 @@ def body(record: dict) -> list[str]:
     text = []
     for part, made in record["parts"].items():
         origin = f"`{made['command']}`, {made['date']}, {made['seconds']} s."
-        text += [f"## {PARTS[part][0]}", PARTS[part][1], origin]
+        text += [f"## {PARTS[part].title}", PARTS[part].text, origin]
         for name, rows in made["tables"].items():
             text += [f"### {name}", table(rows)]
     return [*text, "No real flame has been measured."]
@@ -183,9 +175,8 @@ def slices_figure(seed: int) -> Figure:
         "reconstruct": reconstruct(light_field, case.grid).emission,
         "refocused": refocused(light_field, case.grid, 0.0)[0],
     }
-    figure, axes = subplots(
-        3, 5, figsize=(12, 8), layout="constrained", width_ratios=(1, 1, 1, 1, 1.5)
-    )
+    widths = 1, 1, 1, 1, 1.5
+    figure, axes = subplots(3, 5, figsize=(12, 8), layout="constrained", width_ratios=widths)
     for line, (word, stack) in zip(axes, lines.items(), strict=True):
         white = max(case.truth.max(), stack.max() if word == "refocused" else 0)
         for axis, plane, depth in zip(line, stack, planes.DEPTHS, strict=False):
@@ -208,5 +199,5 @@ def slices_figure(seed: int) -> Figure:
         rows, places, values = found[method][0]
         axis.plot(places, values[np.argmin(np.abs(rows))], linewidth=1, label=method)
     axis.set(xlim=(0, 9), xlabel="radius (mm), at 0 mm of height")
-    axis.legend(fontsize=7)
+    axis.legend(fontsize=7, loc="lower left")
     return figure

@@ -85,10 +85,7 @@ QUICK: dict[str, Callable[[LightField, FrustumGrid, float], Stacks]] = {
     "refocused": refocused,
     "refocused, deconvolved": deconvolved,
 }
-PLANES = QUICK | {
-    "SART": sart,
-    "LSQR": least_squares,
-}
+PLANES = QUICK | {"SART": sart, "LSQR": least_squares}
 
 
 def onion_peeling(half: np.ndarray, step: float) -> np.ndarray:

@@ -80,11 +80,8 @@ def _line(lens: Lens, sheet: Sheet, axis: int) -> np.ndarray:
 
 def record(lens: Lens, sheets: Sequence[Sheet]) -> np.ndarray:
     """Give the views of sheets whose light adds, float64, shape (v, u, t, s)."""
-    views = 0.0
-    for one in sheets:
-        down, across = _line(lens, one, 0), _line(lens, one, 1)
-        views = views + one.peak * down[:, None, :, None] * across[None, :, None, :]
-    return views
+    lines = ((one.peak * _line(lens, one, 0), _line(lens, one, 1)) for one in sheets)
+    return sum(down[:, None, :, None] * across[None, :, None, :] for down, across in lines)
 
 
 def cells(lens: Lens, sheet: Sheet, depth: float | None = None) -> np.ndarray:
@@ -99,16 +96,11 @@ def cells(lens: Lens, sheet: Sheet, depth: float | None = None) -> np.ndarray:
 
 
 def slabs(sheet: Sheet, width: float, step: float) -> list[Sheet]:
-    """Cut a glow that is Gaussian along depth too, of the given width, into sheets.
-
-    The sheet's peak is what all of them add along the line of sight.
-    """
+    """Cut a glow of a Gaussian width in depth into sheets, whose peaks sum up to that given."""
     offsets = np.arange(-round(3 * width / step), round(3 * width / step) + 1) * step
     share = np.exp(-((offsets / width) ** 2))
-    share = sheet.peak * share / share.sum()
-    return [
-        replace(sheet, depth=sheet.depth + z, peak=p) for z, p in zip(offsets, share, strict=True)
-    ]
+    pairs = zip(offsets, sheet.peak * share / share.sum(), strict=True)
+    return [replace(sheet, depth=sheet.depth + z, peak=peak) for z, peak in pairs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,10 +182,7 @@ def round_glow(up: np.ndarray, r: np.ndarray, radius: float) -> np.ndarray:
 
 
 def burner_sheet(depth: float, height: float, radius: float, foot: float, across: float) -> Slab:
-    """Put the light of such a flame, integrated along the line of sight, at one depth.
-
-    It rises from y = `foot`, and is fainter near the burner, where it ignites.
-    """
+    """Put such a flame, which rises from y = `foot` and is fainter there, all at one depth."""
 
     def light(y, x):
         up = (foot - y) / height

@@ -115,11 +115,11 @@ def test_a_part_that_is_measured_again_leaves_the_others(tmp_path, monkeypatch):
         {"flame": "disc", "noise": 0.01, "method": name, "error": error}
         for name, error in (("reconstruct", 0.0123), ("SART", 0.4))
     ]
-    tables = {"soot": {"Temperature": lambda rng: [{"flame": "hollow", "rms_K": 1.94}]}}
-    monkeypatch.setattr(report, "measures", lambda draws: tables)
-    report.run(tmp_path, ["soot"], 1, 2)
-    tables |= {"round": {"Error": lambda rng: rows}}
-    text = report.run(tmp_path, ["round"], 1, 2).read_text()
+    tables = {"Temperature": lambda rng: [{"flame": "hollow", "rms_K": 1.94}]}
+    parts = {"round": report.Part("Round", "", {"Error": lambda rng: rows})}
+    monkeypatch.setattr(report, "PARTS", parts | {"soot": report.Part("Soot", "", tables)})
+    report.run(tmp_path, ["soot"], 1)
+    text = report.run(tmp_path, ["round"], 1).read_text()
     cells = [[one.strip() for one in line.split("|")[1:-1]] for line in text.splitlines()]
     assert ["flame", "noise", "reconstruct", "SART"] in cells
     assert ["disc", "1 %", "0.0123", "0.4000"] in cells
