@@ -31,8 +31,7 @@ CODE = {
     "screenshots": "lf_flame/viewer experiments/screenshots",
     "slope_maps": f"{REFOCUSING} experiments/slope_maps",
     "system_scenes": f"{LEARNING} lf_flame/systems experiments/systems",
-    "tomography/networks": f"{LEARNING} lf_flame/tomography experiments/tomography",
-    "tomography": f"{REFOCUSING} lf_flame/tomography lf_flame/flame_video experiments/tomography",
+    "emission": f"{REFOCUSING} lf_flame/tomography experiments/emission",
 }
 """Folders that a result rests on, by the beginning of its record's path; else `TABLES`."""
 

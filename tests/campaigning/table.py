@@ -147,8 +147,6 @@ CALLS = (
 UNTRIED = {
     "experiments results": "lists, and writes nothing",
     "experiments screenshots": "needs a browser",
-    "experiments rivals": "takes minutes; its files are those of experiments emission",
-    "experiments soot": "traces rays for minutes; its files are those of experiments emission",
 }
 # Names of the parameters by which commands are told what to write.
 WRITING = {"out", "target", "figure", "film", "single_file", "save", "work", "thumbnail"}

@@ -37,7 +37,7 @@ def test_every_report_has_a_committed_one():
     named = set()
     for path in (*experiments.rglob("commands.py"), experiments / "benchmarks" / "report.py"):
         named |= set(re.findall(r' show\(.*, "([^"]+)"\)', path.read_text()))
-    assert {"compare", "costs", "depth_test", "benchmarks", "tomography"} <= named
+    assert {"compare", "costs", "depth_test", "benchmarks", "emission"} <= named
     for name in named:
         assert list((beside_reference.REFERENCE / name).glob("*.md")), name
     for path in beside_reference.REFERENCE.rglob("*.md"):

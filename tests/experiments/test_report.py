@@ -18,7 +18,6 @@ BENCHMARKS = (
 )  # fmt: skip
 
 
-EMISSION = ("emission", "bars", "networks")
 
 
 def read(name):
@@ -51,12 +50,6 @@ def compare():
     return body(scores, costs, read("compare/compare"))
 
 
-def emission(name):
-    from experiments.tomography.report import body
-
-    return body(name, pd.read_csv(REFERENCE / f"tomography/{name}.csv"))
-
-
 REMADE = {
     **{f"benchmarks/{name}": lambda name=name: benchmark(name) for name in BENCHMARKS},
     "costs/costs": lambda: body("costs.rendering_report", "costs/costs"),
@@ -70,8 +63,7 @@ REMADE = {
         "systems.scene_counts", "system_scenes/scene_counts"
     ),
     "compare/compare": compare,
-    **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},
-    "tomography/soot": lambda: body("tomography.soot", "tomography/soot"),
+    "emission/emission": lambda: body("emission.report", "emission/emission"),
     "effects/absolute": lambda: body("effects.report", "effects/absolute"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
     "slope_maps/slope_maps": lambda: body("slope_maps.report", "slope_maps/slope_maps"),
