@@ -7,6 +7,7 @@ from experiments.commands import (
     costs,
     depth_test,
     effects,
+    emission,
     evaluate,
     hard_cases,
     latency,
@@ -16,7 +17,6 @@ from experiments.commands import (
     tables,
 )
 from experiments.systems.commands import compare
-from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
 
@@ -37,7 +37,7 @@ SECTIONS = [
     cloup.Section("Numerically hard cases", [hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
-    cloup.Section("Emission by depth", [emission, rivals, soot]),
+    cloup.Section("Emission by depth", [emission]),
 ]
 
 

@@ -32,11 +32,8 @@ def scene_toml(views, lenslets, shape="circle", depth_mm=5.0, side_mm=1.5):
 
 
 def camera_of(lens):
-    """Camera of the package with the numbers of a lens of `own_rays`."""
-    return PlenopticCamera(
-        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus, views=lens.views,
-        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, lenslets=lens.lenslets,
-    )  # fmt: skip
+    """Camera of the package with the numbers of a lens of `experiments.emission.truth`."""
+    return PlenopticCamera(**lens.numbers())
 
 
 def toml(values):

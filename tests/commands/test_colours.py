@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner
-from own_rays import Lens
-from own_soot import SootFlame, planck, record
 
+from experiments.emission.truth import Lens, SootFlame, planck, trace
 from lf_flame.commands.cli import commands
 from lf_flame.commands.colour_fits import read_exposed_colours
 
@@ -61,8 +60,8 @@ def furnace(tmp_path, monkeypatch):
 def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     shown = run("calibrate-colours", *furnace, "--responses", "camera.csv")
     assert "source (K)" in shown.output
-    flame = SootFlame(radius=1.6, height=2.4)
-    views = record(LENS, flame, COLOURS) * GAINS
+    flame = SootFlame(radius=1.6, height=4.2)
+    views = trace(LENS, flame.slabs(COLOURS), parts=1, channels=(2,)) * GAINS
     views += 0.002 * views.max() * rng.standard_normal(views.shape)
     np.savez("flame.npz", views=views)
     where = ["--camera", "camera.toml", "--axis-mm", 0, "--axis-depth", 0, "--radius", 2.1]

@@ -12,8 +12,6 @@ from experiments.paths import REFERENCE
 from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
 
-EMISSION = ("emission", "bars", "networks")
-
 
 def read(name):
     return json.loads((REFERENCE / f"{name}.json").read_text())
@@ -32,16 +30,9 @@ def compare():
     return body(scores, costs, read("compare/compare"))
 
 
-def emission(name):
-    from experiments.tomography.report import body
-
-    return body(name, pd.read_csv(REFERENCE / f"tomography/{name}.csv"))
-
-
 REMADE = {
     "compare/compare": compare,
-    **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},
-    "tomography/soot": lambda: body("tomography.soot", "tomography/soot"),
+    "emission/emission": lambda: body("emission.report", "emission/emission"),
     "effects/effects": lambda: body("effects.effects", "effects/effects"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
     "slope_maps/slope_maps": lambda: body("slope_maps.measuring", "slope_maps/slope_maps"),

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_rays import Lens, Sheet, record
-from own_rays import slabs as slabs_of
 
+from experiments.emission.truth import Lens, Sheet, record
+from experiments.emission.truth import slabs as slabs_of
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.scenes.flames import projected_glow
 from lf_flame.tomography import (

@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from own_rays import Lens, Sheet, record
 
+from experiments.emission.truth import Lens, Sheet, record
 from lf_flame.tomography import FrustumGrid
 from lf_flame.tomography.data_checks import _check_edges, check_data, check_overlap, check_spacing
 

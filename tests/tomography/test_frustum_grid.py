@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_rays import Lens, Sheet, cells, record
 
+from experiments.emission.truth import Lens, Sheet, cells, record
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField
 from lf_flame.tomography import FrustumGrid, reconstruct
 

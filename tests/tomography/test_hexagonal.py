@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from micro_images import nearest_lenslet
-from own_rays import Lens, Sheet, cells
 
+from experiments.emission.truth import Lens, Sheet, cells
 from lf_flame import PAPER_CAMERA
 from lf_flame.formats import decode_raw, estimate_grid
 from lf_flame.tomography import FrustumGrid, reconstruct

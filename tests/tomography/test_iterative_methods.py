@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_rays import Lens, Sheet, cells, record
 from pylops import MatrixMult
 from scipy.optimize import nnls
 
+from experiments.emission.truth import Lens, Sheet, cells, record
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 from lf_flame.tomography.iterative_methods import METHODS, iterate

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checkerboards import Bench
-from own_rays import Lens, Sheet, cells, record, slabs
 
+from experiments.emission.truth import Lens, Sheet, cells, record, slabs
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.calibration import fit_targets, measure_target
 from lf_flame.tomography import (

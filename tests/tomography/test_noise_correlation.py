@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from builders import camera_of
-from own_rays import Lens, Sheet, record
 from scipy.ndimage import convolve1d
 
+from experiments.emission.truth import Lens, Sheet, record
 from lf_flame import LightField
 from lf_flame.tomography import (
     AxisymmetricGrid,

@@ -5,10 +5,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from own_rays import Lens, Sheet, cells, record, slabs
 from scipy import stats
 from scipy.special import erf
 
+from experiments.emission.truth import Lens, Sheet, cells, record, slabs
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography.two_colours import two_colour_temperature

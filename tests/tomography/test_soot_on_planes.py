@@ -3,44 +3,63 @@
 import numpy as np
 import pytest
 
-from experiments.tomography import soot_rays
-from experiments.tomography.soot_sheets import (
-    NAMES,
-    NM,
-    SootSheet,
-    bands,
-    in_colours,
-    planck,
-    record,
-)
+from experiments.emission.truth import Lens, Slab, planck, trace
 from lf_flame import LightField, PlenopticCamera
 from lf_flame.tomography import ColourCalibration, FrustumGrid, SpectralResponses, reconstruct_soot
 
 pytestmark = pytest.mark.slow
 
-VIEWS, LENSLETS = 5, (36, 36)
+NM, NAMES = np.arange(380.0, 701.0, 20.0), ("red", "green", "blue")
+LENS = Lens(views=5, lenslets=(36, 36))
+# Depth, middle, width, optical thickness at 600 nm and temperature in the middle.
 SHEETS = [
-    SootSheet(-5.0, (0.2, -0.2), (0.7, 0.6), 0.3),
-    SootSheet(5.0, (0.0, 0.2), (0.6, 0.7), 0.2, hot=1850.0),
+    (-5.0, (0.2, -0.2), (0.7, 0.6), 0.3, 1800.0),
+    (5.0, (0.0, 0.2), (0.6, 0.7), 0.2, 1850.0),
 ]
-CAMERA = PlenopticCamera(
-    main_lens_focal_mm=soot_rays.FOCAL_MM,
-    focus_distance_mm=soot_rays.FOCUS_MM,
-    lenslet_focal_mm=soot_rays.LENSLET_FOCAL_MM,
-    lenslet_pitch_mm=soot_rays.PITCH_MM,
-    views=VIEWS,
-    lenslets=LENSLETS,
-)
-GRID = FrustumGrid(CAMERA, [sheet.depth_mm for sheet in SHEETS])
-SOOT, KELVIN = map(np.array, zip(*(sheet.cells(LENSLETS) for sheet in SHEETS), strict=True))
-RED = in_colours((1 - np.exp(-SOOT[..., None] * 600 / NM)) * planck(KELVIN))[..., 0]
+GRID = FrustumGrid(PlenopticCamera(**LENS.numbers()), [sheet[0] for sheet in SHEETS])
+
+
+def bands(nm):
+    """Responses, 67 nm wide at half height, which overlap, shape (colours, wavelengths)."""
+    return np.exp(-(((nm - [[600.0], [530.0], [460.0]]) / 40) ** 2))
+
+
+def in_colours(light):
+    return light @ bands(NM).T * 20
+
+
+def soot(sheet, y, x):
+    """Optical thickness at 600 nm, a Gaussian, and temperature, which rises across it."""
+    _, middle, width, thickness, hot = sheet
+    up, right = (y - middle[0]) / width[0], (x - middle[1]) / width[1]
+    return thickness * np.exp(-(up**2) - right**2), hot + 60 * np.tanh(right - up)
+
+
+def slab(sheet):
+    def light(y, x):
+        tau, kelvin = soot(sheet, y, x)
+        tau = tau[..., None] * 600 / NM + 1e-300
+        return tau * planck(NM, kelvin[..., None]), tau
+
+    return Slab(sheet[0], light)
+
+
+def in_cells(sheet):
+    """Thickness and temperature in the middle of the pixels of the central view."""
+    at = (np.arange(36) - 17.5) * LENS.cell * (1 + sheet[0] / LENS.focus)
+    return soot(sheet, at[:, None], at)
+
+
+SOOT, KELVIN = map(np.array, zip(*map(in_cells, SHEETS), strict=True))
+RED = in_colours((1 - np.exp(-SOOT[..., None] * 600 / NM)) * planck(NM, KELVIN[..., None]))[..., 0]
 LIT = RED.max() / 5 < RED
 
 
 @pytest.fixture(scope="module")
 def exposure():
     """Light field with 1 % of noise, and its calibration."""
-    views = record(SHEETS, VIEWS, LENSLETS)
+    slabs = [slab(sheet) for sheet in SHEETS]
+    views = in_colours(trace(LENS, slabs, parts=3, channels=(NM.size,)))
     gains = 1 / views.max(axis=(0, 1, 2, 3))
     noise = 0.01 * np.random.default_rng(0).standard_normal(views.shape)
     nm = np.arange(380.0, 701.0, 5.0)
@@ -60,7 +79,7 @@ def test_temperature_and_absorption_of_sheets_come_from_one_exposure(found):
         assert np.abs(one).max() < 25
         assert abs(one.mean()) < 2.5
     # Absorption in a band is that of its wavelengths, each by its light.
-    by_band = in_colours(planck(1800.0) * 600 / NM) / in_colours(planck(1800.0))
+    by_band = in_colours(planck(NM, 1800.0) * 600 / NM) / in_colours(planck(NM, 1800.0))
     ratios = np.stack([found.temperatures.amount, *(found.optical_thickness.T / by_band).T]) / SOOT
     for plane, lit in enumerate(LIT):
         assert np.median(ratios[:, plane][:, lit], axis=1) == pytest.approx(1, abs=0.018)

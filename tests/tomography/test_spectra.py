@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from own_soot import planck
 from scipy.integrate import quad
 
+from experiments.emission.truth import planck
 from lf_flame.errors import InputError
 from lf_flame.tomography import (
     ColourCalibration,

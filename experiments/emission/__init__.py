@@ -1,0 +1,1 @@
+"""Emission by depth, axisymmetric flames and soot temperature, measured against own rays."""

@@ -1,0 +1,203 @@
+"""The report on emission by depth, whose parts are measured together or one by one."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from experiments.emission import flames, planes, truth
+from experiments.emission.rivals import refocused
+from experiments.report import markdown, write_report
+from lf_flame._common import provenance
+from lf_flame._common.figures import subplots
+from lf_flame.tomography import reconstruct
+
+
+class Part(NamedTuple):
+    """Title and text of a part, and the functions that measure the rows of its tables."""
+
+    title: str
+    text: str
+    tables: dict[str, Callable[[np.random.Generator], Iterator[dict]]]
+
+
+NOISE = "Error against noise"
+PARTS = {
+    "planes": Part(
+        "Emission by planes",
+        "Light fields are traced by rays that share no line with the package. `reconstruct` is "
+        "called as a user calls it; all other methods get the same light field, grid and noise. "
+        "Refocused images are deconvolved with the strength, of six, of least true error, which no "
+        "user could choose; SART and LSQR stop where the residual is the noise that `reconstruct` "
+        "measured, or after 300 iterations. Errors are root-mean-square over all cells, relative "
+        "to the truth's root mean square. Sheets, disc, hollow and elliptic flame: 7 x 7 views of "
+        "60 x 60 lenslets, mean of three draws of the noise, four planes 4 mm apart or nine 1 mm "
+        "apart. Four flames: 15 x 15 views of 90 x 180 pixels. Noise is relative to the brightest "
+        "pixel.",
+        {
+            "Error": planes.known_planes,
+            NOISE: planes.against_noise,
+            "Flames at full size": planes.large_flames,
+            "What is stated wrongly": planes.wrongly_known,
+            "Unknown depth": planes.unknown_depth,
+        },
+    ),
+    "round": Part(
+        "Axisymmetric flames",
+        "15 x 15 views of 90 x 180 pixels; `abel` finds the axis, too. Errors are root-mean-square "
+        "over the volume between 3 and 97 % of the flame's height, relative to the truth; one draw "
+        "of the noise. Onion peeling and PyAbel invert the central view, or the mean of all views, "
+        "row by row; Daun's penalty is that, of seven, of least true error. The printed profile is "
+        "equation 13 of C. J. Cremers and R. C. Birkebak, Applied Optics 5, 1057 (1966), whose "
+        "largest emission is 1; errors at radii m / 30, m = 0 to 18.",
+        {"Error of the volume": flames.round_flame, "A printed profile": flames.beside_print},
+    ),
+    "soot": Part(
+        "Soot temperature from one exposure",
+        "One raw image of 1008 x 728 pixels behind a round lens and a colour filter array (rggb, "
+        "three overlapping bands of 67 nm at half height), 12 bits, and a furnace at 1473 to "
+        "1873 K for calibration. Temperatures count where emission in red is above 20 % of its "
+        "peak. One draw of the noise; 20 bootstrap draws. Thickness is found over true.",
+        {"Temperature": flames.soot},
+    ),
+    "bars": Part(
+        "Error bars",
+        "Share of cells and of temperatures whose truth is within the bar of 95 %, its standard "
+        "error, and the method's error (of temperatures in K), means over ten draws of the noise. "
+        "Flames a quarter in size, 15 x 15 views of 72 x 84 lenslets; cells count where the truth "
+        "exceeds 5 % of the plane's peak. Soot as above.",
+        {"Emission": planes.bars, "Temperature of soot": flames.soot_bars},
+    ),
+}
+
+
+def percent(value: float | str) -> str:
+    """Write a share as a percentage; what is already written stays."""
+    return value if isinstance(value, str) else f"{100 * value:g} %"
+
+
+COLUMNS = {
+    "noise": ("noise", percent),
+    "error": ("error", ".3g"),
+    "wrong": ("stated wrongly", ""),
+    "centroid_mm": ("centroid off by (mm)", ".2f"),
+    "too_wide": ("too wide in depth", "+.0%"),
+    "rms": ("rms error", ".4f"),
+    "largest": ("largest", ".4f"),
+    "rms_K": ("rms (K)", ".1f"),
+    "mean_K": ("mean (K)", "+.1f"),
+    "covered": ("in bars of 95 %", ".1%"),
+    "standard_error": ("standard error", ".1%"),
+    "thickness": ("thickness", ".2f"),
+}
+"""Headings and formats of the columns of numbers."""
+
+
+def run(out: Path, parts: list[str], seed: int) -> Path:
+    """Measure parts, and write the report; other parts that OUT's report has stay in it."""
+    for part in parts:
+        began, rng = time.perf_counter(), np.random.default_rng(seed)
+        rows = {name: list(measure(rng)) for name, measure in PARTS[part].tables.items()}
+        made = {name: provenance.environment()[name] for name in ("command", "date")}
+        made |= {"seconds": round(time.perf_counter() - began), "tables": rows}
+        pictures = {}
+        if part == "planes":
+            pictures = {"noise": noise_figure(rows[NOISE]), "slices": slices_figure(seed)}
+        record = out / "emission.json"
+        done = json.loads(record.read_text(encoding="utf-8"))["parts"] if record.is_file() else {}
+        done[part] = made
+        path = write(out, {name: done[name] for name in PARTS if name in done}, pictures)
+    return path
+
+
+def write(out: Path, done: dict, pictures: dict[str, Figure]) -> Path:
+    """Write the report of all parts that were measured."""
+    every = [
+        pd.DataFrame(rows).assign(part=part, table=name)
+        for part, made in done.items()
+        for name, rows in made["tables"].items()
+    ]
+    return write_report(
+        out, "emission", "Emission by depth", {"parts": done}, body({"parts": done}),
+        tables={"emission": pd.concat(every)}, pictures=pictures, dpi=110,
+    )  # fmt: skip
+
+
+def body(record: dict) -> list[str]:
+    """Text and tables of a record."""
+    text = []
+    for part, made in record["parts"].items():
+        origin = f"`{made['command']}`, {made['date']}, {made['seconds']} s."
+        text += [f"## {PARTS[part].title}", PARTS[part].text, origin]
+        for name, rows in made["tables"].items():
+            text += [f"### {name}", table(rows)]
+    return [*text, "No real flame has been measured."]
+
+
+def table(rows: list[dict]) -> str:
+    """Write rows; where they hold only errors, with a column for each method."""
+    frame = pd.DataFrame(rows)
+    columns = {name: COLUMNS.get(name, (name, "")) for name in frame}
+    if list(frame) == ["flame", "noise", "method", "error"]:
+        methods = frame["method"].unique()
+        frame = frame.pivot_table("error", ["flame", "noise"], "method", sort=False)
+        frame = frame.reindex(columns=methods).reset_index()
+        columns = {"flame": ("flame", ""), "noise": COLUMNS["noise"]}
+        columns |= {method: (method, ".4f") for method in methods}
+    return markdown(frame, columns)
+
+
+def noise_figure(rows: list[dict]) -> Figure:
+    """Draw the error of the sheets against noise, by method."""
+    figure, axis = subplots(figsize=(7.4, 4.2), layout="constrained")
+    for method, some in pd.DataFrame(rows).groupby("method", sort=False):
+        axis.loglog(100 * some["noise"], 100 * some["error"], "o-", label=method)
+    axis.set(xlabel="noise, % of the brightest pixel", ylabel="error (%)")
+    for ticks in (axis.xaxis, axis.yaxis):
+        ticks.set_major_formatter("{x:g}")
+    axis.grid(alpha=0.3)
+    figure.legend(loc="outside right center", fontsize=8)
+    return figure
+
+
+def slices_figure(seed: int) -> Figure:
+    """Draw flames behind each other, and the section of an axisymmetric flame, at 1 % of noise."""
+    rng = np.random.default_rng(seed)
+    case = planes.traced("", planes.PAPER, planes.behind(), planes.DEPTHS)
+    light_field = planes.noisy(case.views, 0.01, rng)
+    lines = {
+        "truth": case.truth,
+        "reconstruct": reconstruct(light_field, case.grid).emission,
+        "refocused": refocused(light_field, case.grid, 0.0)[0],
+    }
+    widths = 1, 1, 1, 1, 1.5
+    figure, axes = subplots(3, 5, figsize=(12, 8), layout="constrained", width_ratios=widths)
+    for line, (word, stack) in zip(axes, lines.items(), strict=True):
+        white = max(case.truth.max(), stack.max() if word == "refocused" else 0)
+        for axis, plane, depth in zip(line, stack, planes.DEPTHS, strict=False):
+            drawn = axis.imshow(plane[:, 55:130], cmap="inferno", vmin=0, vmax=white)
+            axis.set_title(f"{word}, {depth:+g} mm", fontsize=9)
+            axis.axis("off")
+        figure.colorbar(drawn, ax=list(line[:4]), shrink=0.85, label="radiance")
+    found = dict(flames.sections(planes.noisy(flames.round_views(), 0.01, rng)))
+    heights, radii, section = found["abel, all views"][0]
+    wanted = truth.round_glow(heights[:, None] / flames.HEIGHT + 0.5, radii[None], flames.RADIUS)
+    for axis, word, values in zip(axes[:, 4], ("truth", "abel"), (wanted, section), strict=False):
+        extent = (0, radii[-1], heights[-1], heights[0])
+        drawn = axis.imshow(values, cmap="inferno", vmin=0, vmax=wanted.max(), extent=extent)
+        axis.set(xlim=(0, 9), ylim=(-14, 14), ylabel="height (mm)")
+        axis.set_title(f"axisymmetric, {word}", fontsize=9)
+        figure.colorbar(drawn, ax=axis, label="emission per mm")
+    axis, row = axes[2, 4], int(np.argmin(np.abs(heights)))
+    axis.plot(radii, wanted[row], "k", label="truth")
+    for method in ("abel, all views", "onion peeling, central view"):
+        rows, places, values = found[method][0]
+        axis.plot(places, values[np.argmin(np.abs(rows))], linewidth=1, label=method)
+    axis.set(xlim=(0, 9), xlabel="radius (mm), at 0 mm of height")
+    axis.legend(fontsize=7, loc="lower left")
+    return figure
