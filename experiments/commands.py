@@ -94,7 +94,7 @@ def emission(out: Path, part: str, seed: int) -> None:
     from experiments.emission.report import run
 
     parts = ["planes", "round", "soot", "bars"] if part == "all" else [part]
-    click.echo(run(out, parts, seed).read_text(encoding="utf-8"))
+    show(run(out, parts, seed))
 
 
 @cloup.command("depth-test")

@@ -187,7 +187,7 @@ def test_extras_that_are_named_exist_and_all_of_them_are_named():
             assert set(named.split(",")) <= extras
     start = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`\[.*?) \|", start, re.MULTILINE)
-    assert set(re.findall(r"`\[(\w+)\]`", " ".join(rows))) == extras - {"test", "dev", "mutants"}
+    assert set(re.findall(r"`\[(\w+)\]`", " ".join(rows))) == extras - {"test", "dev"}
 
 
 def test_presets_that_are_named_exist():
