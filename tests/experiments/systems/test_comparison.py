@@ -214,6 +214,7 @@ REFUSED = {
     "slopes": (["--photograph", "small.npy", "1;2"], "got '1;2'"),
     "small photograph": (["--photograph", "small.npy", "0"],
                          "small.npy needs views of 35 pixels or more along each side, got 34 x 40"),
+    "steep slopes": (["--photograph", "small.npy", "20"], "needs views of 51 pixels"),
     "same names": (["--variant", ".", "--variant", "."], "Two systems are called"),
 }  # fmt: skip
 
