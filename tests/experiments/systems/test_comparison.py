@@ -78,6 +78,8 @@ def test_scores_are_those_of_known_errors(leaves):
     """
     light_field = LightField(500 * leaves + 100)
     photograph = compared.photograph_set("leaves", light_field, [-0.5, 0.5])
+    (scene,) = photograph.scenes()
+    assert 0.5 < scene.views.max() <= 1
     systems = {"exact": ShiftAndSum(), "dim": Dim(), "blind": Blind(), "gone": InputError("No.")}
     table = comparison.score_systems(systems, photograph)
     assert list(table.columns) == comparison.COLUMNS
