@@ -32,6 +32,7 @@ REFERENCE := $(wildcard $(addprefix experiments/results/,paper paper-seed* close
 ROUTE ?= $(if $(filter paper smoke,$(PRESET)),rays,direct)
 BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights "$(BACKBONE_WEIGHTS)") \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
+TRAINING := --minutes $(MINUTES) $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 
 # Each command uses all cores, so one runs at a time.
 .NOTPARALLEL:
@@ -76,8 +77,7 @@ UNFINISHED := $(if $(TRAINS),$(foreach run,shapes flames,$(if $(shell grep -s '"
                 $(RUNS)/$(run)/run.json),,$(RUNS)/$(run)/model.keras)))
 $(UNFINISHED) $(if $(EPOCHS),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras): FORCE
 $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(VENV)/installed
-	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* --minutes $(MINUTES) \
-	  $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
+	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
 # The flames' table before that of the shapes, which takes five times as many epochs of eight times as
 # many samples; behind the paper's method the closed form, which takes a minute.

@@ -213,7 +213,7 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
     for name in ("Makefile", "setup.cfg", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
-    kept = shutil.ignore_patterns("results", "benchmarks")
+    kept = shutil.ignore_patterns("results")
     shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
     results = tmp_path / "experiments" / "results"
 
@@ -247,7 +247,7 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
     for name in ("Makefile", "setup.cfg", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
-    kept = shutil.ignore_patterns("results", "benchmarks")
+    kept = shutil.ignore_patterns("results")
     shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
 
     def trained(target, *variables):
@@ -272,7 +272,7 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
         (tmp_path / "runs/paper/flames/run.json").write_text(f' "finished": {finished},\n')
         assert trained("train-flame")[0] == again
         assert trained("results/paper/table2.csv")[0] == again
-        assert ("flames", "paper") not in trained("latency")[0]  # measures what is there
+        assert ("flames", "paper") not in trained("costs")[0]  # measures what is there
 
 
 @pytest.mark.slow
