@@ -3,21 +3,20 @@
 import cloup
 
 from experiments.commands import (
-    bounds,
+    bench,
     costs,
-    dataset_making,
     depth_test,
     effects,
     emission,
+    evaluate,
     hard_cases,
     latency,
-    screenshots,
     slope_maps,
+    slopes,
     study,
+    tables,
 )
-from experiments.old_results import results
-from experiments.paper.commands import evaluate, slopes, tables
-from experiments.systems.commands import compare, system_scenes
+from experiments.systems.commands import compare
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
 
@@ -34,12 +33,11 @@ SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What slope maps are worth", [slope_maps]),
-    cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
-    cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
+    cloup.Section("What accuracy costs in time", [costs, latency, bench]),
+    cloup.Section("Numerically hard cases", [hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
-    cloup.Section("Systems side by side", [compare, system_scenes]),
+    cloup.Section("Systems side by side", [compare]),
     cloup.Section("Emission by depth", [emission]),
-    cloup.Section("What the documents say", [results, screenshots]),
 ]
 
 

@@ -1,7 +1,7 @@
 """Depth scenarios: the objects of a data set at other depths than those of training.
 
-They are scaled so that the central view stays as it was: parallax and defocus alone tell the scenes
-apart.
+Objects are scaled so that the central view stays the same: only parallax and defocus distinguish
+the scenes.
 """
 
 from collections.abc import Iterator
@@ -18,25 +18,25 @@ from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.decisions import plan_effects
 
 FIRST_SAMPLE = 1_000_000
-"""Index of the first scene: data sets draw theirs from lower ones."""
+"""Index of the first scene; data sets draw theirs from lower ones."""
 
 
 @dataclass(frozen=True)
 class DepthScenario:
-    """Depths at which the objects of a data set are placed, and those of them that are there."""
+    """Depths of the objects of a data set, and the indices of those that are present."""
 
     name: str
     depths_mm: tuple[float, ...]
     present: tuple[int, ...]
 
     def place(self, scene: Scene, config: DatasetConfig) -> Scene:
-        """Place the objects of a scene so."""
+        """Move the objects of a scene to these depths."""
         placed = scene.at_depths(self.depths_mm, config.camera)
         return Scene([placed.layers[k] for k in self.present])
 
 
 def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
-    """List the scenarios of a data set, its own first; an InputError refuses a single object."""
+    """List the scenarios of a data set, its own first; an InputError refuses a single depth."""
     own, names = config.depths_mm, [item.name for item in config.template.objects]
     if len(set(own)) < 2:
         raise InputError(
@@ -52,16 +52,15 @@ def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
         DepthScenario(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
         DepthScenario(f"{names[0]} alone", tuple(own), (0,)),
     ]
-    # Of two or three objects, exchanging the ends is reversing the order.
-    return list(
-        {(scenario.depths_mm, scenario.present): scenario for scenario in scenarios[::-1]}.values()
-    )[::-1]
+    # For two or three objects, exchanging the ends is reversing the order.
+    different = {(one.depths_mm, one.present): one for one in scenarios[::-1]}
+    return list(different.values())[::-1]
 
 
 def draw_scenario(
     config: DatasetConfig, scenario: DepthScenario, samples: int
 ) -> Iterator[LightField]:
-    """Draw light fields whose objects are placed so, of the same scenes for every scenario."""
+    """Draw light fields of a scenario, from the same scenes for every scenario."""
     mean, _ = config.template.draw(None)
     plan = plan_effects(scenario.place(mean, config), config.camera, effects=config.effects)
     for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
@@ -70,6 +69,6 @@ def draw_scenario(
 
 
 def scene_settings(config: DatasetConfig) -> dict:
-    """Keep what makes two data sets hold the same scenes, but for the depths of the objects."""
+    """Return the settings of a data set that its scenes depend on, without depths and inputs."""
     free = ("input", "shuffled_depths", "samples")
     return {key: value for key, value in to_json(config).items() if key not in free}

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.atomic_files import write_json, write_text
 
 Format = str | Callable[[Any], str]
 """Format specification of a column's values, or a function that writes one."""
@@ -42,13 +42,12 @@ def write_report(
         Resolution of the pictures.
     """
     record = record | provenance.environment()
-    with together(out, last=f"{name}.json") as aside:
-        write_text(aside / f"{name}.md", "\n\n".join([f"# {title}", origin(record), *body]) + "\n")
-        for table_name, table in (tables or {}).items():
-            write_text(aside / f"{table_name}.csv", table.to_csv(index=False))
-        for picture_name, picture in (pictures or {}).items():
-            figures.save(picture, aside / f"{picture_name}.png", dpi=dpi)
-        write_json(aside / f"{name}.json", record)
+    write_text(out / f"{name}.md", "\n\n".join([f"# {title}", origin(record), *body]) + "\n")
+    for table_name, table in (tables or {}).items():
+        write_text(out / f"{table_name}.csv", table.to_csv(index=False))
+    for picture_name, picture in (pictures or {}).items():
+        figures.save(picture, out / f"{picture_name}.png", dpi=dpi)
+    write_json(out / f"{name}.json", record)
     return out / f"{name}.md"
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame._common import progress
+from lf_flame._common.images import check_levels, to_unit
 from lf_flame._common.memory import check_memory, memory_limit
-from lf_flame._common.pixels import check_levels, to_unit
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField, as_view_weights
 

@@ -3,43 +3,6 @@
 import math
 
 import numpy as np
-from numpy.linalg import inv
-
-from lf_flame.optics import ray_transfer
-
-
-def trace_one_pixel(layer, camera, v, u, t, s, rays):
-    """Mean radiance over a grid of rays, each pushed through the matrices by itself."""
-
-    def heights(axis, view, lenslet):
-        n, k = camera.lenslets[axis], camera.views
-        i0, f = camera.image_distance_mm, camera.lenslet_focal_mm
-        # The sensor is stored turned by 180 degrees: undo that to get physical positions.
-        axis_mm = -(lenslet - (n - 1) / 2) * camera.lenslet_pitch_mm
-        chief_mm = axis_mm * (1 + f / i0)
-        pixel_mm = chief_mm - (view - (k - 1) / 2) * camera.pixel_mm
-        sub = (np.arange(rays) + 0.5) / rays - 0.5
-        array_to_object = inv(camera.object_to_array(layer.depth_mm))
-        lens = ray_transfer.chain(ray_transfer.thin_lens(f), ray_transfer.free_space(f))
-        height = sub[:, None] * camera.lenslet_pitch_mm
-        on_pixel = pixel_mm + sub * camera.pixel_mm
-        # angle in front of the lenslet for which the ray ends on the pixel
-        angle = (on_pixel - axis_mm - lens[0, 0] * height) / lens[0, 1]
-        return (array_to_object[0, 0] * (axis_mm + height) + array_to_object[0, 1] * angle).ravel()
-
-    rows, columns = (
-        np.floor(
-            (heights(axis, *pixel) - layer.cell_edges_mm(axis)[0])
-            / (layer.size_mm[axis] / layer.texture.shape[axis])
-        )
-        for axis, pixel in ((0, (v, t)), (1, (u, s)))
-    )
-    # How often each row and column of cells is hit, those beside the layer at both ends.
-    down, right = (
-        np.bincount(np.clip(index + 1, 0, length + 1).astype(int), minlength=length + 2)
-        for index, length in zip((rows, columns), layer.texture.shape, strict=True)
-    )
-    return down @ np.pad(layer.texture, 1) @ right / (down.sum() * right.sum())
 
 
 def keys(x):

@@ -142,7 +142,7 @@ def test_the_library_knows_nothing_of_the_repository():
 )
 def test_kernels_import_only_numpy_and_numba(name):
     """And other kernels of their folder, which import no third ones: see `_common.threads`."""
-    shared = ("lf_flame._common.compiling", "lf_flame._common.threads")
+    shared = ("lf_flame._common.threads",)
     beside = {
         f"lf_flame.{'.'.join(path.relative_to(PACKAGE).with_suffix('').parts)}": path
         for path in (PACKAGE / name).parent.glob("_*kernels.py")

@@ -1,15 +1,15 @@
-"""What accuracy costs in time when refocusing: SSIM and PSNR over milliseconds, beside the network.
+"""What accuracy costs when refocusing: SSIM and PSNR over milliseconds, beside the network.
 
 All methods go from the same light fields in memory to the same images, those of a data set's
-targets, on all cores of one machine, one after the other in one process, compiled beforehand. Exact
-are all views, shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with
-clamped edges): nothing is interpolated. (The targets that networks are trained on are linear
+targets, on all cores, one after the other in one process, compiled beforehand. Exact are all views,
+shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped
+edges): nothing is interpolated. (The targets that networks are trained on are linear
 shift-and-sum.)
 """
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,9 +23,10 @@ from skimage.transform import downscale_local_mean
 from experiments.command_parts import step_bar
 from experiments.held_out import HeldOut, find_scenes
 from experiments.paths import DATA_SETS
+from experiments.report import markdown, write_report
 from experiments.timing import in_turn
 from lf_flame._common.arrays import area_average
-from lf_flame._common.config import to_json
+from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
@@ -33,104 +34,78 @@ from lf_flame.learning.scores import psnr, ssim
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
-SHOWN = {"raw": "the mean of all views", "views": "three views", "grid": "views side by side"}
-"""Input of networks in words, by its kind."""
-
 NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
-"""Labels of the trained network: from the light field, and without averaging its views."""
+"""Titles of the trained network: from the light field, and without averaging its views."""
+
+FAMILIES = {
+    "interpolation": ("#0072B2", "osD", ""),
+    "central": ("#E69F00", "s", "linear, central views: a smaller aperture"),
+    "spread": ("#009E73", "^", "linear, few views over the full aperture"),
+    "storage": ("#CC79A7", "osDv", ""),
+    "fourier": ("#000000", "osDv", ""),
+    "network": ("#D55E00", "*P", ""),
+}
+"""Colour and markers of the families of methods; one with words is drawn as a curve."""
 
 
 @dataclass(frozen=True)
 class Method:
     """A method that takes a light field in memory to refocused images.
 
-    Its family, what it has in common with others, has a colour in the figure; the label is short,
-    the title stands in the table. `refocus` takes what is stored, and slopes, to images [n, t, s]
-    of the lenslets or of the targets; `store` takes views to what lies in memory, in no time that
-    counts.
+    `refocus` takes what is stored, and slopes, to images [n, t, s] of the lenslets or of the
+    targets; `store` takes views to what lies in memory, which is not timed.
     """
 
     family: str
-    label: str
     title: str
     refocus: Callable[[np.ndarray, np.ndarray], np.ndarray]
     store: Callable[[np.ndarray], np.ndarray] = np.asarray
 
 
-def formula_methods(views: int, block: tuple[int, int]) -> list[Method]:
-    """List the methods that need no training; a block of lenslets is a pixel of the targets."""
-    every = f"{views} x {views} views"
-    interpolations = [
-        Method("interpolation", name, f"{name}, {every}", partial(_in_space, interpolation=name))
-        for name in ("nearest", "linear", "cubic")
-    ]
-    return [
-        *interpolations,
-        *_with_fewer_views(views),
-        *_stored_smaller(every, block),
-        Method("fourier", "phases, padded", f"exact phases, {every}, padded",
-            partial(fourier_refocus, edges="clamp")),
-        Method("fourier", "phases", f"exact phases, {every}, not padded", fourier_refocus),
-        Method("fourier", "slice, padded", f"Fourier slice, {every}, padded",
-            partial(fourier_slice, edges="clamp")),
-        Method("fourier", "slice", f"Fourier slice, {every}, not padded", fourier_slice),
-    ]  # fmt: skip
-
-
-def _with_fewer_views(views: int) -> Iterator[Method]:
-    """Take the central views; then views as far apart as leaves those at the rim."""
+def formula_methods(views: int, block: tuple[int, int]) -> Iterator[Method]:
+    """Yield the methods that need no training; a block of lenslets is a pixel of the targets."""
+    for name in ("nearest", "linear", "cubic"):
+        yield Method("interpolation", name, partial(_in_space, interpolation=name))
     for n in range(2 + views % 2, views, 2):
-        title, store = f"linear, {n} x {n} central views", partial(_central, count=n)
-        yield Method("central", f"{n} x {n}", title, _in_space, store)
+        middle = slice((views - n) // 2, (views + n) // 2)
+        yield Method("central", f"linear, {n} x {n} central views", _in_space,
+                     partial(_chosen, views=middle))  # fmt: skip
     for step in (k for k in range(views - 1, 1, -1) if (views - 1) % k == 0):
         n = (views - 1) // step + 1
-        title, store = f"linear, {n} x {n} views over the full aperture", partial(_every, step=step)
-        yield Method("spread", f"{n} x {n}", title, partial(_in_space, step=step), store)
-
-
-def _stored_smaller(every: str, block: tuple[int, int]) -> Iterator[Method]:
-    for kind in (np.float16, np.uint16, np.uint8):
-        name, store = np.dtype(kind).name, partial(_stored, kind=kind)
-        yield Method("storage", name, f"linear, {every}, stored as {name}", _in_space, store)
+        yield Method("spread", f"linear, {n} x {n} views over the full aperture",
+                     partial(_in_space, step=step),
+                     partial(_chosen, views=slice(None, None, step)))  # fmt: skip
+    for kind in ("float16", "uint16", "uint8"):
+        yield Method("storage", f"linear, stored as {kind}", _in_space, partial(_stored, kind=kind))
     if block[0] == block[1] > 1:
-        name, store = binned(block), partial(downscale_local_mean, factors=(1, 1, *block))
-        refocus = partial(_in_space, step=1 / block[0])
-        yield Method("storage", name, f"linear, {every}, stored {name}", refocus, store)
-
-
-def binned(block: tuple[int, int]) -> str:
-    """Label the light field whose lenslets are averaged to the pixels of the targets."""
-    return f"{block[0]} x {block[1]} binned"
+        yield Method("storage", f"linear, stored {block[0]} x {block[1]} binned",
+                     partial(_in_space, step=1 / block[0]),
+                     partial(downscale_local_mean, factors=(1, 1, *block)))  # fmt: skip
+    for edges in ("clamp", "wrap"):
+        padded = ", padded" if edges == "clamp" else ""
+        yield Method("fourier", f"exact phases{padded}", partial(fourier_refocus, edges=edges))
+        yield Method("fourier", f"Fourier slice{padded}", partial(fourier_slice, edges=edges))
 
 
 def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -> np.ndarray:
     images = shift_and_sum(views, step * slopes, interpolation=interpolation)
-    full_scale = np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1
-    return images / np.float32(full_scale)
+    return images / np.float32(np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1)
 
 
-def _central(views: np.ndarray, count: int) -> np.ndarray:
-    """Cut out the views of a smaller aperture, as a camera without others has them in memory."""
-    middle = slice((len(views) - count) // 2, (len(views) + count) // 2)
-    return np.ascontiguousarray(views[middle, middle])
+def _chosen(light_field: np.ndarray, views: slice) -> np.ndarray:
+    """Cut out some views, as a camera without the others has them in memory."""
+    return np.ascontiguousarray(light_field[views, views])
 
 
-def _every(views: np.ndarray, step: int) -> np.ndarray:
-    return np.ascontiguousarray(views[::step, ::step])
-
-
-def _stored(views: np.ndarray, kind: type) -> np.ndarray:
+def _stored(views: np.ndarray, kind: str) -> np.ndarray:
     """Store views in fewer bits; where they become whole numbers the sensor saturates at 1."""
-    if np.issubdtype(kind, np.floating):
+    if kind == "float16":
         return views.astype(kind)
     return np.round(np.clip(views, 0, 1) * np.float32(np.iinfo(kind).max)).astype(kind)
 
 
 def network_methods(scenes: HeldOut) -> list[Method]:
-    """Load the trained network, if there is one: from the light field, and from its input alone.
-
-    It runs on the processor like all others, compiled as a whole.
-    """
+    """Load the trained network, if there is one: from the light field, and from its input alone."""
     if scenes.run is None:
         return []
     import keras  # here, so that the rest can be measured without loading it
@@ -146,52 +121,45 @@ def network_methods(scenes: HeldOut) -> list[Method]:
     def encode(views: np.ndarray) -> np.ndarray:
         return scenes.config.encode(LightField.trusted(views))
 
-    return [
-        Method("network", NETWORK, f"{NETWORK}, shown {SHOWN[scenes.config.input.kind]}",
-            lambda views, slopes: predict(encode(views), slopes)),
-        Method("network", ALONE, ALONE, predict, encode),
-    ]  # fmt: skip
+    def refocus(views: np.ndarray, slopes) -> np.ndarray:
+        return predict(encode(views), slopes)
+
+    return [Method("network", NETWORK, refocus), Method("network", ALONE, predict, encode)]
 
 
 def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
-    """Measure SSIM and PSNR against the exact result over milliseconds.
+    """Measure SSIM and PSNR against the exact result over milliseconds; returns the record.
 
-    A run is a folder of trained networks, one for each kind of data set, ``shapes`` and ``flames``;
-    one that is missing shows as missing. Default of the configurations: the paper's. Returns the
-    record, in ``methods`` a row for each.
+    A run is a folder of trained networks, one for each kind of data set, ``shapes`` and ``flames``.
+    Default of the configurations: the paper's.
     """
     started, rows = time.perf_counter(), []
-    if configs is None:
-        configs = [read_config(path) for path in DATA_SETS]
-    found = [find_scenes(config, run / config.kind) for config in configs]
-    studies = [
-        (one, formula_methods(one.config.camera.views, one.config.block) + network_methods(one))
-        for one in found
+    found = [
+        find_scenes(config, run / config.kind)
+        for config in configs or [read_config(path) for path in DATA_SETS]
     ]
-    steps = (step for study in studies for step in _measure(*study))
-    total = sum(len(scenes.indices) * len(methods) for scenes, methods in studies)
     with set_workers(numba.get_num_threads()):
-        for more in step_bar(steps, total):
-            rows += more
-    missing = [
-        {"data_set": scenes.name, "family": "network", "label": NETWORK, "title": NETWORK}
-        for scenes in found
-        if scenes.run is None
-    ]
+        for scenes in found:
+            camera, block = scenes.config.camera, scenes.config.block
+            methods = [*formula_methods(camera.views, block), *network_methods(scenes)]
+            for some in step_bar(_measure(scenes, methods), len(scenes.indices) * len(methods)):
+                rows += some
     return {
         "scenes": {scenes.name: _described(scenes) for scenes in found},
         "threads": numba.get_num_threads(),
         "wall_s": time.perf_counter() - started,
-        "methods": [*summarise(pd.DataFrame(rows)).to_dict("records"), *missing],
+        "methods": summarise(pd.DataFrame(rows)).to_dict("records"),
     }
 
 
 def _described(scenes: HeldOut) -> dict:
+    config = scenes.config
+    (lines, columns), views = config.camera.lenslets, config.camera.views
     return {
-        "config": to_json(scenes.config),
-        "slopes": scenes.slopes,
+        "light_field": f"{views} x {views} views of {lines} x {columns} lenslets to "
+        f"{len(scenes.slopes)} images of {config.image[0]} x {config.image[1]}",
         "samples": scenes.indices,
-        "run": scenes.run and str(scenes.run),
+        "slopes": scenes.slopes,
         "network": scenes.origin,
     }
 
@@ -201,9 +169,8 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
     slopes, size = np.array(scenes.slopes), scenes.config.image
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
-        exact = area_average(
-            fourier_refocus(views, slopes, interpolation="sinc", edges="clamp"), size
-        )
+        exact = fourier_refocus(views, slopes, interpolation="sinc", edges="clamp")
+        exact = area_average(exact, size)
         for method in methods:
             stored = method.store(views)
 
@@ -213,30 +180,104 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
             images, seconds = call(), math.nan
             if index == scenes.indices[0]:
                 seconds = in_turn(call).best[0]
-            row = {"data_set": scenes.name, "family": method.family, "label": method.label}
-            row |= {"title": method.title, "seconds": seconds}
-            pairs = zip(exact, images, strict=True)
-            yield [row | {"ssim": ssim(*pair), "psnr_db": psnr(*pair)} for pair in pairs]
+            row = {"data_set": scenes.name, "family": method.family, "title": method.title}
+            yield [
+                row | {"seconds": seconds, "ssim": ssim(*pair), "psnr_db": psnr(*pair)}
+                for pair in zip(exact, images, strict=True)
+            ]
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
-    """Put the scores of all images together.
+    """Put the scores of all images together: one data set and method a row.
 
-    One method and data set a row: milliseconds; mean and lowest SSIM; PSNR of the mean squared
-    error of all images (a mean in dB would be infinite where one image is exact), and the lowest of
-    an image.
+    PSNR is that of the mean squared error of all images: a mean in dB would be infinite where one
+    image is exact.
     """
     squared = rows.assign(mse=10 ** (-rows["psnr_db"] / 10))
-    methods = squared.groupby(["data_set", "family", "label", "title"], sort=False)
+    methods = squared.groupby(["data_set", "family", "title"], sort=False)
     with np.errstate(divide="ignore"):
         pooled = -10 * np.log10(methods["mse"].mean())
-    table = pd.DataFrame(
-        {
-            "milliseconds": 1e3 * methods["seconds"].min(),
-            "ssim": methods["ssim"].mean(),
-            "psnr_db": pooled,
-            "worst_ssim": methods["ssim"].min(),
-            "worst_psnr_db": methods["psnr_db"].min(),
-        }
-    )
-    return table.reset_index()
+    columns = {
+        "milliseconds": 1e3 * methods["seconds"].min(),
+        "psnr_db": pooled,
+        "worst_psnr_db": methods["psnr_db"].min(),
+        "ssim": methods["ssim"].mean(),
+        "worst_ssim": methods["ssim"].min(),
+    }
+    return pd.DataFrame(columns).reset_index()
+
+
+def write(out: Path, record: dict) -> Path:
+    """Write ``refocusing.*`` from the record of `measure_refocusing`."""
+    table = pd.DataFrame(record["methods"])
+
+    def decibels(value: float) -> str:
+        return f"{value:.1f}" if math.isfinite(value) else "exact"
+
+    headings = {
+        "data_set": ("data set", ""),
+        "title": ("method", ""),
+        "milliseconds": ("ms", ".3g"),
+        "psnr_db": ("PSNR (dB)", decibels),
+        "worst_psnr_db": ("worst", decibels),
+        "ssim": ("SSIM", ".5f"),
+        "worst_ssim": ("worst", ".5f"),
+    }
+    lines = [
+        f"- {name}: {x['light_field']}; samples {', '.join(map(str, x['samples']))}. "
+        f"{NETWORK}: {x['network']}"
+        for name, x in record["scenes"].items()
+    ]
+    body = [
+        "\n".join(lines),
+        f"""Time: from a light field in memory to the finished images, the fastest of a few runs,
+compiled beforehand, on {record["threads"]} threads, without a graphics card. Score: against exact
+phases of all views, averaged and clipped like the targets of the data sets, over samples that no
+network was trained on. PSNR is that of the mean squared error of all images; worst is a single
+image. Central views are those of a smaller aperture, with its greater depth of field; those over
+the full aperture are what a camera with few views has, and show ghosts.""",
+        "![PSNR and SSIM over milliseconds](refocusing.png)",
+        markdown(table, headings),
+    ]
+    return write_report(
+        out, "refocusing", "What accuracy costs in time: refocusing", record, body,
+        tables={"refocusing": table}, pictures={"refocusing": figure(record["scenes"], table)},
+    )  # fmt: skip
+
+
+def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
+    """Draw PSNR and 1 - SSIM over milliseconds, one column for each data set.
+
+    Few views are curves that end at all views; the exact result itself is left out.
+    """
+    picture, axes = subplots(
+        2, len(scenes), figsize=(6.0 * len(scenes), 10.5), sharex=True, sharey="row",
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    table = table[np.isfinite(table["psnr_db"])].assign(distance=1 - table["ssim"])
+    for name, column in zip(scenes, axes.T, strict=True):
+        rows = table[table["data_set"] == name]
+        whole = rows[rows["title"] == "linear"]
+        for axis, score in zip(column, ("psnr_db", "distance"), strict=True):
+            for family, (colour, markers, words) in FAMILIES.items():
+                some = rows[rows["family"] == family]
+                if words:
+                    line = pd.concat([some, whole])
+                    axis.plot(line["milliseconds"], line[score], marker=markers, color=colour,
+                              label=words, zorder=1)  # fmt: skip
+                    continue
+                for row, marker in zip(some.to_dict("records"), markers, strict=False):
+                    axis.plot(row["milliseconds"], row[score], marker, color=colour,
+                              label=row["title"], markersize=9)  # fmt: skip
+            axis.axvline(40, color="0.5", linewidth=0.8, linestyle=":")
+            axis.grid(which="major", alpha=0.25)
+        column[0].set_title(f"{name}: {scenes[name]['light_field']}", fontsize=9)
+        column[1].set_xlabel("milliseconds on all cores (dotted: 25 light fields a second)")
+    axes[0, 0].set_xscale("log")
+    axes[1, 0].set_yscale("log")
+    axes[1, 0].invert_yaxis()
+    axes[0, 0].set_ylabel("PSNR against the exact result (dB)")
+    axes[1, 0].set_ylabel("1 - SSIM against the exact result")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    picture.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    return picture

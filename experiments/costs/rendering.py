@@ -1,175 +1,313 @@
-"""What accuracy costs in time: error against seconds, for each integration method and each effect.
+"""What accuracy costs when simulating: error against seconds, for each method and each effect.
 
-All runs take one thread of one machine, one after the other, compiled beforehand, so that ratios
-are fair. Errors are root-mean-square over the image relative to its brightest pixel, against an
-image multiplied out in float64 (`lf_flame.simulation.reference.closed_form`).
+Methods and effects run on one thread, one after the other, compiled beforehand, so that ratios are
+fair. Errors are root-mean-square over the image relative to its brightest pixel, against an image
+multiplied out in float64 by the reference tracer.
 """
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numba
 import numpy as np
+import pandas as pd
+from numba import njit
 
 from experiments import timing
 from experiments.command_parts import step_bar
-from experiments.costs.integration_methods import METHODS
-from experiments.costs.rendering_scenes import Study, study_scenes
-from experiments.effects.absolute import Trial, effect_trials
+from experiments.effects.effects import Trial, effect_trials
+from experiments.effects.tracer import flat_views
 from experiments.paths import DATA_SETS
-from experiments.timing import in_turn
+from experiments.report import markdown, write_report
+from experiments.timing import in_turn, on_threads
 from lf_flame._common.config import to_json
-from lf_flame._common.threads import one_thread
+from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import read_config
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.ray_bundle import trace_footprint
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.scenes.shapes import shape_texture
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.planning.decisions import plan_effects
-from lf_flame.simulation.reference.closed_form import closed_form
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.rendering import render
+from lf_flame.simulation.slabs import slice_scene
 
 TOLERANCE = 1e-3
 """Tolerance of the images that are rendered with and without an effect."""
 
-LENSLETS, LENSLETS_HIGH = (56, 64), 46
-"""Window of the camera that sees the flame of an effect, and height of this flame in lenslets."""
 
-WHOLE = (
-    ("exact integrator", False, 1e-3),
-    ("rays", False, 1e-2),
-    ("rays", False, 1e-3),
-    ("rays, a round stop", True, 1e-2),
-)
-"""How a whole light field is rendered: by which integrator, through a round stop, tolerance."""
+@dataclass(frozen=True)
+class Study:
+    """Scene and camera on which methods are compared; the title stands above its panel."""
+
+    name: str
+    title: str
+    scene: Scene
+    camera: PlenopticCamera
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of integration, its numbers of rays for each pixel, and its share of the time."""
+
+    label: str
+    colour: str
+    marker: str
+    draw: Callable[[Study, int], np.ndarray]
+    rays: Sequence[int] = (0,)
+    share: float = 0.0
+
+
+def _by_library(study: Study, rays: int, finite_width: bool = True) -> np.ndarray:
+    """Integrate by about so many rays for each pixel, or exactly for 0 rays."""
+    image = np.zeros((study.camera.views,) * 2 + study.camera.lenslets, np.float32)
+    planes = slice_scene(study.scene, {}, absorption=False, dimming={"occlusion"})
+    optics = OpticalPass(study.camera)
+    if rays:
+        trace(planes, optics, "views", math.isqrt(rays), image, finite_width=finite_width)
+    else:
+        integrate(planes, optics, "views", image)
+    return image
+
+
+def _by_random_rays(study: Study, rays: int) -> np.ndarray:
+    """Trace random rays backward from each pixel into flat layers (Monte Carlo)."""
+    camera, layers = study.camera, []
+    for layer in study.scene.front_to_back:
+        seen = [trace_footprint(camera, layer.depth_mm, axis) for axis in (0, 1)]
+        places = [(x.centres_mm, x.lenslet_width_mm, x.pixel_width_mm) for x in seen]
+        corner = [float(layer.cell_edges_mm(axis)[0]) for axis in (0, 1)]
+        passing = 1.0 - np.broadcast_to(layer.opacity, layer.texture.shape)
+        layers.append((layer.texture.astype(float), passing, *corner, *layer.size_mm, *places))
+    image = np.empty((camera.views, camera.views, *camera.lenslets))
+    _trace_random_rays(tuple(layers), rays, image)
+    return image
+
+
+@njit(cache=True)
+def _trace_random_rays(layers, rays, image):
+    np.random.seed(0)  # noqa: NPY002 - Numba's own generator
+    for v, u, t, s in np.ndindex(image.shape):
+        light = 0.0
+        for _ in range(rays):
+            share = 1 / rays
+            a, b = np.random.random() - 0.5, np.random.random() - 0.5  # noqa: NPY002
+            c, d = np.random.random() - 0.5, np.random.random() - 0.5  # noqa: NPY002
+            for k in range(len(layers)):
+                texture, passing, top, left, height, width, rows, columns = layers[k]
+                y = rows[0][v, t] + rows[1] * a + rows[2] * b
+                x = columns[0][u, s] + columns[1] * c + columns[2] * d
+                i = math.floor((y - top) / height * texture.shape[0])
+                j = math.floor((x - left) / width * texture.shape[1])
+                if 0 <= i < texture.shape[0] and 0 <= j < texture.shape[1]:
+                    light += share * texture[i, j]
+                    share *= passing[i, j]
+        image[v, u, t, s] = light
+
+
+SQUARES = (1, *((n * 2**k) ** 2 for k in range(9) for n in (2, 3)))
+
+METHODS = {
+    "random": Method("random rays (Monte Carlo)", "#D55E00", "o", _by_random_rays,
+                     [4**k for k in range(10)], share=0.6),
+    "midpoint": Method("midpoint rule", "#009E73", "^", partial(_by_library, finite_width=False),
+                       SQUARES, share=0.2),
+    "thin": Method("rays of finite width", "#0072B2", "D", _by_library, SQUARES, share=0.2),
+    "exact": Method("exact integrator", "#000000", "*", _by_library),
+}  # fmt: skip
+
+
+def study_scenes(shapes: Path, flames: Path) -> list[Study]:
+    """Set up the scenes of the study with optics, pixels and objects of both data sets.
+
+    So that slow methods get somewhere, the objects stand on the axis, one in front of the other,
+    and only the central views of the lenslets that see them are recorded.
+    """
+    config = read_config(shapes)
+    layers = [replace(x, centre_mm=(0.0, 0.0)) for x in config.template.draw(None)[0].layers]
+    title = f"{len(layers)} shapes at {', '.join(f'{x.depth_mm:g}' for x in layers)} mm"
+    found = [Study("shapes", title, Scene(layers), _framed(config.camera, layers))]
+    config = read_config(flames)
+    flame = min(config.template.draw(None)[0].layers, key=lambda layer: layer.size_mm[0])
+    flame = replace(flame, centre_mm=(0.0, 0.0))
+    camera = _framed(config.camera, [flame])
+    side = flame.size_mm[0] / 3
+    coverage = shape_texture("circle", (side, side), side / 20)
+    depth = flame.depth_mm - 20.0
+    disc = Layer(np.zeros(coverage.shape), depth, (side, side), opaque=True, coverage=coverage)
+    return [
+        *found,
+        Study("flame", f"a flame at {flame.depth_mm:g} mm", Scene([flame]), camera),
+        Study("hidden", "the same flame behind a disc", Scene([flame, disc]), camera),
+    ]
+
+
+def _framed(camera: PlenopticCamera, layers: Sequence[Layer]) -> PlenopticCamera:
+    """Keep the central views, and the lenslets by which they see all of layers on the axis."""
+    views, lenslets = min(camera.views, 5), []
+    for axis in (0, 1):
+        needed = 1
+        for layer in layers:
+            lenslet_mm = camera.field_mm(layer.depth_mm)[axis] / camera.lenslets[axis]
+            aside = abs(layer.depth_mm) / camera.focus_distance_mm * camera.view_step_mm
+            needed = max(needed, (layer.size_mm[axis] + aside * views) / lenslet_mm + 2)
+        lenslets.append(math.ceil(needed))
+    few = replace(camera, views=views, pixel_pitch_mm=camera.pixel_mm)
+    return replace(few, lenslets=tuple(lenslets))
 
 
 def measure_costs(
-    budget_s: float = 420.0,
+    budget_s: float = 150.0,
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
-    configs: Sequence[Path] = DATA_SETS,
 ) -> dict:
-    """Measure error against seconds, on the paper's data sets where no others are given.
+    """Measure error against seconds, by default on the paper's data sets; returns the record.
 
-    The budget is the time of all methods of integration, which bounds their rays; references and
-    effects take a minute or two on top. Studies and trials are the scenes of the methods and of the
-    effects; of each data set of `configs` a scene is rendered whole.
+    The budget, the time of all methods together, bounds their rays. The studies are the scenes of
+    the methods, the trials those of the effects.
     """
     started = time.perf_counter()
     studies = study_scenes(*DATA_SETS) if studies is None else studies
     if trials is None:
-        camera = replace(read_config(DATA_SETS[1]).camera, lenslets=LENSLETS)
-        trials = effect_trials(camera, LENSLETS_HIGH)
-    with one_thread():
-        share_s = budget_s / len(studies)
-        accuracy = [row for one in step_bar(studies) for row in _measure_methods(one, share_s)]
+        camera = replace(read_config(DATA_SETS[1]).camera, lenslets=(56, 64))
+        trials = effect_trials(camera, lenslets_high=46)
+    accuracy: list[dict] = []
+    with on_threads(1):
+        for study in step_bar(studies):
+            truth = flat_views(study.scene, study.camera)
+            for name in METHODS:
+                accuracy += _measure_method(study, name, truth, budget_s / len(studies))
         effects = [_measure_effect(*item) for item in step_bar(trials.items())]
-    whole = [_measure_whole(path) for path in step_bar(configs)]
     return {
-        "studies": {study.name: _described(study) for study in studies},
-        "threads": 1,
+        "studies": {x.name: {"title": x.title, "camera": to_json(x.camera)} for x in studies},
         "budget_s": budget_s,
         "wall_s": time.perf_counter() - started,
         "accuracy": accuracy,
         "effects": effects,
-        "whole": sum(whole, []),
     }
 
 
-def _described(study: Study) -> dict:
-    """JSON values of a study: its camera, and what the layers are."""
-    layers = [
-        {"depth_mm": a.depth_mm, "size_mm": a.size_mm, "cells": a.texture.shape, "opaque": a.opaque}
-        for a in study.scene.layers
-    ]
-    return {"title": study.title, "camera": to_json(study.camera), "layers": layers}
-
-
-def _measure_methods(study: Study, budget_s: float) -> Iterator[dict]:
-    reference = closed_form(study.scene, study.camera)
-    for name, method in METHODS.items():
-        yield from _measure_method(study, name, reference, method.share * budget_s)
-
-
-def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: float) -> list[dict]:
-    """Run a method at growing settings until the next would take more than is left."""
+def _measure_method(study: Study, name: str, truth: np.ndarray, budget_s: float) -> list[dict]:
+    """Run a method with ever more rays until the next run would take more than its share."""
     method, rows = METHODS[name], []
-    method.draw(study, method.settings[0])  # compiles
+    method.draw(study, method.rays[0])  # compiles
     started = time.perf_counter()
-    for setting in method.settings:
-        per_pixel = method.per_pixel(setting) if method.per_pixel else 0
+    for rays in method.rays:
         if rows:
-            next_s = rows[-1]["seconds"] * per_pixel / rows[-1]["rays_per_pixel"]
-            spent = time.perf_counter() - started
-            if min(timing.ROUNDS * next_s, next_s + timing.LONG_S) > budget_s - spent:
+            next_s = rows[-1]["seconds"] * rays / rows[-1]["rays_per_pixel"]
+            left_s = method.share * budget_s - (time.perf_counter() - started)
+            if min(timing.ROUNDS * next_s, next_s + timing.LONG_S) > left_s:
                 break
-        times = in_turn(partial(method.draw, study, setting), warm_up=False)
-        error = _error(times.results[0], reference)
-        if rows and error == rows[-1]["error"]:
-            continue  # rounded up to the same rays as before
-        row = {"scene": study.name, "method": name, "rays_per_pixel": per_pixel}
-        rows.append(row | {"seconds": float(times.best[0]), "error": error})
-    return rows
-
-
-def _measure_whole(path: Path) -> list[dict]:
-    """Render a scene of a data set as large as its camera records it, on all cores."""
-    config, cores = read_config(path), numba.get_num_threads()
-    scene, camera = config.template.draw(None)[0], config.camera
-    reference = closed_form(scene, camera)
-    stop = replace(camera, aperture_diameter_mm=camera.aperture_mm)
-    rows = []
-    for name, has_stop, tolerance in WHOLE:
-        seen_by = stop if has_stop else camera
-        integrator = "exact" if name.startswith("exact") else "rays"
-        plan = plan_effects(scene, seen_by, tolerance)
-        call = partial(render, scene, seen_by, tolerance, integrator=integrator)
-        times = in_turn(call)
-        found = times.results[0].views
-        rows.append(
-            {
-                "data": config.kind,
-                "integrator": name,
-                "tolerance": tolerance,
-                "pixels": found.size,
-                "cores": cores,
-                "seconds": float(times.best[0]),
-                "seconds_planned": plan.seconds[integrator] / cores,
-                "error": _error(found, reference) if seen_by is camera else math.nan,
-            }
-        )
+        times = in_turn(partial(method.draw, study, rays), warm_up=False)
+        error = _error(times.results[0], truth)
+        if not rows or error != rows[-1]["error"]:  # not rounded up to the same rays as before
+            row = {"scene": study.name, "method": name, "rays_per_pixel": rays}
+            rows.append(row | {"seconds": float(times.best[0]), "error": error})
     return rows
 
 
 def _measure_effect(name: str, trial: Trial) -> dict:
     """Render with an effect forced off and on; all else as planned."""
     planned = plan_effects(trial.scene, trial.camera, TOLERANCE, {name: True})
-    calls = [partial(_views, trial, {name: on}) for on in (False, True)]
+    calls = [
+        partial(render, trial.scene, trial.camera, TOLERANCE, effects={name: on}, seed=1)
+        for on in (False, True)
+    ]
     times = in_turn(*calls)
-    images = [image.astype(np.float64) for image in times.results]
-    off, on = times.best.tolist()
-    change = images[1] - images[0]
+    without, image = (found.views.astype(np.float64) for found in times.results)
+    seconds_off, seconds_on = times.best.tolist()
     return {
         "effect": name,
         "bound": planned[name].bound,
-        "error_max": float(np.abs(change).max() / images[1].max()),
-        "error_rms": math.sqrt(np.mean(change**2)) / images[1].max(),
-        "seconds_off": off,
-        "seconds_on": on,
-        "seconds_added": on - off,
-        "seconds_spread": float(times.spread.max()),
+        "error_max": float(np.abs(image - without).max() / image.max()),
+        "error_rms": _error(without, image),
+        "seconds_off": seconds_off,
+        "seconds_on": seconds_on,
+        "seconds_added": seconds_on - seconds_off,
         "seconds_planned": planned[name].seconds,
         "integrator": planned.integrator,
-        "pixels": images[1].size,
-        "criterion": planned[name].criterion,
     }
 
 
-def _views(trial: Trial, forced: dict[str, bool]) -> np.ndarray:
-    return render(trial.scene, trial.camera, TOLERANCE, effects=forced, seed=1).views
-
-
-def _error(image: np.ndarray, reference: np.ndarray) -> float:
+def _error(image: np.ndarray, truth: np.ndarray) -> float:
     """Root-mean-square error relative to the brightest pixel."""
-    return float(math.sqrt(np.mean((image - reference) ** 2)) / reference.max())
+    return float(math.sqrt(np.mean((image - truth) ** 2)) / truth.max())
+
+
+def seconds_for(points: pd.DataFrame, level: float) -> str:
+    """Seconds that one method takes for an error, interpolated between two settings."""
+    seconds, error = np.log(points["seconds"]), np.log(np.minimum.accumulate(points["error"]))
+    if math.log(level) < error.iloc[-1]:
+        return "not reached"
+    found = math.exp(np.interp(math.log(level), error[::-1], seconds[::-1]))
+    coarsest = len(points) > 1 and level > points["error"].iloc[0]
+    return f"{'<' if coarsest else ''}{found:.2g} s"
+
+
+EFFECTS = {
+    "effect": ("effect", ""),
+    "bound": ("bound", lambda x: f"{math.inf if pd.isna(x) else x:.2g}"),
+    "error_max": ("largest change", ".2g"),
+    "error_rms": ("rms change", ".2g"),
+    "seconds_off": ("without (s)", ".4f"),
+    "seconds_added": ("adds (s)", "+.4f"),
+    "seconds_planned": ("plan says (s)", ".4f"),
+    "integrator": ("integrator", ""),
+}
+
+
+def write(out: Path, record: dict) -> Path:
+    """Write ``costs.md``, its figure, its record, and the tables ``accuracy`` and ``effects``."""
+    studies, accuracy = record["studies"], pd.DataFrame(record["accuracy"])
+    rows = []
+    for (scene, name), points in accuracy.groupby(["scene", "method"], sort=False):
+        row = {"scene": studies[scene]["title"], "method": METHODS[name].label}
+        row |= {f"{level:g}": seconds_for(points, level) for level in (0.1, 0.01, 0.001)}
+        rows.append(row | {"smallest error": f"{points['error'].min():.1e}"})
+    body = [
+        """Error: root-mean-square over the image, relative to its brightest pixel, against the
+closed form in float64. Seconds: from scene to image, the fastest of a few runs, compiled
+beforehand, on one thread.""",
+        "![Error against seconds](costs.png)",
+        "## Seconds to reach an error",
+        "Interpolated between two settings; `<`: even the coarsest setting errs less.",
+        markdown(rows),
+        "## Effects",
+        """A small flame with what calls for the effect, rendered with the effect forced on and
+forced off. Changes are relative to the brightest pixel. The bound is the plan's, for any pixel; for
+noise it is the standard deviation, and `inf` where something opaque may hide all.""",
+        markdown(record["effects"], EFFECTS),
+    ]
+    return write_report(
+        out, "costs", "What accuracy costs in time: simulation", record, body,
+        tables={"accuracy": accuracy, "effects": pd.DataFrame(record["effects"])},
+        pictures={"costs": figure(studies, accuracy)},
+    )  # fmt: skip
+
+
+def figure(studies: Mapping[str, dict], accuracy: pd.DataFrame):
+    """Draw error against seconds, one panel for each scene."""
+    picture, axes = subplots(
+        1, len(studies), figsize=(4.6 * len(studies), 5.2), sharex=True, sharey=True,
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for (scene, study), axis in zip(studies.items(), axes[0], strict=True):
+        for name, method in METHODS.items():
+            points = accuracy[(accuracy["scene"] == scene) & (accuracy["method"] == name)]
+            axis.loglog(
+                points["seconds"], points["error"], color=method.colour, marker=method.marker,
+                markersize=13 if method.marker == "*" else 5, label=method.label,
+                linestyle="-" if method.share else "",
+            )  # fmt: skip
+        axis.set_title(study["title"], fontsize=11)
+        axis.set_xlabel("seconds on one thread")
+        axis.grid(which="major", alpha=0.25)
+    axes[0, 0].set_ylabel("root-mean-square error, relative to the brightest pixel")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    picture.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    return picture

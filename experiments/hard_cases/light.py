@@ -1,33 +1,27 @@
-"""Images in and out of focus, sums, absorbers, stops, noise, units, orders and threads."""
+"""Images in and out of focus, sums, absorbers, stops, noise, units and threads."""
 
 import math
 from dataclasses import replace
 from decimal import Decimal, localcontext
-from fractions import Fraction
 
-import numba
 import numpy as np
 
-from experiments.hard_cases.case import UNIT, UNIT32, Values, hard_case
-from experiments.hard_cases.optics import ExactCamera, exact_footprint, exact_share
-from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, render
+from experiments.effects.tracer import flat_views
+from experiments.hard_cases.optics import PITCH, STEP
+from experiments.hard_cases.report import UNIT, UNIT32, Values, hard_case
+from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PAPER_CAMERA
 from lf_flame.optics.ray_bundle import trace_footprint
-from lf_flame.optics.sensor import expose
-from lf_flame.simulation.exact import integrate
-from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.rays import trace
-from lf_flame.simulation.slabs import self_absorbed, slice_scene
+from lf_flame.simulation.rendering import render_plan
+from lf_flame.simulation.slabs import self_absorbed
 
 CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
 ONE_PIXEL = replace(CAMERA, views=1, lenslets=(1, 1))
+RAYS = {"integrator": "rays", "rays": 24}
 
 WIDE = (300.0, 300.0)
 """Size of a layer that fills the field at all depths used here."""
-
-
-shares_below = np.frompyfunc(exact_share, 3, 1)
 
 
 def cells(rows: int = 8, columns: int = 9, seed: int = 5) -> np.ndarray:
@@ -40,35 +34,23 @@ def rendered(layers, camera: PlenopticCamera = CAMERA, **options) -> np.ndarray:
     return render(Scene(layers), camera, **options).views.astype(float)
 
 
-def exact_image(layer: Layer, camera: PlenopticCamera = CAMERA) -> np.ndarray:
-    """Every cell of a layer weighed by its share of every bundle, in rational arithmetic."""
-    shares = []
-    for axis in (0, 1):
-        centres, lenslet, pixel = exact_footprint(camera, layer.depth_mm, axis)
-        count = layer.texture.shape[axis]
-        size, centre = Fraction(layer.size_mm[axis]), Fraction(layer.centre_mm[axis])
-        edges = [centre + size * Fraction(2 * k - count, 2 * count) for k in range(count + 1)]
-        below = shares_below(np.array(edges) - centres[..., None], abs(lenslet), abs(pixel))
-        shares.append(np.diff(below, axis=-1).astype(float))
-    return np.einsum("vti,ij,usj->vuts", shares[0], layer.texture, shares[1], optimize=True)
+def traced(layers, camera: PlenopticCamera = CAMERA) -> np.ndarray:
+    """Multiply out the image of layers by the reference tracer."""
+    return flat_views(Scene(layers), camera)
 
 
 def filling(texture, depth: float, part: float, camera: PlenopticCamera = CAMERA) -> Layer:
     """Make a layer as large as a part of all that the pixels see at a depth."""
     sizes = []
     for axis in (0, 1):
-        centres, lenslet, pixel = exact_footprint(camera, depth, axis)
-        sizes.append(part * float(np.ptp(centres) + abs(lenslet) + abs(pixel)))
+        bundle = trace_footprint(camera, depth, axis)
+        widths = abs(bundle.lenslet_width_mm) + abs(bundle.pixel_width_mm)
+        sizes.append(part * float(np.ptp(bundle.centres_mm) + widths))
     return Layer(texture, depth, tuple(sizes))
 
 
-def planes(layer: Layer, slabs: int = 1, dimming=()) -> list:
-    """Cut a layer into slabs that may dim what is behind them."""
-    return slice_scene(Scene([layer]), {layer: slabs}, absorption=True, dimming=set(dimming))
-
-
 @hard_case(
-    "light in a lenslet whose edge the object's edge meets, shifted by 1e-13 mm",
+    "light at an object's edge on a lenslet's edge, shifted by 1e-13 mm",
     "floor of each ray's height",
     "weights by area",
     1e-11,
@@ -80,7 +62,7 @@ def on_the_edge() -> Values:
     for shift in (-1e-13, 0.0, 1e-13):
         cell = Layer([[1.0]], 0.0, (2 * unit, 2 * unit), (shift, shift))
         height = focused[0] * (unit + shift) + focused[1] * slopes
-        for options in ({}, {"integrator": "rays", "rays": 24}):
+        for options in ({}, RAYS):
             ours.append(rendered([cell], **options)[:, :, 4, 5].mean())
             obvious.append(np.mean(np.floor(height / CAMERA.lenslet_pitch_mm) >= -1))
     return Values(np.ones(6), obvious, ours)
@@ -90,26 +72,34 @@ def at_the_middle(layer: Layer, camera: PlenopticCamera = CAMERA) -> np.ndarray:
     """Look up the cell on which each bundle is centred; 0 beside the layer."""
     index = []
     for axis in (0, 1):
-        edges, centres = layer.cell_edges_mm(axis), exact_footprint(camera, layer.depth_mm, axis)[0]
-        index.append(np.clip(np.searchsorted(edges, centres.astype(float)), 0, len(edges)))
+        edges = layer.cell_edges_mm(axis)
+        centres = trace_footprint(camera, layer.depth_mm, axis).centres_mm
+        index.append(np.clip(np.searchsorted(edges, centres), 0, len(edges)))
     return np.pad(layer.texture, 1)[index[0][:, None, :, None], index[1][None, :, None, :]]
 
 
 @hard_case(
-    "a point of 1 nm, and cells finer than a bundle, of the brightest pixel",
+    "cells from 1 nm to a lenslet, in and out of focus, of the brightest pixel",
     "cell at the bundle's middle",
     "exact integrals",
     4 * UNIT32,
 )
 def fine_cells() -> Values:
-    layers = [
-        Layer([[1.0]], 10.0, (1e-6, 1e-6), (0.01, 0.02)),
-        Layer(cells(40, 40), 10.0, (1.0, 1.0)),
-    ]
-    exact = np.stack([exact_image(layer) for layer in layers])
-    obvious = np.stack([at_the_middle(layer) for layer in layers])
-    peaks = exact.max(axis=(1, 2, 3, 4), keepdims=True)
-    return Values(exact, obvious, np.stack([rendered([layer]) for layer in layers]), peaks)
+    exact, obvious, ours = [], [], []
+    for depth in (0.0, 10.0):
+        lenslet = abs(trace_footprint(CAMERA, depth, 0).lenslet_width_mm)
+        chequered = np.indices((20, 24)).sum(axis=0) % 2
+        for layer in (
+            Layer([[1.0]], depth, (1e-6, 1e-6), (0.01, 0.02)),
+            Layer(cells(700, 700), depth, (1.0, 1.0)),
+            Layer(chequered, depth, (10 * lenslet, 12 * lenslet)),
+            filling([[0.7]], depth, 0.6),
+        ):
+            image = traced([layer])
+            exact.append(image / image.max())
+            obvious.append(at_the_middle(layer) / image.max())
+            ours.append(rendered([layer]) / image.max())
+    return Values(np.array(exact), np.array(obvious), np.array(ours), scale=1.0)
 
 
 @hard_case(
@@ -121,12 +111,12 @@ def fine_cells() -> Values:
 def far_image() -> Values:
     camera = replace(CAMERA, focus_distance_mm=150.0 * (1 + 1e-6))
     layer = filling(cells(4, 5), 0.0, 0.7, camera)
-    exact = exact_image(layer, camera)
+    exact = traced([layer], camera)
     f, a0, i0 = camera.main_lens_focal_mm, camera.focus_distance_mm, camera.image_distance_mm
     blur = (a0 + i0 * (1 - a0 / f)) / camera.lenslet_focal_mm * camera.pixel_mm
     centre = (float(blur * (1 - camera.views) / 2),) * 2  # of the first view
     obvious = exact.copy()
-    obvious[0, 0] = exact_image(replace(layer, centre_mm=centre), camera)[0, 0]
+    obvious[0, 0] = traced([replace(layer, centre_mm=centre)], camera)[0, 0]
     return Values(exact, obvious, rendered([layer], camera), exact.max())
 
 
@@ -138,11 +128,10 @@ def far_image() -> Values:
     10,
 )
 def closed_stop() -> Values:
-    exact, obvious, ours = [], [], []
+    exact, obvious, ours, width = [], [], [], float(STEP * PITCH * PAPER_CAMERA.views)
     for diameter in (1.0, 1e-3, 1e-6):
         camera = replace(CAMERA, views=5, pixel_pitch_mm=None, aperture_diameter_mm=diameter)
-        width = ExactCamera(camera).step * Fraction(camera.lenslet_pitch_mm) * camera.views
-        exact.append(math.pi / 4 * diameter**2 / float(width) ** 2)
+        exact.append(math.pi / 4 * diameter**2 / width**2)
         places = centred(5 * 9) * camera.aperture_mm / (5 * 9)
         obvious.append(np.mean(np.hypot(*np.meshgrid(places, places)) <= diameter / 2))
         layer = filling([[1.0]], 10.0, 3.0, camera)
@@ -150,66 +139,25 @@ def closed_stop() -> Values:
     return Values(np.array(exact), obvious, ours)
 
 
-@hard_case(
-    "a scene in metres, of the brightest pixel",
-    "defocus counts above 0.01 mm",
-    "sizes compared with each other",
-    4 * UNIT32,
-)
-def in_metres() -> Values:
-    exact = exact_image(Layer(cells(), 10.0, (1.6, 1.8)))
-    metres = replace(
-        CAMERA,
-        main_lens_focal_mm=0.15,
-        focus_distance_mm=0.326,
-        lenslet_focal_mm=0.4e-3,
-        lenslet_pitch_mm=0.112e-3,
-    )
-    layer = Layer(cells(), 0.01, (1.6e-3, 1.8e-3))
-    blurs = trace_footprint(metres, 0.01, 0).pixel_width_mm > 0.01
-    obvious = rendered([layer], metres, effects={"defocus": bool(blurs)})
-    return Values(exact, obvious, rendered([layer], metres), exact.max())
-
-
-@hard_case(
-    "light of two layers at one depth, of the brightest pixel",
-    "a table by depth",
-    "every layer",
-    4 * UNIT32,
-)
-def one_depth() -> Values:
-    layers = [Layer(cells(4, 4, seed=k), 7.0, (1.0, 1.0), (0.0, 0.1 * k)) for k in (1, 2)]
-    exact = sum(exact_image(layer) for layer in layers)
-    by_depth = {layer.depth_mm: layer for layer in layers}
-    return Values(exact, rendered(list(by_depth.values())), rendered(layers), exact.max())
-
-
-@hard_case(
-    "a card before a flame, named last or first, of its brightness",
-    "painted in the order of the list",
-    "sorted by depth",
-    4 * UNIT32,
-)
-def order_of_layers() -> Values:
-    card, glow = Layer([[0.25]], -20.0, WIDE, opaque=True), Layer([[1.0]], 10.0, WIDE)
-    obvious, ours = [], []
-    for order in ([glow, card], [card, glow]):
-        painted = 0.0
-        for layer in order:
-            value = float(layer.texture[0, 0])
-            painted = value if layer.opaque else painted + value
-        obvious.append(painted)
-        ours.append(rendered(order)[0, 0, 5, 5])
-    return Values(np.full(2, 0.25), obvious, ours)
-
-
 @hard_case("20 million rays into one pixel", "float32 sum", "float64 sums", UNIT32)
 def many_rays() -> Values:
-    image = np.zeros((1, 1, 1, 1), np.float32)
-    trace(planes(Layer([[0.1]], 5.0, WIDE)), OpticalPass(ONE_PIXEL), "views", 4472, image)
+    ours = rendered([Layer([[0.1]], 5.0, WIDE)], ONE_PIXEL, integrator="rays", rays=4472)
     rays = np.full(4472**2, 0.1, np.float32)
-    obvious = np.add.accumulate(rays, out=rays)[-1] / rays.size
-    return Values(0.1, obvious, image[0, 0, 0, 0])
+    return Values(0.1, np.add.accumulate(rays, out=rays)[-1] / rays.size, ours[0, 0, 0, 0])
+
+
+@hard_case(
+    "a flame in 512 slabs or 64 colours", "each added to a float32 image", "float64", 2 * UNIT32, 5
+)
+def many_slabs() -> Values:
+    flame = Scene([Layer([[0.1]], 5.0, WIDE, thickness_mm=2.0)])
+    plan = replace(plan_effects(flame, ONE_PIXEL, effects={"thickness": True}), slabs=(512,))
+    ours = [render_plan(flame, ONE_PIXEL, plan, x).views[0, 0, 0, 0] for x in ("exact", "rays")]
+    camera = replace(ONE_PIXEL, chromatic_shift=1e-3)
+    plan = plan_effects(flame, camera, effects={"chromatic": True, "thickness": False})
+    ours.append(render_plan(flame, camera, replace(plan, colours=64)).views[0, 0, 0, 0])
+    obvious = [np.add.accumulate(np.full(n, 0.1 / n, np.float32))[-1] for n in (512, 512, 64)]
+    return Values(np.full(3, 0.1), obvious, ours)
 
 
 def share_that_leaves(tau: float) -> float:
@@ -220,6 +168,9 @@ def share_that_leaves(tau: float) -> float:
         return float((1 - (-Decimal(tau)).exp()) / Decimal(tau))
 
 
+TAUS = np.array([0.0, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5, 0.3, 50.0, 1e4])
+
+
 @hard_case(
     "light that leaves an absorber of optical thickness 0, 1e-17 ... 1e4",
     "(1 - exp(-tau))/tau",
@@ -227,9 +178,32 @@ def share_that_leaves(tau: float) -> float:
     4 * UNIT,
 )
 def thin_absorber() -> Values:
-    taus = np.array([0.0, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5, 0.3, 50.0, 1e4])
-    exact = np.array([share_that_leaves(tau) for tau in taus])
-    return Values(exact, (1 - np.exp(-taus)) / taus, self_absorbed(taus))
+    exact = np.array([share_that_leaves(tau) for tau in TAUS])
+    return Values(exact, (1 - np.exp(-TAUS)) / TAUS, self_absorbed(TAUS))
+
+
+@hard_case(
+    "image of cells of these thicknesses before a bright ground",
+    "(1 - exp(-tau))/tau in float32",
+    "expm1; by rays and exactly",
+    1e-6,
+)
+def absorbing_cells() -> Values:
+    """Three lenslets to a cell: in the middle one every ray of a pixel meets the same cell."""
+    camera, ground = replace(CAMERA, lenslets=(9, 9)), Layer([[2.0]], 20.0, WIDE)
+    size, tau = camera.field_mm(0.0), TAUS.reshape(3, 3)
+    flame = Layer(np.ones((3, 3)), 0.0, size, optical_thickness=tau)
+    found = [
+        rendered([flame, ground], camera, effects={"self_absorption": True}, **options)
+        for options in ({}, RAYS)
+    ]
+    exact = np.array([share_that_leaves(one) + 2 * math.exp(-one) for one in TAUS])
+    single = TAUS.astype(np.float32)
+    obvious = (1 - np.exp(-single)) / single + 2 * np.exp(-single)
+    ours = np.array([image[:, :, 1::3, 1::3] for image in found])
+    shape = ours.shape
+    exact, obvious = (np.broadcast_to(x.reshape(3, 3), shape) for x in (exact, obvious))
+    return Values(exact, obvious, ours)
 
 
 @hard_case(
@@ -241,84 +215,12 @@ def thin_absorber() -> Values:
 def slabs_of_an_absorber() -> Values:
     exact, obvious, ours = [], [], []
     for tau in (0.3, 5.0, 50.0, 1e4):
-        flame = Layer([[0.7]], 5.0, WIDE, optical_thickness=tau, thickness_mm=2.0)
+        flame = Scene([Layer([[0.7]], 5.0, WIDE, optical_thickness=tau, thickness_mm=2.0)])
+        on = {"self_absorption": True, "thickness": True}
+        plan = plan_effects(flame, ONE_PIXEL, effects=on)
         for slabs in (2, 8, 128, 1000):
-            image, cut = (
-                np.zeros((1, 1, 1, 1), np.float32),
-                planes(flame, slabs, {"self_absorption"}),
-            )
-            trace(cut, OpticalPass(ONE_PIXEL), "views", 1, image)
             exact.append(0.7 * share_that_leaves(tau))
             obvious.append(0.7 / slabs * np.sum(np.exp(-tau / slabs * np.arange(slabs))))
-            ours.append(image[0, 0, 0, 0])
+            image = render_plan(flame, ONE_PIXEL, replace(plan, slabs=(slabs,)), "rays", 1)
+            ours.append(image.views[0, 0, 0, 0])
     return Values(np.array(exact), obvious, ours)
-
-
-@hard_case(
-    "light of a transparent flame in 8 slabs",
-    "widths between random ends of 8 strata",
-    "slabs of one width",
-    UNIT32,
-)
-def slabs_of_a_flame() -> Values:
-    flame, image = Layer([[1.0]], 5.0, WIDE, thickness_mm=2.0), np.zeros((1, 1, 1, 1), np.float32)
-    integrate(planes(flame, 8), OpticalPass(ONE_PIXEL), "views", image)
-    ends = (np.arange(8) + np.random.default_rng(0).uniform(size=(4000, 8))) / 8
-    obvious = np.diff(ends, prepend=0.0, axis=1).sum(axis=1).mean()
-    return Values(1.0, obvious, image[0, 0, 0, 0])
-
-
-@hard_case("light of brightness 1e39", "cast to float32", "refused", 0.0)
-def beyond_float32() -> Values:
-    try:
-        ours = f"{rendered([Layer([[1e39]], 5.0, WIDE)]).max():g}"
-    except InputError:
-        ours = "refused"
-    return Values("refused", f"{np.float64(1e39).astype(np.float32):g}", ours)
-
-
-@hard_case(
-    "fewest electrons of pixels between none and 1e9", "mean + sqrt(mean) z", "Poisson's law", 0.0
-)
-def fewest_electrons() -> Values:
-    electrons = np.repeat([0.0, 1e-30, 1e-3, 1.0, 1e4, 1e9], 1000)
-    rng = np.random.default_rng(2)
-    obvious = electrons + np.sqrt(electrons) * rng.standard_normal(len(electrons))
-    ours = expose(electrons, Sensor(1.0), {"shot_noise"}, np.random.default_rng(2))
-    return Values(0.0, min(0.0, obvious.min()), ours.min(), scale=1.0)
-
-
-@hard_case(
-    "saturated pixels of two brightnesses",
-    "scaled to the brightest",
-    "cut at the full well",
-    2 * UNIT32,
-)
-def saturated() -> Values:
-    exact, obvious, ours = [], [], []
-    for brightness in (1.0, 1e30):
-        layer = Layer([[brightness, 10 * brightness]], 5.0, WIDE)
-        for exposure in (1e5, 1e12):
-            camera = replace(CAMERA, sensor=Sensor(exposure, full_well_e=1e4, read_noise_e=5.0))
-            light = rendered([layer])
-            exact.append(np.full(light.shape, 1e4 / exposure))
-            obvious.append(exact[-1] * light / light.max())
-            ours.append(rendered([layer], camera, seed=1))
-    return Values(np.array(exact), np.array(obvious), np.array(ours))
-
-
-@hard_case(
-    "different images of one scene, by any number of threads",
-    "a float32 image per thread, then added",
-    "each pixel summed by one thread",
-    0.0,
-)
-def threads() -> Values:
-    rays = np.random.default_rng(0).uniform(size=(640, 100)).astype(np.float32)
-    parts = {sum(x.sum(axis=0) for x in np.array_split(rays, n)).tobytes() for n in range(1, 9)}
-    layers, images, before = [Layer(cells(), 10.0, (1.6, 1.8))], set(), numba.get_num_threads()
-    for count in range(1, numba.config.NUMBA_NUM_THREADS + 1):
-        numba.set_num_threads(count)
-        images.add(rendered(layers, integrator="rays", rays=5).tobytes())
-    numba.set_num_threads(before)
-    return Values(1.0, len(parts), len(images))

@@ -1,61 +1,41 @@
 """Conjugates at the focal length and at infinity, long chains, and bundles of any width."""
 
-from dataclasses import replace
 from fractions import Fraction
+from functools import reduce
 
 import numpy as np
 
-from experiments.hard_cases.case import UNIT, Values, as_exact, hard_case
-from lf_flame import PAPER_CAMERA
-from lf_flame._common.arrays import centred
-from lf_flame.optics.camera import PlenopticCamera
+from experiments.hard_cases.report import UNIT, Values, as_exact, hard_case
+from lf_flame.optics.camera import PAPER_CAMERA
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.optics.ray_transfer import chain, free_space, inverse, thin_lens
 
 CAMERA = PAPER_CAMERA
 F, A0, I0 = CAMERA.main_lens_focal_mm, CAMERA.focus_distance_mm, CAMERA.image_distance_mm
+DISTANCES = (1e-9, 1.0, F * (1 - 1e-12), F, F * (1 + 1e-12), 1e9, 1e300, np.inf)
+
+# The camera in rational arithmetic, by the thin-lens equation.
+EXACT_F, EXACT_A0 = Fraction(F), Fraction(A0)
+EXACT_I0 = 1 / (1 / EXACT_F - 1 / EXACT_A0)
+PITCH, LENSLET_F = Fraction(CAMERA.lenslet_pitch_mm), Fraction(CAMERA.lenslet_focal_mm)
+STEP = (EXACT_I0 / LENSLET_F + 1) / CAMERA.views
+"""View step over lenslet pitch."""
+
+
+def exact_slope(depth: float) -> Fraction:
+    """Slope of an object."""
+    vergence = 0 if np.isinf(depth) else 1 / (EXACT_A0 + Fraction(depth))
+    return STEP * (EXACT_I0 * (1 / EXACT_F - vergence) - 1)
+
+
+def exact_vergence(slope: float) -> Fraction:
+    """Reciprocal of the object distance: 0 at infinity, negative for a virtual object."""
+    return 1 / EXACT_F - (1 + Fraction(slope) / STEP) / EXACT_I0
 
 
 def textbook_image(focal: float, distance: float) -> np.float64:
     """Image distance by the thin-lens equation as textbooks solve it."""
     return np.float64(distance) * focal / (np.float64(distance) - focal)
-
-
-class ExactCamera:
-    """Conversions of a camera from the thin-lens equation, in rational arithmetic."""
-
-    def __init__(self, camera: PlenopticCamera):
-        self.f, self.a0 = Fraction(camera.main_lens_focal_mm), Fraction(camera.focus_distance_mm)
-        self.i0 = 1 / (1 / self.f - 1 / self.a0)
-        lenslet = Fraction(camera.lenslet_focal_mm)
-        self.step = (self.i0 / lenslet + 1) / camera.views  # view step over lenslet pitch
-
-    def slope(self, depth: float) -> Fraction:
-        """Convert a depth."""
-        vergence = 0 if np.isinf(depth) else 1 / (self.a0 + Fraction(depth))
-        return self.step * (self.i0 * (1 / self.f - vergence) - 1)
-
-    def depth(self, slope: float) -> Fraction:
-        """Convert a slope."""
-        return 1 / (1 / self.f - (1 + Fraction(slope) / self.step) / self.i0) - self.a0
-
-
-def exact_chain(elements) -> np.ndarray:
-    """Matrix of a path of ("space", d) and ("lens", f) in rational arithmetic."""
-    system = as_exact(np.eye(2))
-    for kind, length in elements:
-        element = as_exact(np.eye(2))
-        if kind == "space":
-            element[0, 1] = Fraction(length)
-        else:
-            element[1, 0] = -1 / Fraction(length)
-        system = element @ system
-    return system
-
-
-def float_chain(elements) -> np.ndarray:
-    """Make the same matrix by the package."""
-    return chain(*(free_space(x) if kind == "space" else thin_lens(x) for kind, x in elements))
 
 
 def naive_slope(distance: float) -> np.float64:
@@ -70,137 +50,108 @@ def naive_slope(distance: float) -> np.float64:
     16 * UNIT,
 )
 def conjugates() -> Values:
-    distances = (1e-9, 1.0, F * (1 - 1e-12), F, F * (1 + 1e-12), 1e9, 1e300, np.inf)
-    exact = np.array([ExactCamera(CAMERA).slope(a - A0) for a in distances])
-    ours = [CAMERA.depth_to_slope(a - A0) for a in distances]
-    return Values(exact, [naive_slope(a) for a in distances], ours)
+    exact = np.array([exact_slope(a - A0) for a in DISTANCES])
+    ours = [CAMERA.depth_to_slope(a - A0) for a in DISTANCES]
+    return Values(exact, [naive_slope(a) for a in DISTANCES], ours)
 
 
 @hard_case("slope next to the focal plane", "i0/i(z) - 1", "1/a0 - 1/(a0 + z)", 16 * UNIT)
 def near_focus() -> Values:
     depths = (-1e-6, -1e-9, 1e-12, 1e-9, 1e-6)
-    exact = np.array([ExactCamera(CAMERA).slope(z) for z in depths])
+    exact = np.array([exact_slope(z) for z in depths])
     return Values(exact, [naive_slope(A0 + z) for z in depths], CAMERA.depth_to_slope(depths))
+
+
+@hard_case(
+    "1/alpha of an object at f(1 - 1e-12), at f, at infinity",
+    "from the image distance",
+    "1 + slope over view step",
+    16 * UNIT,
+)
+def alpha() -> Values:
+    exact = np.array([1 + exact_slope(a - A0) / STEP for a in DISTANCES[2:]])
+    ours = [1 / CAMERA.slope_to_alpha(CAMERA.depth_to_slope(a - A0)) for a in DISTANCES[2:]]
+    return Values(exact, [I0 / textbook_image(F, a) for a in DISTANCES[2:]], ours, scale=1.0)
 
 
 @hard_case("depth of a small slope", "i f/(i - f) - a0", "difference of reciprocals", 16 * UNIT)
 def depth_of_slope() -> Values:
     slopes = (1e-12, -1e-9, 1e-6)
-    exact = np.array([ExactCamera(CAMERA).depth(slope) for slope in slopes])
-    step = CAMERA.view_step_mm / CAMERA.lenslet_pitch_mm
-    obvious = [textbook_image(F, I0 / (1 + slope / step)) - A0 for slope in slopes]
+    exact = np.array([1 / exact_vergence(slope) - EXACT_A0 for slope in slopes])
+    obvious = [textbook_image(F, I0 / (1 + slope / float(STEP))) - A0 for slope in slopes]
     return Values(exact, obvious, CAMERA.slope_to_depth(slopes))
 
 
 @hard_case(
-    "matrix from the front focal plane to the array",
-    "to the image, and back from it",
-    "one product of matrices",
-    1e-13,
+    "1/distance of slopes beyond that of infinity: virtual objects",
+    "i f/(i - f)",
+    "difference of reciprocals",
+    16 * UNIT,
 )
-def front_focal_plane() -> Values:
-    exact, obvious, ours = [], [], []
-    for distance in (F * (1 - 1e-12), F, F * (1 + 1e-12)):
-        path = [("space", distance), ("lens", F)]
-        v = textbook_image(F, distance)
-        exact.append(exact_chain([*path, ("space", I0)]))
-        obvious.append(float_chain([*path, ("space", v), ("space", I0 - v)]))
-        ours.append(CAMERA.object_to_array(distance - A0))
-    return Values(np.array(exact), np.array(obvious), np.array(ours), np.array([[4, 700], [1, 4]]))
+def beyond_infinity() -> Values:
+    infinity = CAMERA.depth_to_slope(np.inf)
+    slopes = [part * infinity for part in (-0.5, 0.5, 1 - 1e-12, 1, 1 + 1e-12, 1.5, 3, 30)]
+    slopes.append(-float(STEP))  # an object at the focal length: its image is at infinity
+    exact = np.array([A0 * exact_vergence(slope) for slope in slopes])
+    ours = [A0 / (A0 + CAMERA.slope_to_depth(slope)) for slope in slopes]
+    obvious = [A0 / textbook_image(F, I0 / (1 + slope / np.float64(STEP))) for slope in slopes]
+    return Values(exact, obvious, ours, scale=max(abs(exact)))
 
 
 @hard_case(
-    "magnification of a 4-f chain", "hop from image to image", "one product of matrices", 1e-13
-)
-def relay() -> Values:
-    exact, obvious, ours = [], [], []
-    for f1, f2 in ((100.0, 50.0), (0.1, 0.2), (35.1, 80.3)):
-        path = [("space", f1), ("lens", f1), ("space", f1 + f2), ("lens", f2), ("space", f2)]
-        v = textbook_image(f1, f1)
-        exact.append(exact_chain(path)[0, 0])
-        obvious.append(-v / f1 * -textbook_image(f2, f1 + f2 - v) / (f1 + f2 - v))
-        ours.append(float_chain(path)[0, 0])
-    return Values(np.array(exact), obvious, ours)
-
-
-@hard_case(
-    "way back through 100 elements of an unstable chain",
+    "100 elements of an unstable chain, there and back",
     "divide by the determinant",
     "swap and negate: the determinant is 1",
     400 * UNIT,
 )
 def a_hundred_elements() -> Values:
-    path = [("space", 700.0), ("lens", 150.0)] * 50
-    (a, b), (c, d) = exact_chain(path)
-    exact, system = np.array([[d, -b], [-c, a]]), float_chain(path)
+    path = [free_space(700.0), thin_lens(150.0)] * 50
+    (a, b), (c, d) = exact = reduce(lambda system, one: as_exact(one) @ system, path)
+    system = chain(*path)
     determinant = system[0, 0] * system[1, 1] - system[0, 1] * system[1, 0]
-    ours = inverse(system)
-    return Values(exact, ours / determinant, ours)
+    both = np.array([exact, [[d, -b], [-c, a]]])
+    ours = np.array([system, inverse(system)])
+    return Values(both, ours / determinant, ours)
 
 
-@hard_case(
-    "focus of a lens of 1e8 mm", "abs(C) < 1e-5 means no power", "-1/C, whatever its size", 4 * UNIT
-)
-def weak_lens() -> Values:
-    powers = [float_chain([("lens", focal), ("space", focal)])[1, 0] for focal in (1e8, -1e8)]
-    obvious = [np.inf if abs(power) < 1e-5 else -1 / power for power in powers]
-    return Values(np.array([1e8, -1e8]), obvious, [-1 / power for power in powers])
-
-
-def exact_footprint(camera: PlenopticCamera, depth: float, axis: int = 0):
-    """Centres, lenslet width and pixel width on a layer by similar triangles, in mm.
+def exact_bundle(depth: float, view: int, lenslet: int) -> tuple:
+    """Centre, lenslet width and pixel width of a bundle on a layer by similar triangles, in mm.
 
     The ray through height y of the array and h of the main lens crosses the focal plane at
     ``-y a0 / i0``, the conjugate of y, and goes on straight to the layer.
     """
-    exact = ExactCamera(camera)
-    lenslet_focal, pitch = Fraction(camera.lenslet_focal_mm), Fraction(camera.lenslet_pitch_mm)
-    pixel = pitch * (1 + lenslet_focal / exact.i0) / camera.views
-    if camera.pixel_pitch_mm is not None:
-        pixel = Fraction(camera.pixel_pitch_mm)
 
     def on_layer(y, h):
-        y = y * exact.a0 / exact.i0
-        return -y - (y + h) * Fraction(depth) / exact.a0
+        focused = y * EXACT_A0 / EXACT_I0
+        return -focused - (focused + h) * Fraction(depth) / EXACT_A0
 
-    view_step = pixel * exact.i0 / lenslet_focal
-    count, views = camera.lenslets[axis], camera.views
-    lenslets = as_exact(np.arange(count) - (count - 1) / 2) * pitch
-    views = as_exact(np.arange(views) - (views - 1) / 2)[:, None] * view_step
-    return -on_layer(lenslets, -views), on_layer(pitch, pitch), on_layer(0, -view_step)
+    y = (lenslet - Fraction(CAMERA.lenslets[0] - 1, 2)) * PITCH
+    h = (view - Fraction(CAMERA.views - 1, 2)) * STEP * PITCH
+    return -on_layer(y, -h), on_layer(PITCH, PITCH), on_layer(0, -STEP * PITCH)
 
 
 @hard_case(
-    "views about the middle of the lens, 2, 5 and 14 of them",
-    "u - N//2, aperture/(N - 1) apart",
-    "u - (N - 1)/2",
-    1e-13,
+    "centres and widths of ray bundles, near the lens, at f, in focus, far away",
+    "blur (i0 - i)/i, carried back by a/i0",
+    "one product of matrices",
+    8 * UNIT,
 )
-def middle_of_the_lens() -> Values:
+def bundles() -> Values:
     exact, obvious, ours = [], [], []
-    for views in (1, 2, 5, 14):
-        camera = replace(CAMERA, views=views, lenslets=(1, 3))
-        centres, _, step = exact_footprint(camera, 20.0, 1)
-        spacing = np.float64(camera.aperture_mm) / (views - 1) * float(step) / camera.view_step_mm
-        exact.extend(centres[:, 1])
-        obvious.extend(-(np.arange(views) - views // 2) * spacing)
-        ours.extend(trace_footprint(camera, 20.0, 1).centres_mm[:, 1])
+    focused = [z * 10.0**k for z in (-1, 0, 1) for k in (-9, -6, -3, 0, 2)]
+    for depth in [*focused, 1e9, *(a - A0 for a in (1e-6, *DISTANCES[2:5]))]:
+        found = trace_footprint(CAMERA, depth, 0)
+        i = textbook_image(F, A0 + depth)
+        blur = CAMERA.view_step_mm * (I0 - i) / i * (A0 + depth) / I0
+        # Heights and tilts reach the layer over the sum of all distances, however signed.
+        path = A0 + depth + I0 + (A0 + depth) * I0 / F
+        scale = path * (CAMERA.field_mm(0)[0] + CAMERA.aperture_mm) / I0
+        for place in ((0, 269), (7, 100)):
+            widths = found.lenslet_width_mm, found.pixel_width_mm
+            exact += [x / Fraction(scale) for x in exact_bundle(depth, *place)]
+            ours += [x / scale for x in (found.centres_mm[place], *widths)]
+            obvious += [x / scale for x in (found.centres_mm[place], widths[0], blur)]
     return Values(np.array(exact), obvious, ours, scale=1.0)
-
-
-@hard_case(
-    "pixels that do not divide the lenslet, in mm",
-    "column times pixel pitch",
-    "counted from each chief ray",
-    1e-12,
-)
-def uneven_pixels() -> Values:
-    camera = replace(CAMERA, pixel_pitch_mm=0.0073, lenslets=(1, 540))
-    centres, lenslet, pixel = exact_footprint(camera, 20.0, 1)
-    counted = centred(540 * camera.views) * 0.0073
-    on_lenslet = counted.reshape(540, -1).T - centred(540) * camera.lenslet_pitch_mm
-    obvious = -centred(540) * float(lenslet) - on_lenslet * float(pixel) / 0.0073
-    return Values(centres, obvious, trace_footprint(camera, 20.0, 1).centres_mm, scale=1.0)
 
 
 def ramps(x, wide, narrow):
@@ -236,20 +187,3 @@ def narrow_bundles() -> Values:
         obvious.extend(ramps(n, np.float64(wide), other) for n in x)
         ours.extend(trapezoid_cdf(x, wide, other))
     return Values(np.array(exact), obvious, ours, scale=1.0)
-
-
-@hard_case(
-    "shares of a bundle from 0.9 mm to nothing, added up",
-    "density at the middle of each cell",
-    "differences of the distribution",
-    50 * UNIT,
-)
-def shares_add_up() -> Values:
-    edges = np.linspace(-1, 1, 41) + 0.01
-    middles, cell, obvious, ours = (edges[1:] + edges[:-1]) / 2, edges[1] - edges[0], [], []
-    for wide in (0.9, 0.13, 1e-3, 1e-9, 1e-20, 0.0):
-        for narrow in (wide, wide * 1e-6, 0.0):
-            inside = np.clip(((wide + narrow) / 2 - abs(middles)) / max(narrow, 1e-300), 0, 1)
-            obvious.append((inside / max(wide, 1e-300) * cell).sum())
-            ours.append(np.diff(trapezoid_cdf(edges, wide, narrow)).sum())
-    return Values(np.ones(len(ours)), obvious, ours)

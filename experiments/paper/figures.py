@@ -1,10 +1,13 @@
 """Figures 7 and 8 of the paper, sharpness against slope, and how networks learn."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
+import pandas as pd
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import StrMethodFormatter
 from scipy.ndimage import uniform_filter
 
 from lf_flame._common.figures import subplots
@@ -12,11 +15,11 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus.figures import draw_searches, shown_slope
 
 LENSLETS_ENLARGED = 12
-"""Lenslets along each side of the part of the raw image that is shown enlarged."""
+"""Number of lenslets along each side of the part of the raw image that is shown enlarged."""
 
 
 def enlarged_part(views: np.ndarray) -> tuple[int, int]:
-    """Find the lenslets whose micro-images change most both ways: the corner (t, s) of the part."""
+    """Find the part whose micro-images vary most in both directions; returns its corner (t, s)."""
     down, across = (views.mean(axis=axis).std(axis=0) for axis in (1, 0))
     uneven = uniform_filter(down * across, LENSLETS_ENLARGED, mode="constant")
     places = zip(np.unravel_index(uneven.argmax(), uneven.shape), uneven.shape, strict=True)
@@ -30,14 +33,14 @@ def enlarged_part(views: np.ndarray) -> tuple[int, int]:
 def result_figure(
     light_field: LightField, light_field_image, targets, predictions, depths_mm, title: str
 ):
-    """Figures 7 and 8 of the paper: input, ground truth, prediction, and the error they leave out.
+    """Draw Figure 7 or 8 of the paper: input, reference, prediction, and the error.
 
     Parameters
     ----------
     light_field : LightField
-        Shown as the raw lenslet image, with a part enlarged in which micro-images are seen.
+        Drawn as the raw lenslet image, with an enlarged part in which micro-images can be seen.
     light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
-        What the network is shown of it.
+        Input of the network.
     targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
     """
     planes = len(targets)
@@ -45,11 +48,10 @@ def result_figure(
     limit = max(np.abs(errors).max(), 1e-6)
     figure, axes = subplots(3, planes + 1, figsize=(2.7 * (planes + 1), 4.9), layout="constrained")
     for axis in axes.flat:
-        axis.set_xticks([])
-        axis.set_yticks([])
+        axis.set(xticks=[], yticks=[])
     _draw_raw(axes[0, 0], axes[1, 0], light_field)
     axes[2, 0].imshow(light_field_image, cmap="gray", vmin=0, vmax=1)
-    axes[2, 0].set_title("what the network sees", fontsize=10)
+    axes[2, 0].set_title("input of the network", fontsize=10)
     for k, depth in enumerate(depths_mm):
         axes[0, k + 1].set_title(f"{depth:g} mm", fontsize=10)
         axes[0, k + 1].imshow(targets[k], cmap="gray", vmin=0, vmax=1)
@@ -64,7 +66,7 @@ def result_figure(
 
 
 def _draw_raw(whole, enlarged, light_field: LightField) -> None:
-    """Draw a raw lenslet image, and enlarged its part in which micro-images change most."""
+    """Draw a raw lenslet image, and a part of it enlarged."""
     raw, n = light_field.to_raw(), light_field.views.shape[0]
     whole.imshow(raw, cmap="gray", vmin=0, vmax=1, interpolation_stage="data")
     whole.set_title("(a) raw light-field image", fontsize=10)
@@ -78,19 +80,15 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
         spine.set(color="C1", linewidth=1.2)
 
 
-def sharpness_figure(panels):
-    """Sharpness of layers against slope, with the slopes of the geometry and of the paper.
+def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
+    """Draw the sharpness of layers against slope, with the slopes of geometry and paper.
 
-    Panels are layers by title: label, search, slope by geometry, slope in the paper (NaN: not
-    printed).
+    Each panel holds layers: label, search, slope by geometry, slope in the paper (NaN: none).
     """
     figure, axes = subplots(
-        len(panels),
-        figsize=(11, 1 + 2.9 * len(panels)),
-        sharex=True,
-        squeeze=False,
+        len(panels), figsize=(11, 1 + 2.9 * len(panels)), sharex=True, squeeze=False,
         layout="constrained",
-    )
+    )  # fmt: skip
     monospace = FontProperties(family="monospace", size=8.5)
     for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
         width = max(len(label) for label, *_ in layers)
@@ -105,90 +103,55 @@ def sharpness_figure(panels):
         axis.set_ylim(0, 1.25)
         axis.set_title(title, fontsize=11, loc="left")
         legend = axis.legend(
-            title=f"{'':{width + 4}}{'found':>8}{'geometry':>10}{'paper':>7}",
-            prop=monospace,
-            title_fontproperties=monospace,
-            loc="upper left",
-            bbox_to_anchor=(1.01, 1),
+            title=f"{'':{width + 4}}{'found':>8}{'geometry':>10}{'paper':>7}", prop=monospace,
+            title_fontproperties=monospace, loc="upper left", bbox_to_anchor=(1.01, 1),
             handlelength=2,
-        )
+        )  # fmt: skip
         legend.set_alignment("left")
     axes[-1, 0].set_xlabel("slope (lenslets per view step)")
-    marks = {"found: peak of the curve": "o", "paper: as printed": "v"}
-    handles = [Line2D([], [], color="black", linestyle="--", label="geometry: closed form")]
-    handles += [
-        Line2D([], [], color="black", linestyle="", marker=marker, label=label)
-        for label, marker in marks.items()
+    black = {"color": "black"}
+    handles = [
+        Line2D([], [], linestyle="--", label="geometry: from the camera's equation", **black),
+        Line2D([], [], linestyle="", marker="o", label="found: peak of the curve", **black),
+        Line2D([], [], linestyle="", marker="v", label="paper: as printed", **black),
     ]
     figure.legend(handles=handles, ncols=3, fontsize=9, loc="outside upper left")
     return figure
 
 
 def _mark_slopes(axis, geometry: float, paper: float, color: str) -> None:
-    """Mark both slopes above a curve, and by how much they differ if it is to be seen."""
+    """Mark both slopes above a curve, and their difference if it can be seen."""
     axis.plot([geometry] * 2, [0, 1.2], "--", color=color, linewidth=1)
     axis.plot([paper, geometry], [1.12] * 2, "-", color=color, linewidth=1.5)
     axis.plot(paper, 1.12, "v", color=color, markersize=9, markeredgecolor="black")
     if abs(paper - geometry) > 0.05:  # the step of the paper's search
         axis.annotate(
-            f"paper {paper - geometry:+.2f}",
-            (max(paper, geometry), 1.12),
-            (5, 0),
-            textcoords="offset points",
-            color=color,
-            va="center",
-        )
+            f"paper {paper - geometry:+.2f}", (max(paper, geometry), 1.12), (5, 0),
+            textcoords="offset points", color=color, va="center",
+        )  # fmt: skip
 
 
-FEW_EPOCHS = 60
-"""Up to which each epoch is marked."""
+def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):
+    """Draw validation PSNR against epochs, a panel for each table, a colour for each recipe.
 
-
-def draw_learning(axis, curves: dict, names: dict[str, str] | None = None) -> None:
-    """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
-
-    Curves have the columns ``seconds`` since the run was started, and ``val_psnr_db``. Names stand
-    in the order of their colours; runs of one name have one colour.
-    """
-    names = {run: run for run in curves} if names is None else names
-    colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(names.values()))}
-    for run, curve in curves.items():
-        style = {"color": colours[names[run]], "lw": 1, "markersize": 3, "label": names[run]}
-        marked = ".-" if len(curve) <= FEW_EPOCHS else "-"
-        axis.plot(curve.seconds, curve.val_psnr_db, marked, **style)
-        best = curve.loc[curve.val_psnr_db.idxmax()]
-        axis.plot(best.seconds, best.val_psnr_db, "o", color=style["color"], markersize=6)
-    axis.set_xscale("log")
-    # 1 and 3 are half a decade apart, so that no two labels meet.
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
-    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
-    axis.xaxis.set_minor_formatter(NullFormatter())
-    axis.set_xlabel("seconds since the run was started, the data set on disk")
-    axis.set_ylabel("PSNR of the validation split (dB)")
-    axis.grid(alpha=0.3, which="both")
-
-
-def learning_figure(panels: dict, printed: dict, names: dict[str, str] | None = None):
-    """Draw how runs learnt, one panel a data set, over what the paper prints for its planes.
-
-    Panels are curves by run, see `draw_learning`, by title.
+    Each panel holds the histories of its runs by recipe, and the PSNR values that the paper prints.
+    A run without epochs is a dashed level.
     """
     figure, axes = subplots(
-        1, len(panels), figsize=(6.5 * len(panels), 5.8), squeeze=False, layout="constrained"
+        1, len(panels), figsize=(6.5 * len(panels), 5), squeeze=False, layout="constrained"
     )
-    names = names or {run: run for curves in panels.values() for run in curves}
-    shown: dict = {}
-    for axis, (title, curves) in zip(axes[0], panels.items(), strict=True):
-        low, high = min(printed[title]), max(printed[title])
-        axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
-        draw_learning(axis, curves, names)
-        on = [
-            f"{names[run]}: on {x}"
-            for run, rows in curves.items()
-            if (x := rows.attrs.get("devices"))
-        ]
-        axis.set_title("\n".join([title, *dict.fromkeys(on)]), fontsize=11)
-        handles, labels = axis.get_legend_handles_labels()
-        shown |= dict(zip(labels, handles, strict=True))
-    figure.legend(shown.values(), shown, fontsize=9, ncols=4, loc="outside lower center")
+    for axis, (title, (recipes, printed)) in zip(axes[0], panels.items(), strict=True):
+        axis.axhspan(min(printed), max(printed), color="0.85", label="printed, range of the planes")
+        for k, (recipe, histories) in enumerate(recipes.items()):
+            for number, history in enumerate(histories):
+                style = {"color": f"C{k}", "label": None if number else recipe}
+                if len(history) == 1:
+                    axis.axhline(history.val_psnr_db.item(), ls="--", lw=1, **style)
+                else:
+                    axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
+        axis.set(xlabel="epochs", ylabel="PSNR of the validation split (dB)")
+        axis.set_title(title, fontsize=11)
+        axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=9, loc="lower right")
     return figure

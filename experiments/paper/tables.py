@@ -1,38 +1,51 @@
-"""SSIM and PSNR of a trained model on its test split, and the tables made of them."""
+"""Tables I and II: one run beside the printed values, and several runs side by side.
 
-import hashlib
-import json
+A results folder holds ``table1.json`` and ``table2.json``, the records that
+`experiments.paper.evaluation` writes, and ``table1_history.csv`` and ``table2_history.csv``, the
+validation scores of each epoch.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
-from experiments.histories import epochs_in_words, recipe_in_words
-from experiments.paper.figures import result_figure
-from experiments.paper.paper_values import read_paper_values
-from experiments.paper.result_files import hashes_of, read_result_record, results_aside, text_sha256
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json, write_text
-from lf_flame._common.checksums import SEAL
-from lf_flame._common.input_files import read_text
-from lf_flame.datasets.config import config_to_json
-from lf_flame.datasets.sampling import render_sample
-from lf_flame.datasets.store import Dataset
+from experiments.histories import epochs_in_words, read_history
+from experiments.paper.figures import learning_figure
+from experiments.paths import PAPER_VALUES
+from experiments.report import markdown, write_report
+from lf_flame._common.config import load_record
+from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
-from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
-from lf_flame.learning.scores import FOREGROUND, WINDOWS, score
+from lf_flame.learning.scores import FOREGROUND, standard_deviation
+
+TABLES = ("table1", "table2")
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
     "n_test", "psnr_foreground_db", "psnr_foreground_sd",
 ]  # fmt: skip
 
-TABLES = ("table1", "table2")
+COMPARED = [
+    "run", "n_seeds", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd",
+    "paper_ssim", "paper_psnr_db",
+]  # fmt: skip
+
+SETTLED = 50
+"""Number of epochs over which a validation score is averaged, to compare two parts of a run."""
+
+
+def read_paper_values(table: str) -> dict:
+    """Read the values of one of the paper's tables, or its slopes of sharpest focus."""
+    return read_toml(PAPER_VALUES)[table]
 
 
 def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
-    """Put the paper's values beside ours; columns as in `COLUMNS`."""
+    """Put the printed values beside the scores of the planes; columns as in `COLUMNS`."""
     if len(scores) != len(paper["depth_mm"]):
         raise InputError(
             f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
@@ -46,188 +59,297 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
     return table[COLUMNS]
 
 
-def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
-    """Score SSIM by the table's window and by others: the paper does not state its own.
-
-    For images [n, plane, h, w]: one row a window, one column a plane, the mean over the samples.
-    """
-    pairs = list(zip(targets, predictions, strict=True))
-    rows = {
-        window: np.mean(
-            [[measure(a, b) for a, b in zip(*pair, strict=True)] for pair in pairs], axis=0
-        )
-        for window, measure in WINDOWS.items()
-    }
-    return pd.DataFrame.from_dict(rows, orient="index")
-
-
-def windows_markdown(windows: pd.DataFrame, depths_mm: list[float]) -> str:
-    """One row a window; the mean SSIM for each depth."""
-    shown = windows.map("{:.4f}".format).set_axis([f"{z:g} mm" for z in depths_mm], axis=1)
-    lines = shown.to_markdown(disable_numparse=True, stralign="right")
-    return f"SSIM of the same images by other windows:\n\n{lines}\n"
-
-
-def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
-    """Score what needs no network: the mean training image, and the input image as it is.
-
-    The latter where the input is one image of the targets' size. One row a plane and baseline;
-    columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``, ``psnr_foreground_db``.
-    """
-    targets = dataset.targets[test]
-    mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
-    baselines = [("mean of the training images", mean)]
-    if dataset.inputs.shape[1:] == (*targets.shape[2:], 1):
-        copied = np.broadcast_to(np.moveaxis(dataset.inputs[test], 3, 1), targets.shape)
-        baselines.append(("the input image", copied))
-    tables = []
-    for name, images in baselines:
-        scores = score(targets, images)
-        tables.append(scores.assign(baseline=name, depth_mm=dataset.config.depths_mm))
-    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]]
-
-
-def baselines_markdown(baselines: pd.DataFrame) -> str:
-    """One row a baseline; SSIM / PSNR / PSNR over the foreground pixels for each depth."""
-    numbers = baselines[["ssim", "psnr_db", "psnr_foreground_db"]].itertuples(index=False)
-    cells = baselines.assign(cell=["{:.3f} / {:.2f} / {:.2f}".format(*row) for row in numbers])
-    shown = cells.pivot(index="baseline", columns="depth_mm", values="cell")
-    shown = shown[baselines.depth_mm.unique()]
-    shown.columns = [f"{depth:g} mm" for depth in shown.columns]
-    lines = shown.to_markdown(disable_numparse=True, stralign="right")
-    return (
-        f"Without a network, SSIM / PSNR / PSNR over the foreground pixels (dB) on the same test "
-        f"split:\n\n{lines}\n"
+def result_markdown(record: dict, paper: dict) -> str:
+    """Write the record of one run as Markdown: its scores, baselines, and SSIM by window."""
+    rows = pd.DataFrame(record["table"])
+    table = pd.DataFrame(
+        {
+            "depth (mm)": rows.depth_mm.map("{:g}".format),
+            "object": rows.object,
+            "SSIM": _with_spread(rows.ssim, rows.ssim_sd, 3),
+            "printed": rows.paper_ssim.map("{:g}".format),
+            "difference": (rows.ssim - rows.paper_ssim).map("{:+.3f}".format),
+            "PSNR (dB)": _with_spread(rows.psnr_db, rows.psnr_sd, 2),
+            "printed (dB)": rows.paper_psnr_db.map("{:g}".format),
+            "difference (dB)": (rows.psnr_db - rows.paper_psnr_db).map("{:+.2f}".format),
+            "PSNR, foreground (dB)": _with_spread(
+                rows.psnr_foreground_db, rows.psnr_foreground_sd, 2
+            ),
+        }
     )
-
-
-def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) -> str:
-    """Write a table as Markdown: ours, the paper's, the difference; a missing run as missing."""
-    if table is None:
-        shown = pd.DataFrame(
-            {
-                "depth (mm)": paper["depth_mm"],
-                "object": paper["object"],
-                "SSIM": "missing",
-                "SSIM, paper": paper["ssim"],
-                "PSNR (dB)": "missing",
-                "PSNR, paper": paper["psnr_db"],
-            }
-        )
-        note = "No finished run: `make tables` makes it."
-    else:
-        shown = pd.DataFrame(
-            {
-                "depth (mm)": table.depth_mm,
-                "object": table.object,
-                "SSIM": _with_spread(table.ssim, table.ssim_sd, 3),
-                "SSIM, paper": table.paper_ssim,
-                "difference": (table.ssim - table.paper_ssim).map("{:+.3f}".format),
-                "PSNR (dB)": _with_spread(table.psnr_db, table.psnr_sd, 2),
-                "PSNR, paper": table.paper_psnr_db,
-                "difference ": (table.psnr_db - table.paper_psnr_db).map("{:+.2f}".format),
-                "PSNR, foreground (dB)": _with_spread(
-                    table.psnr_foreground_db, table.psnr_foreground_sd, 2
-                ),
-            }
-        )
-        machine = ", ".join([*run.get("devices", ()), run["machine"]])  # unknown to old records
-        note = (
-            f"Mean ± standard deviation over {table.n_test[0]} test samples; foreground: over the "
-            f"pixels brighter than {FOREGROUND:.0%} of the peak in the truth. "
-            f"Preset {run['preset']}: {epochs_in_words(run)}; backbone weights: "
-            f"{run['backbone_weights']}; {_seconds_in_words(run)} on {machine}."
-        )
-    lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
-    return f"### {paper['title']}\n\n{lines}\n\n{note}\n"
-
-
-def _seconds_in_words(run: dict) -> str:
-    """Say how long features, start and epochs took; old records do not know of the start."""
-    start = run.get("start_s")
-    features = "" if start is None else f"features and start in {start:.0f} s, "
-    return f"{features}epochs in {run['train_s']:.0f} s"
+    cells = [
+        "{ssim:.3f} / {psnr_db:.2f} / {psnr_foreground_db:.2f}".format(**row)
+        for row in record["baselines"]
+    ]
+    depths = [f"{z:g} mm" for z in paper["depth_mm"]]
+    names = [row["baseline"] for row in record["baselines"][:: len(depths)]]
+    baselines = [
+        {"baseline": name} | dict(zip(depths, cells[k * len(depths) :], strict=False))
+        for k, name in enumerate(names)
+    ]
+    windows = [
+        {"window": name} | {z: f"{x:.4f}" for z, x in zip(depths, row, strict=True)}
+        for name, row in record["ssim_by_window"].items()
+    ]
+    start = f"start {record['start_s']:.0f} s, " if "start_s" in record else ""
+    return "\n\n".join(
+        [
+            f"# {paper['title']}",
+            markdown(table),
+            f"Mean ± standard deviation over {rows.n_test[0]} test samples. "
+            f"Foreground: the pixels brighter than {FOREGROUND:.0%} of the peak in the reference.",
+            f"Preset {record['preset']}: {epochs_in_words(record)}; seed {record['seed']}; "
+            f"backbone weights: {record['backbone_weights']}; {start}epochs "
+            f"{record['train_s']:.0f} s on {_machine(record)}.",
+            "Without a network, SSIM / PSNR (dB) / PSNR of the foreground (dB) on the same test "
+            "samples:",
+            markdown(baselines),
+            "SSIM of the same images with other windows:",
+            markdown(windows),
+        ]
+    ) + "\n"  # fmt: skip
 
 
 def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
     return [f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(mean, spread, strict=True)]
 
 
-def write_table(
-    table: pd.DataFrame,
-    baselines: pd.DataFrame,
-    windows: pd.DataFrame,
-    paper: dict,
-    run: dict,
-    name: str,
-    out: Path,
-) -> None:
-    """Write ``NAME.md``, ``NAME.json`` and, last because make looks at it, ``NAME.csv``."""
-    evaluation = provenance.environment()
-    # What was asked for as weights may not be what was had; `backbone_weights` is what was used.
-    model = {key: value for key, value in run["model"].items() if key != "backbone_weights"}
-    parts = [
-        table_markdown(table, paper, run),
-        baselines_markdown(baselines),
-        windows_markdown(windows, paper["depth_mm"]),
-    ]
-    write_text(out / f"{name}.md", "\n".join(parts))
-    numbers = table.round(6).to_csv(index=False)
-    record = {
-        **{key: value for key, value in run.items() if key not in ("test_indices", SEAL)},
-        "model": model,
-        "table": table.to_dict("records"),
-        "baselines": baselines.to_dict("records"),
-        "ssim_by_window": {window: list(row) for window, row in windows.T.items()},
-        "paper": paper["source"],
-        "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
-        "sha256": hashes_of(out, name) | {f"{name}.csv": text_sha256(numbers)},
-    }
-    write_json(out / f"{name}.json", record)
-    write_text(out / f"{name}.csv", numbers)
+def _machine(record: dict) -> str:
+    """Name of the accelerators, if there are any, and of the machine."""
+    return ", ".join([*record.get("devices", ()), record["machine"]])
 
 
-def read_tables(out: Path, paper_values: Path) -> str:
-    """Both tables of a results folder as Markdown, missing ones shown as missing."""
-    texts = []
-    for name in TABLES:
-        if read_result_record(out, name) is not None:
-            texts.append(read_text(out / f"{name}.md"))
+@dataclass(frozen=True)
+class Row:
+    """Mean scores of a plane over the test split; an infinite PSNR is null in JSON."""
+
+    depth_mm: float
+    ssim: float
+    psnr_db: float | None
+
+
+@dataclass(frozen=True)
+class Record:
+    """The part of a table's record that a comparison needs."""
+
+    seed: int
+    preset: str
+    split: list[float]
+    parts: dict[str, int]
+    model: dict[str, Any]
+    recipe: dict[str, Any]
+    epochs: int
+    backbone_weights: str
+    machine: str
+    table: list[Row]
+    devices: list[str] = field(default_factory=list)
+    dataset: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self):
+        if not isinstance(self.recipe.get("batch_size"), int):
+            raise InputError("recipe must hold a batch_size, a whole number.")
+
+
+@dataclass(frozen=True)
+class Result:
+    """A table of a results folder, known by the folder's name, and how its network learnt."""
+
+    run: str
+    folder: Path
+    record: Record
+    history: pd.DataFrame | None
+
+    @property
+    def weights(self) -> str:
+        """Backbone weights; random ones without their seed, which is the run's."""
+        return re.sub(r" \(seed \d+\)", "", self.record.backbone_weights)
+
+    @property
+    def recipe(self) -> tuple:
+        """Everything that two runs share whose scores may be pooled."""
+        record = self.record
+        return (
+            self.folder.resolve().parent, self.weights, record.preset, record.split, record.parts,
+            record.model, record.recipe, record.epochs, record.dataset.get("config"),
+        )  # fmt: skip
+
+
+def read_result(folder: Path, name: str, run: str) -> Result | None:
+    """Read a table of a results folder; None if there is none."""
+    path = folder / f"{name}.json"
+    if not path.exists():
+        return None
+    record = load_record(Record, path)
+    if [row.depth_mm for row in record.table] != read_paper_values(name)["depth_mm"]:
+        raise InputError(f"{path} is damaged: its table must have the depths of the paper.")
+    history = folder / f"{name}_history.csv"
+    learning = read_history(history, record.epochs) if history.exists() else None
+    return Result(run, folder, record, learning)
+
+
+def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
+    """Group the results of one recipe, each seed once."""
+    pools: list[list[Result]] = []
+    for result in results:
+        for pool in pools:
+            seeds = [one.record.seed for one in pool]
+            if pool[0].recipe == result.recipe and result.record.seed not in seeds:
+                pool.append(result)
+                break
         else:
-            texts.append(table_markdown(None, read_paper_values(paper_values, name), None))
-    return "\n".join(texts)
+            pools.append([result])
+    return pools
 
 
-def scenes_sha256(dataset: Dataset) -> str:
-    """Hash of the configuration: the same on all machines, whose rounding may differ."""
-    asked = {**config_to_json(dataset.config), "samples": len(dataset)}
-    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
+    """Tabulate each pool and plane beside the printed values; columns as in `COMPARED`.
+
+    Scores are means over the seeds, spreads their standard deviations (n - 1).
+    """
+    blocks = [pd.DataFrame(columns=COMPARED)]
+    for pool in pools:
+        rows = [
+            (row.depth_mm, row.ssim, math.inf if row.psnr_db is None else row.psnr_db)
+            for result in pool
+            for row in result.record.table
+        ]
+        scores = pd.DataFrame(rows, columns=["depth_mm", "ssim", "psnr_db"])
+        seeds = scores.groupby("depth_mm", sort=False)
+        spreads = seeds.agg(standard_deviation).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
+        block = seeds.mean().join(spreads).reset_index()
+        block = block.assign(
+            run=pool[0].run, n_seeds=len(pool), object=paper["object"], paper_ssim=paper["ssim"],
+            paper_psnr_db=paper["psnr_db"],
+        )  # fmt: skip
+        blocks.append(block[COMPARED])
+    return pd.concat(blocks[1:] or blocks)
 
 
-def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Path) -> None:
-    """Score a run's test split; write its table and the figure of its first test sample."""
-    record = dict(open_run(run).record)
-    paper = read_paper_values(paper_values, table)
-    tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
-    dataset, indices, predictions = predict_test_split(run)
-    record["scenes_sha256"] = scenes_sha256(dataset)
-    targets = dataset.targets[indices]
-    scores = compare_with_paper(score(targets, predictions), paper)
-    light_field, _ = render_sample(dataset.config, int(indices[0]), dataset.attrs.get("rays"))
-    picture = result_figure(
-        light_field,
-        dataset.inputs[indices[0]].squeeze(),
-        targets[0],
-        predictions[0],
-        dataset.config.depths_mm,
-        f"{record['title']}: sample {indices[0]}, the first of the test split "
-        f"({recipe_in_words(record['preset'])})",
+def tabulate_learning(results: Sequence[Result]) -> pd.DataFrame:
+    """Tabulate the best epoch of each run, and its gain over the second half of its epochs.
+
+    The gain is the mean validation PSNR of the last `SETTLED` epochs less that of the `SETTLED`
+    epochs before the middle; NaN for shorter runs.
+    """
+    rows = []
+    for result in results:
+        if result.history is None:
+            continue
+        psnr = result.history.val_psnr_db
+        best = result.history.loc[psnr.idxmax()]
+        last, middle = len(psnr), len(psnr) // 2
+        gain = psnr[last - SETTLED :].mean() - psnr[middle - SETTLED : middle].mean()
+        rows.append({
+            "run": result.run, "machine": _machine(vars(result.record)),
+            "epochs": result.record.epochs, "best_psnr_db": best.val_psnr_db,
+            "best_epoch": int(best.epoch), "best_s": best.seconds,
+            "gain_db": gain if middle >= SETTLED else math.nan,
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def comparison_markdown(
+    table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict, missing: Sequence[str]
+) -> list[str]:
+    """Write a comparison as paragraphs of Markdown: a column for each pool, and its origin."""
+    columns = {
+        "depth (mm)": [f"{z:g}" for z in paper["depth_mm"]],
+        "object": paper["object"],
+        "printed": [f"{s:g} / {p:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)],
+    }
+    for pool in pools:
+        rows = table[table["run"] == pool[0].run]
+        columns[_title(pool)] = [
+            _cell(*row) for row in rows.loc[:, "ssim":"psnr_seed_sd"].to_numpy()
+        ]
+    parts = [
+        f"## {paper['title']}",
+        "SSIM / PSNR (dB), means over the test split; ±: standard deviation over the seeds.",
+        markdown(pd.DataFrame(columns)),
+    ]
+    if pools:
+        parts.append("\n".join(f"- {_title(pool)}: {_describe(pool)}" for pool in pools))
+    if missing:
+        parts.append(f"No finished run of this table: {', '.join(missing)}.")
+    learning = tabulate_learning([result for pool in pools for result in pool])
+    if len(learning):
+        parts += [
+            "How the networks learnt. PSNR is that of the validation split. Seconds count from the "
+            "start of the run; compare them on one machine only. Gain: mean PSNR of the last "
+            f"{SETTLED} epochs, less that of the {SETTLED} epochs before the middle of the run.",
+            markdown(learning, {
+                "run": ("run", ""), "machine": ("machine", ""), "epochs": ("epochs", ","),
+                "best_psnr_db": ("best PSNR (dB)", ".2f"), "best_epoch": ("at epoch", ","),
+                "best_s": ("after (s)", ",.0f"), "gain_db": ("gain (dB)", "+.2f"),
+            }, missing="-"),
+        ]  # fmt: skip
+    return parts
+
+
+def _title(pool: list[Result]) -> str:
+    seeds = f", {len(pool)} seeds" if len(pool) > 1 else ""
+    epochs = pool[0].record.epochs
+    return f"{pool[0].run}{seeds}" + (f", {epochs:,} epochs" if epochs else "")
+
+
+def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
+    if math.isnan(ssim_sd):
+        return f"{ssim:.3f} / {psnr:.2f}"
+    return f"{ssim:.3f} ± {ssim_sd:.3f} / {psnr:.2f} ± {psnr_sd:.2f}"
+
+
+def _describe(pool: list[Result]) -> str:
+    first = pool[0]
+    seeds = f"seed {first.record.seed}"
+    if len(pool) > 1:
+        listed = sorted(pool, key=lambda result: result.record.seed)
+        seeds = "seeds " + ", ".join(f"{one.record.seed} ({one.run})" for one in listed)
+    return (
+        f"{seeds}; preset {first.record.preset}, {epochs_in_words(vars(first.record))}; backbone "
+        f"weights: {first.weights}"
     )
-    train = training_indices(len(dataset), record)
-    baselines = score_baselines(dataset, train, indices)
-    windows = score_windows(targets, predictions)
-    history = read_text(run / "history.csv")
-    with results_aside(out, last=f"{table}.csv") as aside:  # make looks at it
-        figures.save(picture, aside / f"{figure}.png")
-        write_text(aside / f"{table}_history.csv", history)
-        write_table(scores, baselines, windows, paper, record, table, aside)
+
+
+def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
+    """Compare both tables of results folders; returns the Markdown, and writes a report.
+
+    The report is `out`, NAME.md, with NAME.csv (scores), NAME_learning.csv, NAME.png (validation
+    PSNR against epochs) and NAME.json beside it. An InputError refuses a folder that is missing or
+    a record that is damaged.
+    """
+    if out is not None and out.suffix != ".md":
+        raise InputError(f"The file for the tables must end in .md, got {out}.")
+    folders = list(dict.fromkeys(folders))
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
+    names = [folder.resolve().name for folder in folders]
+    runs = names if len(set(names)) == len(names) else [str(folder) for folder in folders]
+    parts, tables, learning, panels = [], [], [], {}
+    for name in TABLES:
+        paper = read_paper_values(name)
+        found = [read_result(f, name, run) for f, run in zip(folders, runs, strict=True)]
+        missing = [run for run, result in zip(runs, found, strict=True) if result is None]
+        results = [result for result in found if result is not None]
+        pools = pool_seeds(results)
+        table = compare_table(pools, paper)
+        parts += comparison_markdown(table, pools, paper, missing)
+        tables.append(table.assign(table=name))
+        learning.append(tabulate_learning(results).assign(table=name))
+        curves = {
+            _title(pool): [one.history for one in pool if one.history is not None] for pool in pools
+        }
+        panels[paper["title"]] = curves, paper["psnr_db"]
+    if out is None:
+        return "\n\n".join(parts)
+    numbers = {out.stem: pd.concat(tables), f"{out.stem}_learning": pd.concat(learning)}
+    path = write_report(
+        out.parent, out.stem, "Tables I and II", {"results": [str(folder) for folder in folders]},
+        parts, tables={name: _table_first(rows) for name, rows in numbers.items()},
+        pictures={out.stem: learning_figure(panels)},
+    )  # fmt: skip
+    return path.read_text(encoding="utf-8")
+
+
+def _table_first(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[["table", *rows.columns.drop("table")]].round(6)

@@ -1,14 +1,13 @@
-"""Photographs on surfaces, rendered by a program of its own, and the slope of each pixel.
+"""Photographs on surfaces, rendered by a program of its own, and the true slope of each pixel.
 
-A surface has a slope d(p) at each place p of the central view. View (v, u) shows that place at
-``p + d(p) (v, u)``. The renderer inverts this for every sample of a view, keeps the nearest surface
-(the smallest slope) that covers the place it finds, reads that surface's photograph there, and
-averages 3 x 3 samples for each pixel. It shares nothing with the package's simulator: the truth is
-the geometry of these surfaces.
+A surface has a slope d(p) at each place p of the central view, and view (v, u) shows that place at
+``p + d(p) (v, u)``. The renderer inverts this for 3 x 3 samples of each pixel, keeps the nearest
+surface (the smallest slope) that covers the place it finds, and reads that surface's photograph
+there. It shares nothing with the package's simulator: the truth is the geometry of these surfaces.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 
 import numpy as np
@@ -19,55 +18,26 @@ from skimage import data
 SIZE = (128, 160)
 """Number of pixels of a view, (t, s)."""
 
-SAMPLES = 3
-"""Number of samples along each axis of a pixel."""
-
-SLOPES = (-2.0, 2.0)
-"""Range of the slopes of all surfaces."""
-
-TUNED = ("astronaut", "chelsea", "coins", "gravel", "rocket")
 REPORTED = ("coffee", "camera", "brick", "grass", "retina", "moon", "stereo_motorcycle")
-"""Photographs of scikit-image on which the method's numbers were chosen, and on which it is
-measured."""
-
-TURNS = 8
-"""Number of steps of the fixed-point iteration that finds a place on a curved surface."""
+"""Photographs of scikit-image; the library's numbers were chosen on others."""
 
 Points = tuple[np.ndarray, np.ndarray]
+
+WALL = ("bar", 0.0, 0.0, np.inf, np.inf, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Photograph on a surface.
+    """Photograph on a surface; places (y, x) are in pixels from the middle of the central view."""
 
-    Attributes
-    ----------
-    picture : ndarray of float, shape (h, w)
-        Photograph, from 0 to 1; repeated by reflection.
-    at : float
-        Slope at the origin, the middle of the image.
-    gradient : (float, float)
-        Change of the slope per pixel down and to the right.
-    bumps : list of (height, y, x, radius)
-        Bumps of the slope.
-    shape : tuple
-        Empty for a wall; ("ellipse" or "bar", y, x, half height, half width, angle).
-    place : (float, float, float, float)
-        Origin (y, x), scale in pixels of the photograph per pixel, and angle of the photograph.
-    shadows : list of (strength, y, x, radius)
-        Soft shadows on the surface.
-    gloss : list of (strength, y, x, radius, slope)
-        Highlights, mirror images at another slope than the surface.
-    """
-
-    picture: np.ndarray
-    at: float
-    gradient: tuple[float, float] = (0.0, 0.0)
-    bumps: list = field(default_factory=list)
-    shape: tuple = ()
-    place: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 0.0)
-    shadows: list = field(default_factory=list)
-    gloss: list = field(default_factory=list)
+    picture: np.ndarray  # (h, w), from 0 to 1; repeated by reflection
+    at: float  # slope at the middle
+    gradient: tuple[float, float] = (0.0, 0.0)  # change of the slope per pixel
+    bumps: tuple = ()  # of the slope: (height, y, x, radius)
+    shape: tuple = WALL  # "bar" or "ellipse", y, x, half height, half width, angle
+    place: tuple = (0.0, 0.0, 1.0, 0.0)  # of the photograph: origin (y, x), scale, angle
+    shadows: tuple = ()  # on the surface: (strength, y, x, radius)
+    gloss: tuple = ()  # mirror images at another slope: (strength, y, x, radius, slope)
 
     def slope(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Slope at places of the central view."""
@@ -78,26 +48,22 @@ class Surface:
 
     def places(self, y: np.ndarray, x: np.ndarray, v: float, u: float) -> Points:
         """Places of the central view that view (v, u) shows at (y, x)."""
-        # A plane's slope at the place is d(y, x) / (1 + gradient . (v, u)).
+        # The slope of a plane at the place is d(y, x) / (1 + gradient . (v, u)).
         slope = self.slope(y, x) / (1 + self.gradient[0] * v + self.gradient[1] * u)
-        for _ in range(TURNS if self.bumps else 0):
+        for _ in range(8 if self.bumps else 0):  # a fixed-point iteration
             slope = self.slope(y - slope * v, x - slope * u)
         return y - slope * v, x - slope * u
 
     def near(self, y: np.ndarray, x: np.ndarray, v: float, u: float) -> np.ndarray:
         """Whether view (v, u) may show the surface at (y, x): its slope varies by less than 1."""
-        if not self.shape:
-            return np.ones(y.shape, bool)
         _, row, column, height, width, _ = self.shape
         slope, reach = self.slope(row, column), np.hypot(height, width) + np.hypot(v, u) + 1
         return (y - row - slope * v) ** 2 + (x - column - slope * u) ** 2 < reach**2
 
     def covers(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Whether the surface covers places of the central view."""
-        if not self.shape:
-            return np.ones(y.shape, bool)
-        kind, *middle, height, width, angle = self.shape
-        down, across = _turned(y - middle[0], x - middle[1], angle)
+        kind, row, column, height, width, angle = self.shape
+        down, across = _turned(y - row, x - column, angle)
         if kind == "ellipse":
             return (down / height) ** 2 + (across / width) ** 2 < 1
         return (np.abs(down) < height) & (np.abs(across) < width)
@@ -111,7 +77,7 @@ class Surface:
         for strength, *where in self.shadows:
             light = light * (1 - strength * _spot(y, x, *where))
         for strength, *where, slope in self.gloss:
-            moved = slope - self.slope(y, x)  # how far a highlight glides over the surface
+            moved = slope - self.slope(y, x)  # displacement of a highlight on the surface
             light = light + strength * _spot(y - moved * v, x - moved * u, *where)
         return light
 
@@ -125,35 +91,6 @@ def _turned(y, x, angle: float) -> Points:
     return np.cos(angle) * y + np.sin(angle) * x, np.cos(angle) * x - np.sin(angle) * y
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Scene of a kind, and how its views are taken.
-
-    Attributes
-    ----------
-    draw : callable
-        Function ``draw(rng, pictures)`` that gives the surfaces.
-    views : int
-        Number of views along each axis.
-    noise : float
-        Standard deviation of the noise, relative to white.
-    jpeg : int
-        Quality of JPEG compression, or 0 for none.
-    uneven : float
-        Largest loss of light at the rim of the aperture and the corners; a fifth of it is the
-        standard deviation of the views' gains.
-    transparent : bool
-        Whether the views are the mean of those of two scenes; there is no one slope then.
-    """
-
-    draw: Callable[[np.random.Generator, list], list]
-    views: int = 9
-    noise: float = 0.003
-    jpeg: int = 0
-    uneven: float = 0.0
-    transparent: bool = False
-
-
 def _surface(rng, pictures, at: float, **more) -> Surface:
     picture = pictures[rng.integers(len(pictures))]
     origin = [rng.uniform(0.25, 0.75) * n for n in picture.shape]
@@ -161,90 +98,86 @@ def _surface(rng, pictures, at: float, **more) -> Surface:
     return Surface(picture, at, place=place, **more)
 
 
-def _tilt(rng, largest: float) -> tuple[float, float]:
-    return tuple(largest * rng.uniform(-1, 1, 2))
-
-
 def _inside(rng) -> tuple[float, float]:
     return tuple(rng.uniform(-0.42, 0.42, 2) * SIZE)
 
 
+def _cards(rng, pictures, count, kind, at, height, width, tilt=0.0) -> list[Surface]:
+    """Bars or ellipses at random places, their numbers drawn from ranges."""
+    cards = []
+    for _ in range(count):
+        slope, gradient = rng.uniform(*at), tilt * rng.uniform(-1, 1, 2) if tilt else (0.0, 0.0)
+        middle, size = _inside(rng), (rng.uniform(*height), rng.uniform(*width))
+        shape = (kind, *middle, *size, rng.uniform(0, 3))
+        cards.append(_surface(rng, pictures, slope, gradient=gradient, shape=shape))
+    return cards
+
+
 def planes(rng, pictures) -> list[Surface]:
     """Slanted wall with slanted cards before it."""
-    wall = _surface(rng, pictures, rng.uniform(0.6, 1.0), gradient=_tilt(rng, 0.005))
-    cards = [
-        _surface(
-            rng, pictures, rng.uniform(-1.2, -0.3), gradient=_tilt(rng, 0.004),
-            shape=("bar", *_inside(rng), *rng.uniform(16, 40, 2), rng.uniform(0, 3)),
-        )
-        for _ in range(3)
-    ]  # fmt: skip
-    return [wall, *cards]
+    wall = _surface(rng, pictures, rng.uniform(0.6, 1.0), gradient=0.005 * rng.uniform(-1, 1, 2))
+    return [wall, *_cards(rng, pictures, 3, "bar", (-1.2, -0.3), (16, 40), (16, 40), 0.004)]
 
 
 def curved(rng, pictures) -> list[Surface]:
     """Wavy wall with round things before it."""
     bumps = [(rng.uniform(-0.4, 0.4), *_inside(rng), rng.uniform(40, 80)) for _ in range(4)]
-    wall = _surface(rng, pictures, 0.6, gradient=_tilt(rng, 0.003), bumps=bumps)
-    things = []
+    surfaces = [_surface(rng, pictures, 0.6, gradient=0.003 * rng.uniform(-1, 1, 2), bumps=bumps)]
     for at in rng.uniform(-0.9, -0.5, 2):
         middle, radius = _inside(rng), rng.uniform(18, 34)
-        bump = (rng.uniform(-0.6, -0.3), *middle, 1.4 * radius)
+        bumps = [(rng.uniform(-0.6, -0.3), *middle, 1.4 * radius)]
         shape = ("ellipse", *middle, radius, radius * rng.uniform(0.7, 1), 0.0)
-        things.append(_surface(rng, pictures, at, bumps=[bump], shape=shape))
-    return [wall, *things]
+        surfaces.append(_surface(rng, pictures, at, bumps=bumps, shape=shape))
+    return surfaces
 
 
 def thin(rng, pictures) -> list[Surface]:
     """Wall behind bars of 2 to 6 pixels."""
-    bars = [
-        _surface(
-            rng, pictures, rng.uniform(-1.4, 0.0),
-            shape=("bar", *_inside(rng), rng.uniform(1, 3), rng.uniform(30, 90), rng.uniform(0, 3)),
-        )
-        for _ in range(8)
-    ]  # fmt: skip
-    return [_surface(rng, pictures, rng.uniform(0.6, 1.2), gradient=_tilt(rng, 0.003)), *bars]
+    bars = _cards(rng, pictures, 8, "bar", (-1.4, 0.0), (1, 3), (30, 90))
+    at, gradient = rng.uniform(0.6, 1.2), 0.003 * rng.uniform(-1, 1, 2)
+    return [_surface(rng, pictures, at, gradient=gradient), *bars]
 
 
 def occluded(rng, pictures) -> list[Surface]:
     """Wall behind twenty leaves at many slopes."""
-    leaves = [
-        _surface(
-            rng, pictures, rng.uniform(-1.6, 1.0), gradient=_tilt(rng, 0.004),
-            shape=("ellipse", *_inside(rng), *rng.uniform(8, 26, 2), rng.uniform(0, 3)),
-        )
-        for _ in range(20)
-    ]  # fmt: skip
+    leaves = _cards(rng, pictures, 20, "ellipse", (-1.6, 1.0), (8, 26), (8, 26), 0.004)
     return [_surface(rng, pictures, rng.uniform(1.2, 1.6)), *leaves]
 
 
 def mixed(rng, pictures) -> list[Surface]:
-    """Wavy wall, a card, round things, leaves and bars."""
-    wall, *things = curved(rng, pictures)
-    return [wall, *things, planes(rng, pictures)[1], *occluded(rng, pictures)[1:5],
-            *thin(rng, pictures)[1:4]]  # fmt: skip
+    """Wavy wall, round things, a card, leaves and bars."""
+    some = [*curved(rng, pictures), planes(rng, pictures)[1]]
+    return [*some, *occluded(rng, pictures)[1:5], *thin(rng, pictures)[1:4]]
 
 
 def shadowed(rng, pictures) -> list[Surface]:
     """Mixed scene with deep, soft shadows."""
-    return [
-        replace(one, shadows=[
-            (rng.uniform(0.5, 0.9), *_inside(rng), rng.uniform(15, 60)) for _ in range(3)
-        ])
-        for one in mixed(rng, pictures)
-    ]  # fmt: skip
+
+    def shadow() -> tuple:
+        return rng.uniform(0.5, 0.9), *_inside(rng), rng.uniform(15, 60)
+
+    return [replace(x, shadows=[shadow() for _ in range(3)]) for x in mixed(rng, pictures)]
 
 
 def glossy(rng, pictures) -> list[Surface]:
     """Mixed scene with highlights that glide over the wall and the things."""
-    return [
-        replace(one, gloss=[
-            (rng.uniform(0.2, 0.6), *_inside(rng), rng.uniform(6, 18), one.at + rng.uniform(0.4, 1))
-            for _ in range(4)
-        ])
-        for one in mixed(rng, pictures)
-    ]  # fmt: skip
+
+    def highlight(at: float) -> tuple:
+        return rng.uniform(0.2, 0.6), *_inside(rng), rng.uniform(6, 18), at + rng.uniform(0.4, 1)
+
+    return [replace(x, gloss=[highlight(x.at) for _ in range(4)]) for x in mixed(rng, pictures)]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of scene, and how its views are taken."""
+
+    draw: Callable[[np.random.Generator, list], list[Surface]]
+    views: int = 9  # along each axis
+    noise: float = 0.003  # standard deviation, relative to white
+    jpeg: int = 0  # quality of the compression; 0: none
+    uneven: float = 0.0  # largest loss of light at the rim; the views' gains vary by a fifth of it
+    transparent: bool = False  # the mean of two scenes: no pixel has one slope
 
 
 KINDS: Mapping[str, Kind] = {
@@ -263,33 +196,15 @@ KINDS: Mapping[str, Kind] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """Light field and its true slopes.
-
-    Attributes
-    ----------
-    views : ndarray of uint8, shape (v, u, t, s)
-    slopes : ndarray of float64, shape (t, s)
-        Slope of the surface at the middle of each pixel of the central view; NaN without one.
-    """
-
-    views: np.ndarray
-    slopes: np.ndarray
-
-
-def photographs(names: tuple[str, ...] = REPORTED) -> list[np.ndarray]:
+def photographs() -> list[np.ndarray]:
     """Photographs in grey, from 0 to 1."""
-    pictures = []
-    for name in names:
-        picture = getattr(data, name)()
-        picture = np.asarray(picture[0] if isinstance(picture, tuple) else picture, float) / 255
-        pictures.append(picture if picture.ndim == 2 else picture.mean(axis=2))
-    return pictures
+    found = (getattr(data, name)() for name in REPORTED)
+    found = (one[0] if isinstance(one, tuple) else one for one in found)
+    return [np.atleast_3d(one / 255).mean(axis=2) for one in found]
 
 
-def make_sample(kind: Kind, seed: int, pictures: list[np.ndarray]) -> Sample:
-    """Draw a scene, render its views and give its slopes."""
+def make_sample(kind: Kind, seed: int, pictures: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Draw a scene and render it: views uint8 [v, u, t, s], slopes [t, s]; NaN: no one slope."""
     rng = np.random.default_rng(seed)
     steps = np.arange(kind.views) - (kind.views - 1) / 2
     scenes = [kind.draw(rng, pictures) for _ in range(1 + kind.transparent)]
@@ -303,12 +218,12 @@ def make_sample(kind: Kind, seed: int, pictures: list[np.ndarray]) -> Sample:
     views = np.uint8(np.rint(255 * np.clip(views, 0, 1)))
     if kind.jpeg:
         views = np.array([[_compressed(view, kind.jpeg) for view in row] for row in views])
-    return Sample(views, np.full(SIZE, np.nan) if kind.transparent else true_slopes(scenes[0]))
+    return views, np.full(SIZE, np.nan) if kind.transparent else true_slopes(scenes[0])
 
 
 def render_view(surfaces: list[Surface], v: float, u: float) -> np.ndarray:
     """Radiance of each pixel of a view, as the mean of samples."""
-    y, x = (line.ravel() for line in _grid(SAMPLES))
+    y, x = (line.ravel() for line in _grid(3))
     nearest, light = np.full(y.shape, np.inf), np.zeros(y.shape)
     for surface in surfaces:
         some = np.flatnonzero(surface.near(y, x, v, u))
@@ -317,11 +232,11 @@ def render_view(surfaces: list[Surface], v: float, u: float) -> np.ndarray:
         seen = slope < nearest[some]
         nearest[some[seen]] = slope[seen]
         light[some[seen]] = surface.light(at[0][seen], at[1][seen], v, u)
-    return light.reshape(SIZE[0], SAMPLES, SIZE[1], SAMPLES).mean(axis=(1, 3))
+    return light.reshape(SIZE[0], 3, SIZE[1], 3).mean(axis=(1, 3))
 
 
 def true_slopes(surfaces: list[Surface]) -> np.ndarray:
-    """Slope of the nearest surface at each pixel of the central view."""
+    """Slope of the nearest surface at the middle of each pixel of the central view."""
     y, x = _grid(1)
     return np.min([np.where(one.covers(y, x), one.slope(y, x), np.inf) for one in surfaces], axis=0)
 

@@ -1,52 +1,29 @@
-"""What a decoder can reach at best that draws all its images from a few fixed pictures.
+"""Bound on a decoder that composes its images from k fixed pictures.
 
-Behind the pooling, the paper's decoder has k = 256 numbers. A dense layer turns them into images:
-a fixed offset plus the sum of k fixed pictures, each times its number. Whatever the network knows
-of a scene, what it draws lies in that space of k dimensions.
-
-Of all such spaces, the one of the first k principal components about the mean leaves the smallest
-squared error on the samples that it was made from (Eckart and Young 1936); projecting a sample onto
-it takes the best numbers for that sample. Here the pictures come from the training targets, as a
-decoder's do, and the numbers from the test targets themselves, which no network is shown. The PSNR
-of the projections is what remains to be lost to anything but the few numbers.
-
-It bounds linear decoders whose pictures suit the training targets best. The sigmoid behind the
-pictures bends the space, which may do a little better where much is black or saturated.
+After the pooling, the paper's decoder has k = 256 numbers; a dense layer turns them into a fixed
+offset plus k fixed pictures, each times its number. Among all such sets of pictures, the first k
+principal components of the training targets leave the smallest squared error on these targets
+(Eckart and Young 1936), and projecting a test target onto them gives its best numbers, which no
+network knows. The PSNR of the projections therefore bounds linear decoders. The sigmoid after the
+pictures may do a little better where much is black or saturated.
 """
 
 import numpy as np
 from scipy.linalg import eigh
 
-from lf_flame.learning.scores import psnr
-
 MOST_SAMPLES = 4096
-"""Training targets that the components are made from; the work grows with the cube of them."""
-
-
-def principal_component_bound(
-    train_targets: np.ndarray, test_targets: np.ndarray, k: int, bands: int = 1
-) -> np.ndarray:
-    """Find the PSNR of test targets projected on the first k components of training targets.
-
-    Targets [n, plane, h, w] are in [0, 1]; of the training targets the first `MOST_SAMPLES` count,
-    and there are fewer components where they span fewer. Returns a mean over the test samples for
-    each plane, in dB.
-
-    Bands are vertical parts of the image whose contents are independent of one another. Each
-    component then keeps to one band, as it does by itself when the samples are many. With few,
-    chance correlations between objects side by side spoil the components for new samples, and the
-    bound comes out too low.
-    """
-    drawn = project(train_targets, test_targets, k, bands)
-    return np.mean(
-        [list(map(psnr, *pair)) for pair in zip(test_targets, drawn, strict=True)], axis=0
-    )
+"""Maximum number of training targets for the components; the work grows with its cube."""
 
 
 def project(
     train_targets: np.ndarray, test_targets: np.ndarray, k: int, bands: int = 1
 ) -> np.ndarray:
-    """Draw test targets, clipped to [0, 1], from the components of training targets, see above."""
+    """Project test targets onto the first k components of training targets, clipped to [0, 1].
+
+    Targets have the shape (n, plane, h, w). Bands are vertical parts of the image whose contents
+    are independent of one another; each component then lies in one band. Without them, chance
+    correlations in few samples spoil the components, and the bound comes out too low.
+    """
     train_targets = train_targets[:MOST_SAMPLES]
     mean = train_targets.mean(axis=0, dtype=float).astype(np.float32)
     train, test = train_targets - mean, test_targets - mean
@@ -56,11 +33,11 @@ def project(
     spectra = [_spectrum(_flat(train[part])) for part in parts]
     largest = np.sort(np.concatenate([squares for squares, _ in spectra]))[-k:]
     least = min(largest[largest > np.finfo(np.float32).eps * largest[-1]], default=np.inf)
-    drawn = np.zeros_like(test)
+    projected = np.zeros_like(test)
     for part, (squares, directions) in zip(parts, spectra, strict=True):
         pictures, _ = np.linalg.qr(_flat(train[part]).T @ directions[:, squares >= least])
-        drawn[part] = (_flat(test[part]) @ pictures @ pictures.T).reshape(test[part].shape)
-    return np.clip(drawn + mean, 0, 1)
+        projected[part] = (_flat(test[part]) @ pictures @ pictures.T).reshape(test[part].shape)
+    return np.clip(projected + mean, 0, 1)
 
 
 def _flat(x: np.ndarray) -> np.ndarray:
@@ -68,9 +45,9 @@ def _flat(x: np.ndarray) -> np.ndarray:
 
 
 def _spectrum(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of the singular values of (n, pixels), and where they point among the samples.
+    """Squared singular values of (n, pixels), and their directions among the samples.
 
-    From the inner products of the samples, of which there are far fewer than pixels.
+    From the inner products of the samples, because there are far fewer samples than pixels.
     """
     squares, directions = eigh((samples @ samples.T).astype(float))
     return squares, directions.astype(np.float32)

@@ -1,4 +1,4 @@
-"""What a refocusing system takes: milliseconds and memory, in a process of its own.
+"""What a refocusing system costs: milliseconds and memory, in a process of its own.
 
 This module imports nothing heavy, so that a process that runs no network does not load one.
 """
@@ -15,18 +15,10 @@ from experiments.timing import forget_peak_memory, in_turn, peak_memory
 from lf_flame._common.workers import worker_pool
 from lf_flame.systems.base import RefocusingSystem
 
-REPEATS = 15
-SECONDS = 1.0
-"""Repeats go on for so long, for a network is at its full speed only after some."""
-
 
 @dataclass(frozen=True)
 class Cost:
-    """Time and memory of a system; NaN where its process died.
-
-    Milliseconds for a frame, the fastest of 15, or of as many as a second holds; peak memory of its
-    process, less the light field.
-    """
+    """Milliseconds for a frame, and peak memory less the light field; NaN where a process died."""
 
     milliseconds: float
     memory_mb: float
@@ -38,10 +30,7 @@ def measure_cost(
     slopes: np.ndarray,
     block: tuple[int, int],
 ) -> Cost:
-    """Time a system on a frame, in a process of its own that does nothing else.
-
-    The function that loads the system can be pickled; for the frame see `RefocusingSystem.refocus`.
-    """
+    """Time a system on a frame, in a process of its own that does nothing else."""
     with worker_pool(1, _shut_standard_error) as pool:
         try:
             return pool.submit(_measure, load, views, slopes, block).result()
@@ -56,7 +45,8 @@ def _shut_standard_error() -> None:
 
 
 def _measure(load, views, slopes, block) -> Cost:
+    """Take the fastest of 15 repeats, or of as many as a second holds: networks speed up."""
     forget_peak_memory()
     system = load()
-    times = in_turn(lambda: system.refocus(views, slopes, block), rounds=REPEATS, least_s=SECONDS)
+    times = in_turn(lambda: system.refocus(views, slopes, block), rounds=15, least_s=1.0)
     return Cost(1e3 * float(times.best[0]), (peak_memory() - views.nbytes) / 1e6)

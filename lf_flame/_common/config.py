@@ -12,7 +12,7 @@ import typing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from lf_flame._common.checksums import check_seal
+from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,10 +76,9 @@ def load_record(kind: type[T], path: str | Path) -> T:
     Raises
     ------
     InputError
-        If the file cannot be read or does not fit its own hash, or a value is missing or of
-        another type.
+        If the file cannot be read, or a value is missing or of another type.
     """
-    return build_record(kind, check_seal(path), path)
+    return build_record(kind, read_record(path), path)
 
 
 def build_record(kind: type[T], values: Any, source: str | Path) -> T:

@@ -1,4 +1,4 @@
-"""Reading of input files: regular files only; TOML and JSON of bounded size and depth."""
+"""Input files: regular files only; TOML, JSON and ZIP archives of bounded size and depth."""
 
 import io
 import json
@@ -14,8 +14,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
-from zipfile import BadZipFile
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
+from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
 LARGEST_TOML = 1 << 20
@@ -46,12 +47,7 @@ NOT_REGULAR = {
 class PackedFile:
     """A file of an archive, in memory; it has the names that a path has.
 
-    Attributes
-    ----------
-    archive : Path
-    member : str
-        Name in the archive; no path is made of it.
-    content : bytes
+    No path is made of `member`, its name in the archive.
     """
 
     archive: Path
@@ -78,18 +74,7 @@ def open_bytes(path: Source) -> IO[bytes]:
 
 
 def check_regular(path: Source) -> int:
-    """Refuse anything but a regular file before it is opened, because a pipe may block for ever.
-
-    Returns
-    -------
-    int
-        Size of the file in bytes.
-
-    Raises
-    ------
-    InputError
-        If the path does not exist, or is a folder, device, pipe or socket.
-    """
+    """Size of a regular file in bytes; any other is refused, because a pipe may block for ever."""
     if isinstance(path, PackedFile):
         return len(path.content)
     try:
@@ -117,18 +102,8 @@ def readable(
     Only the reader's own calls belong inside the block: the same exception from a mistake in this
     package must not be reported as a damaged file.
 
-    Parameters
-    ----------
-    path : str or Path or PackedFile
-    errors : tuple of exception types
-        Exceptions that the reader raises for a damaged or unknown file.
-    fault : str, optional
-        Other possible fault, for the message: "it is damaged, or ...".
-
-    Raises
-    ------
-    InputError
-        If the file is not regular, or the reader raises one of `errors`.
+    `errors` are those that the reader raises for a damaged or unknown file; `fault` is another
+    possible fault, for the message: "it is damaged, or ...".
     """
     check_regular(path)
     try:
@@ -143,13 +118,7 @@ def readable(
 
 
 def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
-    """Read a text file in UTF-8, with or without a byte-order mark, of at most `largest` bytes.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is larger, or is not UTF-8.
-    """
+    """Read a text file in UTF-8, with or without a byte-order mark, of at most `largest` bytes."""
     size = check_regular(path)
     if size > largest:
         raise InputError(
@@ -169,21 +138,14 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Parse a TOML file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is not TOML, or is too large or too deep.
-    """
+    """Parse a TOML file of bounded size and depth."""
     text = read_text(path, LARGEST_TOML)
-    _check_depth(text, path)
+    if _has_long_name(text):
+        raise _too_deep(path)
     try:
         values = tomllib.loads(text)
-    except RecursionError:  # text can hide brackets from `_check_depth`
-        raise InputError(
-            f"{path} is not a TOML file that can be read: it nests too deep."
-        ) from None
+    except RecursionError:
+        raise _too_deep(path) from None
     except ValueError as error:  # also an impossible date or number
         raise InputError(f"{path} is not a TOML file: {error}.") from None
     _check_values(values, path)
@@ -191,13 +153,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def read_record(path: str | Path) -> dict[str, Any]:
-    """Parse a JSON record written by this program.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is not a JSON object, or is too large or too deep.
-    """
+    """Parse a JSON record written by this program: an object of bounded size and depth."""
     record = parse_json(read_text(path), path)
     if not isinstance(record, dict):
         raise InputError(f"{path} is no record: it must hold names and values.")
@@ -207,22 +163,14 @@ def read_record(path: str | Path) -> dict[str, Any]:
 def parse_json(text: str, source: str | Path) -> Any:
     """Parse JSON of bounded depth; infinity, NaN and repeated names are refused.
 
-    Parameters
-    ----------
-    text : str
-    source : str or Path
-        Origin of the text, named in the message.
-
-    Raises
-    ------
-    InputError
-        If it is not such JSON, or is too deep.
+    `source` is the origin of the text, for the message.
     """
-    _check_depth(text, source)
     try:
         values = json.loads(
             text, object_pairs_hook=_unique, parse_float=_finite, parse_constant=_finite
         )
+    except RecursionError:
+        raise _too_deep(source) from None
     except ValueError as error:
         raise InputError(f"{source} is not a JSON file: {error}.") from None
     _check_values(values, source)
@@ -243,46 +191,27 @@ def _finite(text: str) -> float:
     return number
 
 
-MARKS = re.compile(
-    r""" "(?:[^"\\\n]|\\.)*" | '[^'\n]*'  # text
-       | \#[^\n]*                         # a remark, in TOML
-       | [\[{\]}.\n,=]""",
-    re.VERBOSE,
-)
-
-
-def _check_depth(text: str, source: str | Path) -> None:
-    """Refuse nesting that is too deep, by brackets and, in TOML, by dots in names.
-
-    This precedes parsing because parsers recurse at each bracket, and TOML's parser makes n * n
-    copies for a name of n parts.
-    """
-    brackets = dots = 0
-    for found in MARKS.finditer(text):
-        mark = found[0][0]
-        if mark in "[{":
-            brackets += 1
-        elif mark in "]}":
-            brackets = max(brackets - 1, 0)
-        elif mark == ".":
-            dots += 1
-        elif mark in "\n,=":
-            dots = 0
-        if brackets + dots > DEEPEST:
-            raise InputError(
-                f"{source} cannot be read: its tables and lists nest deeper than {DEEPEST}."
-            )
+def _has_long_name(text: str) -> bool:
+    """Whether a name may have too many parts: TOML's parser copies it once for each of them."""
+    for piece in re.split(r"[=,{}\[\]\n]", text):
+        before = piece.partition("#")[0]
+        quoted = '"' in before or "'" in before  # the # may be part of a text
+        if (piece if quoted else before).count(".") > DEEPEST:
+            return True
+    return False
 
 
 def _check_values(values: Any, source: str | Path) -> None:
-    """Refuse text that no file name or message can hold, and integers beyond 64 bits."""
-    left = [values]
+    """Refuse deep nesting, text that no file name can hold, and integers beyond 64 bits."""
+    left = [(values, 0)]
     while left:
-        value = left.pop()
+        value, depth = left.pop()
+        if depth > DEEPEST:
+            raise _too_deep(source)
         if isinstance(value, dict):
-            left += [*value.keys(), *value.values()]
+            left += [(one, depth + 1) for one in (*value.keys(), *value.values())]
         elif isinstance(value, list):
-            left += value
+            left += [(one, depth + 1) for one in value]
         elif isinstance(value, str) and _is_odd(value):
             raise InputError(
                 f"{source} cannot be used: a text in it holds a null byte or half a character, "
@@ -292,5 +221,59 @@ def _check_values(values: Any, source: str | Path) -> None:
             raise InputError(f"{source} cannot be used: it holds a whole number beyond 64 bits.")
 
 
+def _too_deep(source: str | Path) -> InputError:
+    return InputError(f"{source} cannot be read: its tables and lists nest deeper than {DEEPEST}.")
+
+
 def _is_odd(text: str) -> bool:
     return "\0" in text or any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
+# ZIP archives -------------------------------------------------------------------------------------
+
+MOST_FILES = 100_000
+"""Largest number of files in an archive."""
+
+
+def list_zip(path: str | Path) -> list[PurePosixPath]:
+    """Names of the files in an archive, at most `MOST_FILES`, as paths inside it."""
+    with readable(path, ZIP_ERRORS, "no ZIP archive"), ZipFile(path) as archive:
+        members = [one.filename for one in archive.infolist() if not one.is_dir()]
+    if len(members) > MOST_FILES:
+        raise InputError(
+            f"{path} cannot be read: it holds {len(members):,} files, and {MOST_FILES:,} are the "
+            f"most."
+        )
+    return [PurePosixPath(name) for name in members]
+
+
+def read_zip(path: str | Path, names: list[PurePosixPath]) -> list[PackedFile]:
+    """Read files of an archive into memory, by their names from `list_zip`.
+
+    Raises
+    ------
+    InputError
+        If one is damaged, encrypted or packed in another way than by DEFLATE, or if together they
+        exceed the memory limit.
+    """
+    with readable(path, (KeyError, *ZIP_ERRORS), "no ZIP archive"), ZipFile(path) as archive:
+        members = [archive.getinfo(str(name)) for name in names]
+        for member in members:
+            check_member(member, path)
+        check_memory(sum(member.file_size for member in members), path)
+        found = []
+        for member in members:
+            with archive.open(member) as file:
+                # Without the number of bytes, all would be unpacked whatever the entry says.
+                content = file.read(member.file_size)
+            found.append(PackedFile(Path(path), member.filename, content))
+        return found
+
+
+def check_member(member: ZipInfo, path: str | Path) -> None:
+    """Refuse packing that is not read, or that zipfile would unpack without a bound."""
+    if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+        raise InputError(
+            f"{path} cannot be read: {member.filename} in it is packed by method "
+            f"{member.compress_type}; only stored files and DEFLATE are read."
+        )

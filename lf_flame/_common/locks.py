@@ -1,12 +1,11 @@
 """One writer at a time for each output."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from lf_flame._common.atomic_files import made
 from lf_flame.errors import InputError
 
 
@@ -14,37 +13,34 @@ from lf_flame.errors import InputError
 def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
     """Keep other processes from writing the same output during the block.
 
-    The lock is a file ``.NAME.lock`` beside the output. The system holds it for this process and
-    frees it when the process ends for any reason.
-
-    Parameters
-    ----------
-    output : str or Path
-        A file or folder, which need not exist; its parent folder is made.
-    wait_s : float, optional
-        Longest time to wait for another process, in seconds.
+    The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made, and removed
+    if they are empty at the end. The system frees it when the process ends for any reason.
 
     Raises
     ------
     InputError
-        If another process is still writing there, or the output is the root folder.
+        If another process is still writing there after `wait_s` seconds, or the output is the root
+        folder.
     """
     path = Path(output).resolve()
     if not path.name:
         raise InputError(f"{output} is the root of all folders; choose another place.")
+    made = [folder for folder in path.parents if not folder.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
     file = path.with_name(f".{path.name}.lock")
     lock = FileLock(file, timeout=wait_s)
-    with made(path.parent):
-        try:
-            lock.acquire()
-        except Timeout:
-            raise InputError(
-                f"{output} is being written by another process; wait for it, or choose another "
-                f"place."
-            ) from None
-        try:
-            yield
-        finally:
-            # Removed while held: a process that opened it before finds it gone, and makes another.
-            file.unlink(missing_ok=True)
-            lock.release()
+    try:
+        lock.acquire()
+    except Timeout:
+        raise InputError(
+            f"{output} is being written by another process; wait for it, or choose another place."
+        ) from None
+    try:
+        yield
+    finally:
+        # Removed while held: a process that opened it before finds it gone, and makes another.
+        file.unlink(missing_ok=True)
+        lock.release()
+        with suppress(OSError):  # one holds something
+            for folder in made:
+                folder.rmdir()

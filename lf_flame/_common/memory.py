@@ -12,13 +12,7 @@ SHARE = 0.5
 
 
 def memory_limit() -> float:
-    """Largest number of bytes that one input may take.
-
-    Raises
-    ------
-    InputError
-        If the environment variable is not a number above 0.
-    """
+    """Largest number of bytes that one input may take."""
     stated = os.environ.get(LIMIT)
     if stated is None:
         return SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -36,19 +30,9 @@ class OverLimitError(InputError):
 
 
 def check_memory(needed: int, source: object) -> None:
-    """Refuse an input that needs too much memory, before memory is allocated.
+    """Refuse an input that needs too many bytes, before they are allocated, by an OverLimitError.
 
-    Parameters
-    ----------
-    needed : int
-        Number of bytes.
-    source : object
-        Name of the input, for the message.
-
-    Raises
-    ------
-    OverLimitError
-        If `needed` exceeds the limit.
+    `source` is the name of the input, for the message.
     """
     limit = memory_limit()
     if needed > limit:

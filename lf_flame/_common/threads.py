@@ -1,210 +1,61 @@
-"""Compiled loops with pieces that idle threads take in turn.
+"""Compiled loops: shared among Numba's threads, and kept on disk.
 
-Numba's parallel loops divide the work beforehand and end when the last thread has done its part;
-OpenMP's threads use a core while they wait. On a machine with other work, a thread often has no
-core for some milliseconds, and all others wait for it. Here the caller itself works from the first
-piece on. Helpers take pieces as soon as they start; helpers that have not started by the end are
-not waited for. Measured on two cores for four refocused images: half the time of Numba's own loops
-beside one busy process (2.7 and 5.6 ms), a tenth more on an idle machine (1.8 and 1.6 ms). No
-thread spins, and no environment variable is set; only the number of threads is read from Numba's
-threading layer.
+A loop is a function of the number of a piece of work, which is called for all pieces:
 
-A loop becomes a kernel that takes the numbers of its pieces from a queue:
+    @parallel(lambda values: values.size)
+    def double(k, values):
+        values[k] *= 2
 
-    def _double(queue, values):
-        for k in pieces(queue, values.size):
-            values[k] *= 2
-
-    double = shared(_double)
     double(values)
 
-The result of a piece must not depend on the thread: then the bits do not depend on the number of
-threads, which is Numba's: ``numba.set_num_threads`` and ``NUMBA_NUM_THREADS``.
+One thread does a piece, so that the bits do not depend on the number of threads, which is Numba's:
+``numba.set_num_threads`` and ``NUMBA_NUM_THREADS``.
 """
 
+import ctypes
 import hashlib
+import importlib.metadata
+import inspect
 import logging
 import os
+import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.core import event
+from numba import njit, prange, types
+from numba.core import cgutils
+from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
-
-from lf_flame._common.compiling import NOT_KEPT, compiled, not_kept
-
-SHARES = 64
-"""Number of runs into which pieces are divided, so that the last thread alone does a 64th."""
-
-CLOSED = 1 << 40
-"""Counter value of a closed queue: above any number of pieces, with room to count further."""
 
 COMPILING = (
     "Compiling what this command needs for this machine; it takes some seconds, at its first call."
 )
+NOT_KEPT = (
+    "Compiling for this machine, some seconds at each start: no folder can be written in which "
+    "Numba would keep the result; set NUMBA_CACHE_DIR to one."
+)
+# Of Numba's threading layers tbb alone survives calls from several threads at once, where workqueue
+# ends the process, and a fork, where omp does. Numba does not look where pip puts the library, but
+# takes one that is loaded.
+with suppress(importlib.metadata.PackageNotFoundError, OSError):
+    for _file in importlib.metadata.files("tbb") or ():
+        if _file.name == "libtbb.so.12":
+            ctypes.CDLL(str(_file.locate()))
 
-LOGGER = logging.getLogger(__name__)
-
-
-class _Announcement(event.Listener):
-    """Logs, once in a process, that loops are being compiled.
-
-    Measured: the first start of simulate, refocus or dataset takes 4 to 7 seconds longer than the
-    second. Loading from Numba's cache does not raise this event.
-    """
-
-    def __init__(self):
-        self.said = False
-
-    def on_start(self, event):
-        if not self.said:
-            self.said = True
-            LOGGER.info(NOT_KEPT if not_kept else COMPILING)
-
-    def on_end(self, event):
-        """Log nothing."""
-
-
-event.register("numba:compile", _Announcement())
-
-
-@intrinsic
-def _take_next(_context, address, index):
-    """Increment the int64 at an address atomically, and return its previous value.
-
-    A thread that reads the counter also sees every write made before the increment
-    (acquire/release). It takes an address, not an array, because other threads change the value,
-    and the compiler assumes that no other thread changes arrays.
-    """
-
-    def generate(context, builder, _signature, arguments):
-        first = builder.inttoptr(arguments[0], ir.PointerType(ir.IntType(64)))
-        place = builder.gep(first, [arguments[1]])
-        return builder.atomic_rmw("add", place, context.get_constant(types.int64, 1), "acq_rel")
-
-    return types.int64(types.int64, types.int64), generate
-
-
-def _count_up(counters: np.ndarray, index: int) -> int:
-    """Increment in Python, for one thread."""
-    counters[index] += 1
-    return counters[index] - 1
-
-
-take_next = _count_up if numba.config.DISABLE_JIT else _take_next
-
-
-def as_counters(counters: np.ndarray) -> Any:
-    """Address of int64 counters for `take_next`; the array must be kept alive meanwhile."""
-    return counters if numba.config.DISABLE_JIT else counters.ctypes.data
-
-
-def _pieces(queue: Any, count: int) -> Iterator[int]:
-    """Yield the numbers below `count` that no other thread has received.
-
-    Large loops hand out runs of neighbours, to avoid false sharing.
-    """
-    together = max(count // SHARES, 1)
-    first = take_next(queue, 0) * together
-    while first < count:
-        for piece in range(first, min(first + together, count)):  # noqa: UP028 - not in Numba
-            yield piece
-        first = take_next(queue, 0) * together
-
-
-pieces = njit(_pieces)
-
-
-def _version(function: Callable) -> str:
-    """Hash of the files that contribute code to a compiled loop.
-
-    It identifies what Numba has kept on disk. Numba itself checks only the loop's own file: after a
-    change of a function in another file it would go on with the old numbers, as a test of this
-    module shows. A compiled function of another file must not call one of a third.
-    """
-    parts = [part for part in function.__globals__.values() if isinstance(part, Dispatcher)]
-    files = {part.py_func.__code__.co_filename for part in parts}
-    return hashlib.sha256(b"".join(map(_read, sorted(files)))).hexdigest()[:8]
+_PROCESS, _LOCK = os.getpid(), threading.Lock()
 
 
 @lru_cache
-def _read(file: str) -> bytes:
-    return Path(file).read_bytes()
-
-
-class SharedKernel:
-    """A compiled loop that threads share; called with its function's arguments but the queue."""
-
-    def __init__(self, function: Callable[..., None], **options):
-        function.__qualname__ = f"{function.__qualname__}-{_version(function)}"
-        self.compiled = compiled(function, nogil=True, **options)
-        self.__doc__, self.__name__ = function.__doc__, function.__name__
-
-    def alone(self, *arguments: Any) -> None:
-        """Do all work in the caller's thread, for loops too short for helpers to join."""
-        self._work(np.zeros(1, np.int64), *arguments)
-
-    def _work(self, counter: np.ndarray, *arguments: Any) -> None:
-        """Take pieces until none remain; holding `counter` here keeps it alive."""
-        self.compiled(as_counters(counter), *arguments)
-
-    def __call__(self, *arguments: Any) -> None:
-        if numba.config.DISABLE_JIT:  # increments in Python are not atomic
-            self.alone(*arguments)
-            return
-        counter = np.zeros(1, np.int64)
-        helpers: list[Future] = []
-        try:
-            self._ask_for_help(helpers, counter, arguments)
-            self._work(counter, *arguments)
-        except BaseException:
-            counter[0] = CLOSED
-            raise
-        finally:
-            _wait_for(helpers)
-
-    def _ask_for_help(self, helpers: list[Future], counter: np.ndarray, arguments: tuple) -> None:
-        with suppress(RuntimeError):  # no thread can be started: continue without helpers
-            for _ in range(numba.get_num_threads() - 1):
-                helpers.append(_helpers(os.getpid()).submit(self._work, counter, *arguments))
-
-
-def _wait_for(helpers: list[Future]) -> None:
-    """Wait for all helpers that have begun, even if the wait is interrupted."""
-    begun = [helper for helper in helpers if not helper.cancel()]
-    try:
-        for helper in begun:
-            helper.result()
-    finally:
-        for helper in begun:
-            while not helper.done():
-                helper.exception()
-
-
-def shared(function: Callable[..., None], **options: Any) -> SharedKernel:
-    """Compile a loop over `pieces` for all threads.
-
-    Parameters
-    ----------
-    function : callable
-        Function of a queue, which it passes on to `pieces`, and of arguments; returns nothing.
-    **options
-        Options of ``numba.njit``.
-
-    Returns
-    -------
-    SharedKernel
-    """
-    return SharedKernel(function, **options)
+def _needed_lock() -> Any:
+    numba.get_num_threads()  # starts the threads, which a user may have chosen
+    return _LOCK if numba.threading_layer() == "workqueue" else nullcontext()
 
 
 @contextmanager
@@ -218,8 +69,110 @@ def one_thread() -> Iterator[None]:
         numba.set_num_threads(threads)
 
 
-@lru_cache(maxsize=1)
-def _helpers(_process: int) -> ThreadPoolExecutor:
-    """Threads beside the caller's; a forked process, which has lost them, starts new ones."""
-    most = max(numba.config.NUMBA_NUM_THREADS - 1, 1)
-    return ThreadPoolExecutor(most, thread_name_prefix="lf_flame")
+@lru_cache  # once in a process
+def _announce(message: str) -> None:
+    logging.getLogger(__name__).info(message)
+
+
+class _Cache(FunctionCache):
+    """Compiled code on disk; a fault in it costs a compilation, and never a wrong result.
+
+    Numba's own raises an error if no folder can be written, as in some containers, and looks at
+    the function's own file alone: it would go on with old code of functions of other files.
+    """
+
+    def __init__(self, function):
+        parts = [part for part in function.__globals__.values() if isinstance(part, Dispatcher)]
+        files = {__file__, *(part.py_func.__code__.co_filename for part in parts)}
+        contents = b"".join(Path(file).read_bytes() for file in sorted(files))
+        self._enabled = False
+        with suppress(RuntimeError):
+            super().__init__(function)
+            own = self._cache_file._source_stamp
+            self._cache_file._source_stamp = own, hashlib.sha256(contents).digest()
+
+    def load_overload(self, sig, target_context):
+        """Load compiled code; a damaged file, which may raise any error, is discarded."""
+        found = None
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception:
+            with suppress(OSError):
+                self.flush()
+        if found is None:
+            _announce(COMPILING if self._enabled else NOT_KEPT)
+        return found
+
+    def save_overload(self, sig, data):
+        """Save compiled code; errors of the disk (full, removed) are ignored."""
+        with suppress(OSError):
+            super().save_overload(sig, data)
+
+
+# Numba passes no tuple of tuples to its threads, but passes a pointer to one.
+@intrinsic
+def _pointer(_context, value):
+    def generate(context, builder, _signature, arguments):
+        place = cgutils.alloca_once(builder, context.get_data_type(value))
+        context.pack_value(builder, value, arguments[0], place)
+        return place
+
+    return types.CPointer(value)(value), generate
+
+
+# Numba's function of this name takes a lock at each call, which a fork would leave locked.
+_set_chunk = types.ExternalFunction("set_parallel_chunksize", types.uintp(types.uintp))
+
+
+@intrinsic
+def _value(_context, pointer):
+    def generate(context, builder, signature, arguments):
+        value = context.unpack_value(builder, pointer.dtype, arguments[0])
+        return impl_ret_borrowed(context, builder, signature.return_type, value)
+
+    return pointer.dtype(pointer), generate
+
+
+class Kernel:
+    """A compiled loop over a body; called with the body's arguments but the first."""
+
+    def __init__(self, count: Callable[..., int], body: Callable[..., None]):
+        self.count, self.body = count, body
+        names, counted = ([*inspect.signature(function).parameters] for function in (body, count))
+        self.counted = [names.index(name) - 1 for name in counted]
+        piece = njit(body)
+
+        def loop(alone, count, *arguments):
+            pointer, done = _pointer(arguments), 0
+            if alone:
+                for k in range(count):
+                    piece(k, *arguments)
+                return
+            before = _set_chunk(max(count // 32, 1))  # runs of pieces that idle threads take
+            for k in prange(count):
+                piece(np.int64(k), *_value(pointer))
+                done += 1
+            _set_chunk(before)
+            if done != count:  # the error itself may be lost with its thread
+                raise RuntimeError("A compiled loop failed: no memory left, or a division by 0.")
+
+        loop.__module__, loop.__qualname__ = body.__module__, f"{body.__qualname__}.loop"
+        self.compiled = njit(parallel=True, nogil=True)(loop)
+        if not numba.config.DISABLE_JIT:
+            self.compiled._cache = _Cache(body)  # type: ignore[attr-defined]
+
+    def __call__(self, *arguments: Any) -> None:
+        count = self.count(*(arguments[place] for place in self.counted))
+        if numba.config.DISABLE_JIT:
+            for k in range(count):
+                self.body(k, *arguments)
+        elif os.getpid() != _PROCESS:  # forked, without the threads
+            self.compiled(True, count, *arguments)
+        else:
+            with _needed_lock():
+                self.compiled(False, count, *arguments)
+
+
+def parallel(count: Callable[..., int]) -> Callable[[Callable], Kernel]:
+    """Compile ``f(k, ...)`` as a loop over k below the count, a function of arguments of f."""
+    return lambda body: Kernel(count, body)

@@ -10,9 +10,16 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import SOOT, read_exposed_colours, soot_options, write_soot
+from lf_flame.commands.colour_fits import (
+    SOOT,
+    check_colour_folders,
+    read_exposed_colours,
+    soot_options,
+    write_soot,
+)
 from lf_flame.commands.options import (
     FOLDER,
+    OVERWRITE,
     PATH,
     SEED,
     FiniteRange,
@@ -93,6 +100,7 @@ FITTING = cloup.option_group(
 @FITTING
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default abel/SOURCE.")
+@OVERWRITE
 def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **options):
     """Find the emission of an axisymmetric flame with an upright axis.
 
@@ -134,10 +142,13 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
             f"{lens.focus_distance_mm:g} mm, got {radius:g}."
         )
     reading = pick(Reading, options)
-    out, seed = options.pop("out"), options.pop("seed")
+    out, seed = options.pop("out") or Path("abel") / source.stem, options.pop("seed")
+    overwrite = options.pop("overwrite")
     colours, thin = options.pop("colours"), options.pop("thin")
     of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
     calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
+    if calibration is not None:
+        check_colour_folders(out, calibration.responses.names, RECORD, overwrite)
     light_field = _read_views(source, reading, lens)
     check_range(light_field.views, options["noise"])
     grey = light_field if calibration is None else light_field.grey()
@@ -151,7 +162,6 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         "central" if central else "all",
         burner,
     )
-    out = out or Path("abel") / source.stem
     facts = {
         "seed": seed,
         "bootstrap": options["bootstrap"],
@@ -159,7 +169,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     }
     if calibration is None:
         facts["source"] = source
-        _fit_grey(light_field, grid, axis, out, facts, options)
+        _fit_grey(light_field, grid, axis, out, overwrite, facts, options)
         return
     soot = reconstruct_axisymmetric_soot(
         light_field, grid, calibration, **of_soot, seed=seed, **options
@@ -171,7 +181,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     def write(found: "AxisymmetricFlame", _: "LightField", folder: "OutputFolder") -> None:
         write_flame(found, axis, folder)
 
-    write_soot(soot, lights, names, out, RECORD, write, source, facts)
+    write_soot(soot, lights, names, out, RECORD, overwrite, write, source, facts)
 
 
 def _fit_grey(
@@ -179,6 +189,7 @@ def _fit_grey(
     grid: "AxisymmetricGrid",
     axis: "FlameAxis",
     out: Path,
+    overwrite: bool,
     facts: dict[str, Any],
     options: dict[str, Any],
 ) -> None:
@@ -188,7 +199,7 @@ def _fit_grey(
     from lf_flame.tomography import reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
 
-    with output_folder(out, RECORD) as folder:
+    with output_folder(out, RECORD, overwrite=overwrite) as folder:
         found = reconstruct_axisymmetric(light_field, grid, rng=facts["seed"], **options)
         write_flame(found, axis, folder)
         notes = [*facts["notes"], *found.unseen]

@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, FiniteRange, PlacedFile, tell_all
+from lf_flame.commands.options import FOLDER, OVERWRITE, FiniteRange, PlacedFile, tell_all
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -43,7 +43,8 @@ from lf_flame.errors import InputError
 )
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default calibration.")
-def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, **options) -> None:
+@OVERWRITE
+def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, overwrite, **options) -> None:
     """Measure a camera in mm, by pictures of a flat target at known depths.
 
     TARGET@DEPTH_MM is the picture of a checkerboard (or, with --dots, of a square grid of dots),
@@ -77,7 +78,8 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, **options) -> N
     depths = [depth for _, depth in placed]
     refuse_few_depths(depths)  # before any picture is read
     reading = Reading(**options)
-    with output_folder(out or Path("calibration"), output.RECORD) as folder:
+    out = out or Path("calibration")
+    with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
         targets = []
         for source, depth in tqdm(placed, "calibrating", unit="target"):
             try:

@@ -19,12 +19,10 @@ from lf_flame.commands import (
     process,
     profiles,
     program,
-    report,
     simulation,
     systems,
     temperature,
     tomography,
-    verify,
     viewer,
 )
 from lf_flame.commands.options import HELP, Program
@@ -77,7 +75,6 @@ SECTIONS = [
         [networks.weights, networks.train, networks.export, networks.predict],
     ),
     cloup.Section("Refocusing systems", [systems.train_system]),
-    cloup.Section("Results", [verify.verify, report.report]),
 ]
 
 

@@ -80,12 +80,21 @@ def read_exposed_colours(path: Path, source: Path) -> "tuple[ColourCalibration, 
     ]
 
 
+def check_colour_folders(out: Path, names: tuple[str, ...], record: str, overwrite: bool) -> None:
+    """Refuse, before the fits, folders of colours that may not be written."""
+    from lf_flame._common.output_folders import refuse_folder
+
+    for name in names:
+        refuse_folder(out / name, record, overwrite=overwrite)
+
+
 def write_soot(
     soot: "Soot",
     lights: "list[LightField]",
     names: tuple[str, ...],
     out: Path,
     record: str,
+    overwrite: bool,
     write: "Callable[[Any, LightField, OutputFolder], None]",
     source: Path,
     facts: dict[str, Any],
@@ -99,7 +108,7 @@ def write_soot(
 
     call = secrets.token_hex(8)
     for number, (name, found, light) in enumerate(zip(names, soot.colours, lights, strict=True)):
-        with output_folder(out / name, record) as folder:
+        with output_folder(out / name, record, overwrite=overwrite) as folder:
             write(found, light, folder)
             folder.facts |= facts | {
                 "source": recorded_path(source, folder.folder),

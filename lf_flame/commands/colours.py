@@ -11,7 +11,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, FiniteRange, PlacedFile, tell_all
+from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, FiniteRange, PlacedFile, tell_all
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -56,7 +56,8 @@ MOST_UNKNOWN = 0.01
 )
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default colours.")
-def calibrate_colours(placed, responses, exposures, emissivity, out, **options) -> None:
+@OVERWRITE
+def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, **options) -> None:
     """Measure the gains of a camera's colours, by pictures of a furnace at known temperatures.
 
     PICTURE@KELVIN is a picture of the opening of a furnace (black body) or of a lamp, read as by
@@ -78,6 +79,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.formats import read_exposure
+    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import colour_output
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
     from lf_flame.tomography.pyrometry import least_temperature
@@ -92,7 +94,8 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             f"got {len(exposures)}."
         )
     reading = Reading(**options)
-    with output_folder(out or Path("colours"), colour_output.RECORD) as folder:
+    out = out or Path("colours")
+    with output_folder(out, colour_output.RECORD, overwrite=overwrite) as folder:
         sources = [path for path, _ in placed]
         in_files = [] if exposures else list(filter(None, map(read_exposure, sources)))
         # Gains are those of the first picture's exposure, to which that of the flame is compared.
@@ -105,6 +108,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
         fit = replace(fit, calibration=replace(fit.calibration, exposure=first))
+        notes = next(filter(None, map(notes_on_coding, sources)), [])
         colour_output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
@@ -114,6 +118,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             "emissivity": emissivity,
             "least_temperature_K": least,
             "reading": reading.given(),
+            "notes": notes,
         }
     click.echo(colour_output.colours_table(fit, kelvin))
     click.echo(f"these colours tell temperatures of soot from {least:.0f} K on")
@@ -129,6 +134,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
             "is; if not, say so by --exposure, or its absorption comes out wrong.",
             err=True,
         )
+    tell_all("Note", notes)
     tell_all("Warning", fit.warnings)
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 

@@ -18,27 +18,10 @@ if TYPE_CHECKING:
     from lf_flame.datasets.config import DatasetConfig
 
 
-class FolderOrUrl(click.ParamType):
-    """A folder that can be made, or an address in an object store."""
-
-    name = "folder or URL"
-
-    def convert(self, value, param, ctx):
-        """Give a path for a folder, and text for a URL."""
-        if isinstance(value, str) and "://" in value:
-            return value
-        return FOLDER.convert(value, param, ctx)
-
-
 @cloup.command()
 @click.argument("config", type=FILE)
 @click.option("--preset", default="paper", show_default=True, help="A key of [samples] in CONFIG.")
-@click.option(
-    "--out",
-    type=FolderOrUrl(),
-    required=True,
-    help="Folder of the Zarr group to make; or s3://BUCKET/NAME, which needs the extra [s3].",
-)
+@click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
 @click.option(
     "--route",
     type=click.Choice(["direct", "exact", "rays"]),
@@ -49,7 +32,7 @@ class FolderOrUrl(click.ParamType):
 def dataset(
     config: Path,
     preset: str,
-    out: Path | str,
+    out: Path,
     workers: int,
     route: Literal["direct", "exact", "rays"] | None,
     scheduler: str | None,
@@ -60,12 +43,9 @@ def dataset(
     \b
       lf-flame dataset flames.toml --out flames.zarr
       lf-flame dataset big.toml --out /shared/big.zarr --scheduler tcp://node1:8786
-      lf-flame dataset big.toml --out s3://bucket/big.zarr --scheduler tcp://node1:8786
 
-    The workers of a cluster must have this package, and must find OUT under the same name, or have
-    the credentials of the object store in their environment. The bytes do not depend on the
-    workers. An object store has no locks: let one program at a time build there. Networks train on
-    folders: first copy a data set from its store, and check it by `lf-flame verify`.
+    The workers of a cluster must have this package, and must find OUT under the same name. The
+    bytes do not depend on the workers.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.progress import progress_bar
     from lf_flame.datasets.config import read_config
@@ -76,7 +56,7 @@ def dataset(
     if route:
         settings = replace(settings, route=route)
     samples = settings.sample_count(preset)
-    if isinstance(out, Path) and out.exists():
+    if out.exists():
         _check_finished(out, settings, samples)
         (out / "zarr.json").touch()  # make compares it with the configuration file
         click.echo(f"{out} is complete: {samples} samples.")
@@ -84,8 +64,7 @@ def dataset(
     click.echo(f"{samples} samples into {out}; first, the slopes of sharpest focus", err=True)
     with crew.executor() as executor:
         make_dataset(settings, samples, out, crew.processes, progress_bar, executor)
-    if isinstance(out, Path):
-        (out / "zarr.json").touch()
+    (out / "zarr.json").touch()
 
 
 def _check_finished(out: Path, settings: "DatasetConfig", samples: int) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from tabulate import tabulate
 
-from lf_flame._common.tiff_files import TIFF_SUFFIXES, read_tiff
+from lf_flame._common.images import TIFF_SUFFIXES, read_tiff
 from lf_flame.errors import InputError
 from lf_flame.optics.lens import Lens
 from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes

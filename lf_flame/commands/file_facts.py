@@ -49,7 +49,7 @@ def describe(source: Path) -> Found:
 
 def _folder(source: Path) -> Found:
     """Folder, archive or list of views."""
-    from lf_flame._common.pixels import read_shape
+    from lf_flame._common.images import read_shape
     from lf_flame.formats import scan_view_folder
     from lf_flame.formats.coding import notes_on_coding
 

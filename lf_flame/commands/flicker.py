@@ -10,7 +10,15 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH, FiniteRange, camera_option, tell_all
+from lf_flame.commands.options import (
+    FILE,
+    FOLDER,
+    OVERWRITE,
+    PATH,
+    FiniteRange,
+    camera_option,
+    tell_all,
+)
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -69,8 +77,9 @@ MEASURES = cloup.option_group(
 @MEASURES
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default flicker/NAME.")
+@OVERWRITE
 def flicker(
-    sources, frames_per_second, timestamps, slope, depth_mm, camera, out, **options
+    sources, frames_per_second, timestamps, slope, depth_mm, camera, out, overwrite, **options
 ) -> None:
     """Follow a flame through a video of light fields: height, contour and flicker frequency.
 
@@ -112,7 +121,9 @@ def flicker(
     reading = Reading(**options).for_camera(paths[0], lens)
     _refuse_few(paths)
     times = _times(paths, frames_per_second, timestamps)
-    with output_folder(_folder_for(sources, paths, out), output.RECORD) as folder:
+    source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
+    out = out or Path("flicker") / (source.resolve().name or "frames")
+    with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
         frames = _checked_frames(read_frames(paths, reading), lens, measures.slope)
         series = measure_frames(
             paths,
@@ -213,12 +224,3 @@ def _checked_frames(frames, lens, slope: float | None):
             )
         yield light_field
         del light_field
-
-
-def _folder_for(sources: tuple[Path, ...], paths: list[Path], out: Path | None) -> Path:
-    """Choose the folder of the files."""
-    source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
-    out = out or Path("flicker") / (source.resolve().name or "frames")
-    if out.resolve() in {path.parent.resolve() for path in paths}:
-        raise InputError(f"The files cannot go into the frames' own folder, {out}.")
-    return out

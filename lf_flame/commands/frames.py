@@ -12,7 +12,6 @@ from pathlib import Path
 import click
 
 from lf_flame import formats
-from lf_flame._common.checksums import file_sha256
 from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
@@ -165,9 +164,9 @@ class FrameReader:
 
     @property
     def description(self) -> str:
-        """Options and the contents of the files that they name, as text."""
-        hashes = [file_sha256(path) for path in self.reading.files if path.is_file()]
-        return f"{self.reading.given()} {hashes}"
+        """Options, and size and time of change of the files that they name, as text."""
+        found = [path.stat() for path in self.reading.files if path.is_file()]
+        return f"{self.reading.given()} {[(one.st_size, one.st_mtime_ns) for one in found]}"
 
     @cached_property
     def _read(self) -> Callable[[Path], LightField]:

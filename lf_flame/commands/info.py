@@ -60,10 +60,9 @@ def info(source: Path, thumbnail: Path | None, camera: Path | None) -> None:
 def _write_thumbnail(source: Path, target: Path) -> None:
     """Write a preview: the camera's own, or the photograph of all views."""
     from lf_flame._common.atomic_files import atomic_write
-    from lf_flame._common.locks import exclusive
 
     data = _preview(source, target.suffix.lower())
-    with exclusive(target), atomic_write(target) as aside:
+    with atomic_write(target) as aside:
         aside.write_bytes(data)
 
 

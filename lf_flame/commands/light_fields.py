@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, PATH, UsablePath, pick, tell
+from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, UsablePath, pick, tell
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
@@ -39,8 +39,11 @@ class MapCommand(cloup.Command):
 @SLOPES
 @APPEARANCE
 @READING
-@click.option("--out", type=FOLDER, help="Folder for the pictures; default refocused/SOURCE.")
-def refocus(source, camera, out, **options):
+@click.option(
+    "--out", type=FOLDER, help="Folder; default refocused/SOURCE, with the slopes asked for."
+)
+@OVERWRITE
+def refocus(source, camera, out, overwrite, **options):
     """Refocus a light field of any kind; find its sharpest slope; sweep through its focus.
 
     SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), such a folder
@@ -73,7 +76,7 @@ def refocus(source, camera, out, **options):
     check_movie(f"sweep.{look.movie}")
     if look.network:
         look.refuse_for_network(focus.maps)
-    with picture_folder(_folder_for(source, out), source) as folder:
+    with picture_folder(out or _default_folder(source, focus.name), source, overwrite) as folder:
         network = open_network(look.network)
         light_field = reading.for_camera(source, lens).read_or_open(source)
         views = light_field.shape[:2]
@@ -131,19 +134,14 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
 
 
 def _tell_files(folder) -> None:
-    """Print the files that were written, and those kept from earlier calls."""
+    """Print the files that were written."""
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
-    if folder.kept:
-        click.echo(f"beside those of earlier calls: {printable(', '.join(folder.kept))}")
 
 
-def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
+def _default_folder(source: Path, ending: str) -> Path:
     """Choose the folder of the pictures."""
     name = source.resolve().name if source.is_dir() else source.stem
-    out = out or Path("refocused") / f"{name}{ending}"
-    if out.resolve() == source.resolve():
-        raise InputError(f"The pictures cannot go into the light field's own folder, {source}.")
-    return out
+    return Path("refocused") / f"{name}{ending}"
 
 
 def _refuse_other_network(path: Path | None, network) -> None:
@@ -185,8 +183,11 @@ def _refuse_other_network(path: Path | None, network) -> None:
     help="Run of `train-system volumetric`, a network that removes the ghosts of the cross.",
 )
 @READING
-@click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE-regions.")
-def refocus_regions(source, regions, slopes, background, cross, network, out, **options) -> None:
+@click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE_regions.")
+@OVERWRITE
+def refocus_regions(
+    source, regions, slopes, background, cross, network, out, overwrite, **options
+) -> None:
     """Bring regions of a light field into focus, each at its own slope; blur the rest.
 
     SOURCE is read as by `lf-flame refocus`. The slope of a region comes from a slope map; or, with
@@ -205,7 +206,8 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     from lf_flame.commands.refocus_output import describe_job, picture_folder, write_regions
     from lf_flame.systems.region_refocus import refocus_regions
 
-    with picture_folder(_folder_for(source, out, "-regions"), source) as folder:
+    out = out or _default_folder(source, "_regions")
+    with picture_folder(out, source, overwrite) as folder:
         unet = open_network(network)
         _refuse_other_network(network, unet)
         cross = cross or unet is not None

@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, PATH, SEED, UsablePath
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
@@ -51,7 +51,8 @@ def export(run: Path, out: Path) -> None:
     help="Run folder, or a .keras file that `lf-flame export` wrote.",
 )
 @click.option("--out", type=FOLDER, default="predicted", show_default=True, help="Results folder.")
-def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
+@OVERWRITE
+def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -> None:
     """Let a trained network refocus IMAGES.
 
     The network has memorised the depth of each object, from the pictures of one camera and one
@@ -70,7 +71,11 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
       lf-flame predict photograph.png --model runs/closed-form/flames
       lf-flame predict raw.png light_field.npz --model flames.keras
     """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import refuse_folder
+
     folders = _result_folders(images, out)
+    for folder in folders:
+        refuse_folder(folder, "prediction.json", overwrite=overwrite)
     from lf_flame.learning.model_card import load_network, read_card
     from lf_flame.learning.prediction import input_size, predict, read_input
 
@@ -83,7 +88,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     load_keras()
     network = load_network(model, card)
     for prediction, folder in zip(predict(network, inputs), folders, strict=True):
-        prediction.write(card, folder)
+        prediction.write(card, folder, overwrite=overwrite)
         source, place = printable(prediction.seen.source), printable(folder)
         click.echo(f"{source}: refocused in {prediction.ms:.0f} ms, in {place}")
 
@@ -97,8 +102,6 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
             raise InputError(
                 f"{image} and another image would both go into {folder}; call twice (--out)."
             )
-        if folder.resolve() == image.resolve():
-            raise InputError(f"The pictures cannot go into the light field's own folder, {image}.")
         folders.append(folder)
     return folders
 

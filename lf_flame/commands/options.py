@@ -107,6 +107,13 @@ FOLDER = UsablePath(file_okay=False, path_type=Path)
 RUN = UsablePath(exists=True, file_okay=False, path_type=Path)
 PATH = UsablePath(path_type=Path)
 
+OVERWRITE = click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Replace the folder if an earlier call of this command made it, and nothing was added.",
+)
+"""Option of every command that makes a folder of results."""
+
 
 def camera_option(purpose: str = "", *, required: bool = False):
     """Option --camera; `purpose` ends the sentence of its help."""

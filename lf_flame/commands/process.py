@@ -112,6 +112,7 @@ def process(
     from lf_flame.flame_video import find_steps, process_frames
     from lf_flame.flame_video.processing.film import check_film, write_film
     from lf_flame.flame_video.processing.frames import TRIED
+    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography.frustum_grid import planes_between
 
     crew, reading = pick(Crew, options), pick(Reading, options)
@@ -123,6 +124,7 @@ def process(
     paths = [path.absolute() for path in find_frames(sources, reading.files)]
     if out.absolute().parent in {path.parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
+    tell_all("Note", notes_on_coding(paths[0]))
     rows, times, unit = _times(paths, frames_per_second, timestamps)
     reading = reading.for_camera(paths[0], lens)
     reader, said = FrameReader.by_first_sound(paths[:TRIED], reading), Said()

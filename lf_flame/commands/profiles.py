@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, RUN, FiniteRange
+from lf_flame.commands.options import FOLDER, OVERWRITE, RUN, FiniteRange
 from lf_flame.errors import InputError
 
 
@@ -32,7 +32,8 @@ from lf_flame.errors import InputError
     help="Thickness of that strip, in mm; at least that of a pixel.",
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default profiles/FOLDER.")
-def profiles(folder, out, **strips) -> None:
+@OVERWRITE
+def profiles(folder, out, overwrite, **strips) -> None:
     """Take profiles of emission along a flame and across it, with 95 % bands.
 
     FOLDER is the output of `lf-flame reconstruct`. Positions and heights are in mm from the optical
@@ -65,7 +66,8 @@ def profiles(folder, out, **strips) -> None:
         )
     emission = read_emission(folder)
     found = take_profiles(emission, Strips(**strips))
-    with output_folder(out or Path("profiles") / folder.resolve().name, RECORD) as written:
+    out = out or Path("profiles") / folder.resolve().name
+    with output_folder(out, RECORD, overwrite=overwrite) as written:
         write_profiles(found, emission.depths_mm, written)
         written.facts |= {"source": recorded_path(folder, written.folder)}
         written.facts |= {"bootstrap": len(emission.draws), **strips}

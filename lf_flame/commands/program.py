@@ -87,6 +87,8 @@ def prepare_process() -> None:
         If NUMBA_NUM_THREADS is no number from 1 to `MOST_THREADS`; Numba would crash at its start.
     """
     os.environ["MPLBACKEND"] = "agg"
+    if not os.environ.get(EPOCH, "0").isdecimal():  # at which NumPy's f2py ends, which SciPy loads
+        del os.environ[EPOCH]
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
@@ -120,6 +122,9 @@ def _interrupt_again(unraisable) -> None:
         sys.__unraisablehook__(unraisable)
 
 
+EPOCH = "SOURCE_DATE_EPOCH"
+"""Name of an environment variable with a time in seconds, which this program does not use."""
+
 MOST_THREADS = 1024
 """Largest number of threads of Numba; it starts safely with these, and crashes with 100 000."""
 
@@ -128,7 +133,6 @@ OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas"), LEARNING),
     "zarr": f"{LEARNING}, or for videos alone: pip install 'lf_flame[video]'",
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
-    **dict.fromkeys(("fsspec", "s3fs"), "This needs object stores: pip install 'lf_flame[s3]'"),
     **dict.fromkeys(
         ("pylops", "pyproximal"),
         "Emission by depth needs its solvers: pip install 'lf_flame[tomography]'",

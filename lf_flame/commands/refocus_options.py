@@ -172,6 +172,15 @@ class Focus:
         return replace(self, slope_map=(found.low, found.high))
 
     @property
+    def name(self) -> str:
+        """Name of what is requested, so that calls for other slopes get other default folders."""
+        asked = {
+            "slope": self.slopes, "depth": self.depths, "sweep": self.sweep, "map": self.slope_map
+        }  # fmt: skip
+        words = [name + "".join(f"{x:+g}" for x in some) for name, some in asked.items() if some]
+        return "_".join(["", *words, *(["map"] if self.map_auto else [])])[:80]
+
+    @property
     def searches(self) -> bool:
         """Whether to find the sharpest slope: if requested, or if nothing else is."""
         return self.search or not (self.slopes or self.depths or self.sweep or self.maps)

@@ -9,9 +9,8 @@ import numpy as np
 
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder, output_folder
-from lf_flame._common.recorded_paths import recorded_path, recorded_places
+from lf_flame._common.recorded_paths import recorded_path
 from lf_flame.commands.refocus_job import RefocusJob
-from lf_flame.errors import InputError
 from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
@@ -32,37 +31,11 @@ SWEEP_FRAMES = 41
 
 
 @contextmanager
-def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
-    """Add pictures of one light field to a folder, and ``refocus.json``, their record.
-
-    Pictures of earlier calls stay, except those of the same names.
-
-    Parameters
-    ----------
-    folder : Path
-    source : Path
-        Path of the light field.
-
-    Raises
-    ------
-    InputError
-        If the folder holds pictures of another light field; or as `output_folder` says.
-    """
-    with output_folder(folder, RECORD, adds=True) as out:
-        _refuse_other_source(out, source)
+def picture_folder(folder: Path, source: Path, overwrite: bool) -> Iterator[OutputFolder]:
+    """Make a folder for pictures of the light field `source`, with ``refocus.json``."""
+    with output_folder(folder, RECORD, overwrite=overwrite) as out:
         out.facts["source"] = recorded_path(source, folder)
         yield out
-
-
-def _refuse_other_source(out: OutputFolder, source: Path) -> None:
-    before = out.before.source
-    if before is None:
-        return
-    if source.resolve() not in recorded_places(before, out.folder):
-        raise InputError(
-            f"{out.folder} holds the pictures of {before}; for those of {source} choose "
-            f"another folder with --out."
-        )
 
 
 def describe_job(job: RefocusJob, out: OutputFolder) -> None:

@@ -11,7 +11,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
+from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, PATH, SEED
 from lf_flame.errors import InputError
 
 
@@ -130,6 +130,7 @@ def plan(
 @cloup.command()
 @click.argument("scene", type=FILE)
 @click.option("--out", type=FOLDER, help="Folder for the files; default simulated/SCENE.")
+@OVERWRITE
 @_effect_options
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the sensor's noise.")
 @click.option(
@@ -139,7 +140,7 @@ def plan(
     show_default=True,
     help="Closed-form integrals (exact) or backward rays; auto takes the cheapest that is correct.",
 )
-def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator: str) -> None:
+def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) -> None:
     """Render a SCENE file: raw image, views, and the stack refocused at each layer's depth.
 
     Only the effects that the scene needs are simulated; `lf-flame plan SCENE` shows which.
@@ -163,7 +164,7 @@ def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator
     out = out or Path("simulated") / scene.stem
     layers, camera, effects, stated = _read_scene(scene, on, off)
     options = {"tolerance": tolerance, "effects": effects, "seed": seed, "integrator": integrator}
-    record = simulate(layers, camera, out, stated=stated, **options)
+    record = simulate(layers, camera, out, overwrite=overwrite, stated=stated, **options)
     kept = [effect["name"] for effect in record["plan"]["effects"] if effect["kept"]]
     click.echo(f"simulated: {', '.join(kept) or 'no effect'} ({record['plan']['integrator']})")
     for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):

@@ -34,6 +34,7 @@ def simulate(
     stated: Collection[str],
     integrator: str,
     seed: int,
+    overwrite: bool = False,
 ) -> dict[str, Any]:
     """Render a scene, refocus it at the depth of each layer, and write everything.
 
@@ -50,13 +51,15 @@ def simulate(
         As in `lf_flame.plan_effects`.
     integrator, seed
         As in `lf_flame.render`.
+    overwrite : bool, optional
+        Whether to replace the folder of an earlier call.
 
     Returns
     -------
     dict
         Record of the scene and its image.
     """
-    with output_folder(out, "simulation.json") as folder:
+    with output_folder(out, "simulation.json", overwrite=overwrite) as folder:
         with progress.stage("Looking which effects the scene calls for"):
             plan = plan_effects(scene, camera, tolerance, effects, stated=stated)
         light_field = render_plan(scene, camera, plan, integrator, seed=seed)

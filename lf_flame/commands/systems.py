@@ -33,17 +33,15 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
     refocused from all views.
 
     \b
-      aperturenet            ours: nine aligned views, each for a ninth of the aperture
-      aperturenet-low-light  the same, from samples in low light
-      aperturenet-round      the same, for the views in a round aperture
-      refocusnet             four aligned views (Ben Dayan et al. 2020), the published layers
-      refnet                 7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
-      refnet-fourier         the same, from the Fourier slice instead of shift-and-sum
-      volumetric             a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
+      aperturenet      ours: nine aligned views, each for a ninth of the aperture
+      refocusnet       four aligned views (Ben Dayan et al. 2020), the published layers
+      refnet           7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
+      refnet-fourier   the same, from the Fourier slice instead of shift-and-sum
+      volumetric       a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
+      unet-nine-views  the same U-Net after ApertureNet's nine views
     """  # noqa: D301 - click reads the backspace
     load_keras()
-    from lf_flame.systems.training import train_system
-    from lf_flame.systems.training_config import read_systems_config
+    from lf_flame.systems.training import read_systems_config, train_system
 
     asked = read_systems_config(config)
     asked = asked if seed is None else replace(asked, seed=seed)

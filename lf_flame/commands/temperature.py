@@ -12,7 +12,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, RUN, tell_all
+from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, RUN, tell_all
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +48,10 @@ if TYPE_CHECKING:
     "radiance in both colours (default: 1).",
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FOLDER.")
-def temperature(folders, calibration_file, wavelengths, soot_exponent, calibration, out) -> None:
+@OVERWRITE
+def temperature(
+    folders, calibration_file, wavelengths, soot_exponent, calibration, out, overwrite
+) -> None:
     """Find the temperature of soot from its emission in two colours or more.
 
     FOLDER is one of `lf-flame reconstruct` or `lf-flame abel` with --colours, which holds a folder
@@ -99,7 +102,8 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
         gains=colours.gains,
         soot_exponent=soot_exponent,
     )
-    with output_folder(out or Path("temperature") / folders[0].name, RECORD) as folder:
+    out = out or Path("temperature") / folders[0].name
+    with output_folder(out, RECORD, overwrite=overwrite) as folder:
         warnings = temperature_warnings(found, colours)
         notes = temperature_notes(found, every, colours, soot_exponent)
         absolute = calibration_file is not None

@@ -10,9 +10,16 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import SOOT, read_exposed_colours, soot_options, write_soot
+from lf_flame.commands.colour_fits import (
+    SOOT,
+    check_colour_folders,
+    read_exposed_colours,
+    soot_options,
+    write_soot,
+)
 from lf_flame.commands.options import (
     FOLDER,
+    OVERWRITE,
     PATH,
     SEED,
     FiniteRange,
@@ -171,6 +178,7 @@ FITTING = cloup.option_group(
 @FITTING
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
+@OVERWRITE
 def reconstruct(
     source,
     depths,
@@ -178,6 +186,7 @@ def reconstruct(
     block,
     camera,
     out,
+    overwrite,
     optical_thickness,
     l_curve,
     seed,
@@ -203,6 +212,7 @@ def reconstruct(
     from lf_flame.commands.emission import read_thickness
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import FrustumGrid, Roughness
+    from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.frustum_grid import planes_between
 
     if bool(depths) == bool(planes):
@@ -224,14 +234,16 @@ def reconstruct(
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
+    out = out or Path("reconstructed") / source.stem
+    if calibration is not None:
+        check_colour_folders(out, calibration.responses.names, RECORD, overwrite)
     reading = pick(Reading, options)
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     facts = {"seed": seed, "bootstrap": options["bootstrap"]}
     facts["notes"] = [*notes, *notes_on_coding(source)]
-    out = out or Path("reconstructed") / source.stem
     if l_curve:
         options["penalty"] = Roughness(whole_curve=True)
-    fit = _Fit(light_field, grid, options, source, out, facts)
+    fit = _Fit(light_field, grid, options, source, out, overwrite, facts)
     if calibration is None:
         _write_emission(fit, thickness, optical_thickness)
     else:
@@ -246,6 +258,7 @@ class _Fit(NamedTuple):
     options: dict[str, Any]
     source: Path
     out: Path
+    overwrite: bool
     facts: dict[str, Any]
 
 
@@ -260,7 +273,7 @@ def _write_emission(fit: _Fit, thickness: "float | np.ndarray | None", given: st
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
 
-    with output_folder(fit.out, RECORD) as folder:
+    with output_folder(fit.out, RECORD, overwrite=fit.overwrite) as folder:
         found = find_emission(
             fit.light_field,
             fit.grid,
@@ -292,5 +305,5 @@ def _write_soot(fit: _Fit, calibration: "ColourCalibration", of_soot: dict[str, 
     )
     names = calibration.responses.names
     lights = split_colours(fit.light_field, names)
-    facts = fit.facts | of_soot
-    write_soot(soot, lights, names, fit.out, RECORD, write_reconstruction, fit.source, facts)
+    facts, write = fit.facts | of_soot, write_reconstruction
+    write_soot(soot, lights, names, fit.out, RECORD, fit.overwrite, write, fit.source, facts)

@@ -210,10 +210,9 @@ def show(
 
 def _write(exhibit: "Exhibit", path: Path, megabytes: float) -> None:
     from lf_flame._common.atomic_files import atomic_write
-    from lf_flame._common.locks import exclusive
     from lf_flame.viewer.page import single_page
 
-    with exclusive(path), atomic_write(path) as aside:
+    with atomic_write(path) as aside:
         page, quality = single_page(exhibit, int(megabytes * 1e6))
         aside.write_text(page, encoding="utf-8")
     click.echo(f"{printable(path)} is written, {len(page) / 1e6:.1f} MB: {quality}")
@@ -269,9 +268,7 @@ def demo_exhibit(source: str | None = None) -> "Exhibit":
 
 
 def _save(light_field, path: Path) -> None:
-    from lf_flame._common.locks import exclusive
     from lf_flame.formats import write_light_field
 
-    with exclusive(path):
-        write_light_field(light_field, path, 16)
+    write_light_field(light_field, path, 16)
     click.echo(f"{printable(path)} is written", err=True)

@@ -2,8 +2,8 @@
 
 Every sample is drawn from the seed and its index, and every shard is written by one task as a
 whole. Therefore no two tasks write one file, a run that was interrupted continues with the
-incomplete shards, and the bytes do not depend on the workers. `lf_flame.datasets.places` handles
-folders and object stores.
+incomplete shards, and the bytes do not depend on the workers. A data set is built as ``NAME.part``
+and renamed when it is complete.
 """
 
 import json
@@ -21,17 +21,13 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
+from lf_flame._common.atomic_files import atomic_folder, remove_leftovers
+from lf_flame._common.input_files import readable
+from lf_flame._common.locks import exclusive
 from lf_flame._common.workers import carry_out
+from lf_flame._common.zarr_files import ZARR_ERRORS, open_array
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
-from lf_flame.datasets.hashes import (
-    check_attributes,
-    hash_images,
-    hash_parameters,
-    open_array,
-    set_attributes,
-)
-from lf_flame.datasets.metadata import SIMULATED
-from lf_flame.datasets.places import Place, find_place, open_group, writing
+from lf_flame.datasets.metadata import METADATA, SIMULATED, check_array_files, read_attributes
 from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.refocus import SlopeSearch
@@ -60,8 +56,8 @@ class Task:
         Slopes of the targets.
     rays : int or None
         Number of rays per pixel along each axis, see `lf_flame.datasets.sampling.count_rays`.
-    address : str
-        Address of the group that is being built, see `lf_flame.datasets.places`.
+    folder : str
+        Folder of the group that is being built.
     samples : range
         Indices of the samples, a whole shard.
     """
@@ -69,23 +65,22 @@ class Task:
     config: str
     slopes: tuple[float, ...]
     rays: int | None
-    address: str
+    folder: str
     samples: range
 
     def __call__(self) -> range:
         """Simulate the samples, and write them all at once."""
-        config, group = _open(self.config, self.address)
+        config, group = _open(self.config, self.folder)
         made = [
             simulate_sample(config, list(self.slopes), index, self.rays) for index in self.samples
         ]
-        with writing(self.address):
-            _store(group, slice(self.samples.start, self.samples.stop), made)
+        _store(group, slice(self.samples.start, self.samples.stop), made)
         return self.samples
 
 
 @lru_cache(maxsize=4)
-def _open(config: str, address: str) -> tuple[DatasetConfig, zarr.Group]:
-    return config_from_json(json.loads(config), address), open_group(address)
+def _open(config: str, folder: str) -> tuple[DatasetConfig, zarr.Group]:
+    return config_from_json(json.loads(config), folder), zarr.open_group(folder, mode="r+")
 
 
 def make_dataset(
@@ -105,21 +100,20 @@ def make_dataset(
     samples : int
         Number of samples.
     path : str or Path
-        Folder of the Zarr group, which must not exist yet; or a place in an object store that
-        fsspec can access, such as ``s3://BUCKET/NAME``, with the credentials of the environment.
+        Folder of the Zarr group, which must not exist yet.
     workers : int, optional
         Number of processes; 1 uses the calling one.
     progress : callable, optional
         Function ``progress(finished, done, total)`` that wraps the iterable of finished samples.
     executor : concurrent.futures.Executor, optional
         Executor to use instead of `workers`, perhaps on other machines; all of them must see the
-        folder under the same name, or reach the object store.
+        folder under the same name.
 
     Raises
     ------
     InputError
-        If `path` exists, the folder in which it is built holds something else, another process
-        builds it, or the object store cannot be reached.
+        If `path` exists, the folder in which it is built holds something else, or another process
+        builds it.
     OSError
         If a file cannot be written; finished samples are kept.
 
@@ -130,14 +124,17 @@ def make_dataset(
     >>> Dataset("shapes.zarr").targets.shape
     (3, 4, 24, 48)
     """
-    place = find_place(path)
-    with place.reserved():
+    path = Path(path)
+    part = path.with_name(path.name + ".part")
+    with exclusive(path):
+        if path.exists() or path.is_symlink():  # a folder cannot replace a link
+            raise InputError(f"{path} exists; remove it or choose another folder.")
         started = time.perf_counter()
-        slopes, rays = _begin(place, config, samples)
-        asked, group = json.dumps(config_to_json(config)), place.open()
+        slopes, rays = _begin(part, config, samples)
+        asked, group = json.dumps(config_to_json(config)), zarr.open_group(part, mode="r+")
         tasks = [
-            Task(asked, slopes, rays, place.address, range(first, last))
-            for first, last in _open_shards(place, group)
+            Task(asked, slopes, rays, str(part.resolve()), range(first, last))
+            for first, last in _open_shards(part, group)
         ]
         missing = sum(len(task.samples) for task in tasks)
         finished = carry_out(tasks, workers, executor)
@@ -148,23 +145,32 @@ def make_dataset(
             "wall_s": round(time.perf_counter() - started, 2),
             "samples_this_run": missing,
         }
-        _finish(place, group, made)
-        place.finish()
+        _finish(part, group, made)
+        part.rename(path)
 
 
-def _begin(
-    place: Place, config: DatasetConfig, samples: int
-) -> tuple[tuple[float, ...], int | None]:
+def _begin(part: Path, config: DatasetConfig, samples: int) -> tuple[tuple[float, ...], int | None]:
     """Create a data set's arrays, unless they exist; returns the targets' slopes and the rays."""
-    begun = place.attributes()
-    if begun is None:
+    if not part.exists():
         # First, because this also shows that the scene can be rendered.
         rays = count_rays(config)
         searches = search_slopes(config, rays, whole_range=config.route == "rays")
-        with place.laid_out() as group, writing(place.address):
+        remove_leftovers(part)
+        with atomic_folder(part) as aside:  # so that NAME.part is always a data set
+            group = zarr.open_group(aside, mode="w", zarr_format=3)
             _lay_out(group, config, samples, searches, rays)
         return tuple(search.slope for search in searches), rays
-    _check_same(place, config, samples)
+    begun = read_attributes(part) if (part / METADATA).exists() else None
+    if begun is None:
+        raise InputError(
+            f"{part} is in the way: a data set is built under that name, but this is none; move "
+            f"it or choose another folder."
+        )
+    if begun.config != config_to_json(config) or check_array_files(part, config) != samples:
+        raise InputError(
+            f"{part} was begun with another configuration or number of samples; remove it or "
+            f"choose another folder."
+        )
     return tuple(begun.slopes), begun.rays
 
 
@@ -206,23 +212,12 @@ def _lay_out(
         "rays": rays,
         "config": config_to_json(config),
     }
-    set_attributes(group, attributes)
+    group.update_attributes(attributes)  # in one write; `group.attrs.update` makes one for each
 
 
-def _check_same(place: Place, config: DatasetConfig, samples: int) -> None:
-    group = place.open()
-    same = group.attrs.get("config") == config_to_json(config)
-    if not same or place.count_samples(config) != samples:
-        raise InputError(
-            f"{place.name} was begun with another configuration or number of samples; "
-            f"remove it or choose another folder."
-        )
-    check_attributes(group, place.name)
-
-
-def _open_shards(place: Place, group: zarr.Group) -> Iterator[tuple[int, int]]:
+def _open_shards(part: Path, group: zarr.Group) -> Iterator[tuple[int, int]]:
     """First sample of each incomplete shard, and one past the last."""
-    with place.reading():
+    with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
         complete = open_array(group, "complete")
         done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
     for first in range(0, done.size, count):
@@ -262,13 +257,12 @@ def _count_simulated(group: zarr.Group) -> dict[str, Any]:
     }
 
 
-def _finish(place: Place, group: zarr.Group, made: dict[str, Any]) -> None:
-    """Write the hashes, and the program and machine that made the data set."""
-    attributes = dict(group.attrs)
-    with place.reading():
-        attributes |= {"sha256": hash_images(group), "parameters_sha256": hash_parameters(group)}
-        if SIMULATED in group:
+def _finish(part: Path, group: zarr.Group, made: dict[str, Any]) -> None:
+    """Record the program and machine that made the data set."""
+    for left in part.rglob("*.partial"):  # of a write of Zarr's store that was interrupted
+        left.unlink(missing_ok=True)
+    attributes: dict[str, Any] = {"provenance": {**provenance.environment(), **made}}
+    if SIMULATED in group:
+        with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
             attributes[SIMULATED] = _count_simulated(group)
-    attributes["provenance"] = {**provenance.environment(), **made}
-    with writing(place.address):
-        set_attributes(group, attributes)
+    group.update_attributes(attributes)

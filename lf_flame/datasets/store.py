@@ -6,8 +6,7 @@ of each object; ``parameters/*``, the values that were drawn; and ``complete`` (
 planned for each sample, ``simulated`` (n, 1 + effects) says whether rays were traced and which
 effects were simulated, and an attribute of that name counts the samples. Images are in shards,
 files of some samples, each compressed separately and with a checksum; other arrays are in chunks of
-as many samples. Attributes include the hashes of images, parameters and attributes.
-`lf_flame.datasets.making` makes such groups.
+as many samples. `lf_flame.datasets.making` makes such groups.
 """
 
 from functools import cached_property
@@ -19,16 +18,8 @@ import zarr
 
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.zarr_files import ZARR_ERRORS
+from lf_flame._common.zarr_files import ZARR_ERRORS, open_array, refuse_missing_chunks
 from lf_flame.datasets.config import config_from_json
-from lf_flame.datasets.hashes import (
-    ATTRIBUTES_SHA256,
-    check_attributes,
-    hash_images,
-    hash_parameters,
-    open_array,
-    samples_together,
-)
 from lf_flame.datasets.metadata import METADATA, check_array_files, read_attributes
 from lf_flame.errors import InputError
 
@@ -56,7 +47,7 @@ class Dataset:
                 f"There is no data set at {path}{hint}; make it with `lf-flame dataset`."
             )
         found = read_attributes(self.path)
-        if found is None or found.sha256 is None:
+        if found is None:
             raise InputError(f"{path} is not a data set, or is damaged: it does not say what of.")
         self.config = config_from_json(found.config, self.path)
         check_array_files(self.path, self.config)
@@ -66,41 +57,9 @@ class Dataset:
             self._group = zarr.open_group(self.path, mode="r")
             self.attrs: dict[str, Any] = dict(self._group.attrs)
             complete = np.asarray(open_array(self._group, "complete")[:])
-        check_attributes(self._group, self.path)
         if not np.all(complete == 1):
             missing = np.flatnonzero(complete != 1)[0]
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
-
-    def verify(self) -> list[str]:
-        """Compare the whole data set with its hashes.
-
-        Returns
-        -------
-        list of str
-            Names of the parts that are unchanged; older data sets have no hashes of parameters and
-            attributes.
-
-        Raises
-        ------
-        InputError
-            If a sample, or what was drawn for it, has changed.
-        """
-        sound = ["attributes"] if ATTRIBUTES_SHA256 in self.attrs else []
-        for what, name, digest in (
-            ("images", "sha256", hash_images),
-            ("parameters", "parameters_sha256", hash_parameters),
-        ):
-            if name not in self.attrs:
-                continue
-            with readable(self.path / METADATA, ZARR_ERRORS, "a sample is"):
-                found = digest(self._group)
-            if found != self.attrs[name]:
-                raise InputError(
-                    f"{self.path} is damaged: the {what} are not those that were written; remove "
-                    f"it and make it again."
-                )
-            sound.append(what)
-        return sound
 
     def __len__(self) -> int:
         return open_array(self._group, "complete").shape[0]
@@ -123,7 +82,8 @@ class Dataset:
     def _read(self, name: str) -> np.ndarray:
         array = open_array(self._group, name)
         check_memory(array.nbytes, self.path / name)
-        samples, count = np.empty(array.shape, array.dtype), samples_together(array)
+        refuse_missing_chunks(array, self.path)
+        samples, count = np.empty(array.shape, array.dtype), (array.shards or array.chunks)[0]
         for first in range(0, len(self), count):
             some = slice(first, first + count)
             try:

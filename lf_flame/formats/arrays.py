@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.array_files import ArrayFile, open_arrays
-from lf_flame._common.hdf5_files import Hdf5File, is_matlab_hdf5
-from lf_flame._common.matlab_files import MatlabFile
-from lf_flame._common.pixels import to_unit
-from lf_flame._common.tiff_files import FLOAT
+from lf_flame._common.arrays_in_files import (
+    ArrayFile,
+    Hdf5File,
+    MatlabFile,
+    is_matlab_hdf5,
+    open_arrays,
+)
+from lf_flame._common.images import FLOAT, to_unit
 from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views

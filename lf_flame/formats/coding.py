@@ -3,12 +3,20 @@
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
+from lf_flame._common.images import (
+    FORMATS,
+    PILLOW_ERRORS,
+    TIFF_ERRORS,
+    is_tiff,
+    open_image,
+    open_tiff,
+    pictures,
+)
 from lf_flame._common.input_files import File, check_regular, open_bytes
-from lf_flame._common.tiff_files import open_image
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import MATLAB_SUFFIX
+from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.view_files.sources import first_image, is_view_folder
 from lf_flame.lightfield import LightField
 
@@ -18,17 +26,14 @@ CODED = (
     "camera's raw ones in TIFF or PNG of 16 bits, unless you know that these are linear."
 )
 
-ALWAYS_CODED = {
-    ".jpg": "a JPEG file",
-    ".jpeg": "a JPEG file",
-    ".webp": "a WebP file",
-    ".bmp": "a BMP file",
-}
+ALWAYS_CODED = {"JPEG": "a JPEG file", "WEBP": "a WebP file", "BMP": "a BMP file"}
+"""Formats whose levels are gamma-coded in practice."""
+
+PROFILE, CURVE = 34675, 301
+"""Tags of a TIFF file: colour profile (ICC), and the light of each level (TransferFunction)."""
 
 DEPTHS = (10, 12, 14)
 """Numbers of bits of cameras that write 16."""
-
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 LINEAR_GAMMA = 0.99
 """Smallest gamma in a PNG's gAMA chunk that counts as linear in radiance."""
@@ -37,13 +42,14 @@ LINEAR_GAMMA = 0.99
 def notes_on_coding(source: str | Path) -> list[str]:
     """Note whether an image, or the first image of a view folder, is probably gamma-coded.
 
-    JPEG, WebP and BMP files are; so are 8-bit PNG files that do not state that they are linear,
-    and deeper ones that state that they are not.
+    An image is, if it has 8 bits or fewer, a colour profile (ICC), or states a gamma; unless it
+    states that its levels are linear (gAMA of a PNG, TransferFunction of a TIFF file).
 
     Parameters
     ----------
     source : str or Path
-        File or folder that was read as a light field; if it cannot be read, there is no note.
+        File or folder that was read as a light field; if it cannot be read, or is no image, there
+        is no note.
 
     Returns
     -------
@@ -51,11 +57,13 @@ def notes_on_coding(source: str | Path) -> list[str]:
         One note, or none.
     """
     path = _first_image(Path(source))
-    if path is None:
-        return []
-    kind = ALWAYS_CODED.get(path.suffix.lower())
-    if kind is None and path.suffix.lower() == ".png":
-        kind = _coded_png(path)
+    try:
+        if path is None or Path(path.name).suffix.lower() not in IMAGE_SUFFIXES:
+            return []
+        check_regular(path)
+        kind = _coded_tiff(path) if is_tiff(path) else _coded_image(path)
+    except (InputError, *PILLOW_ERRORS, *TIFF_ERRORS):
+        return []  # the reader reports the error
     return [] if kind is None else [f"{path} is {kind}. {CODED}"]
 
 
@@ -118,18 +126,35 @@ def _first_image(source: Path) -> File | None:
         return None
 
 
-def _coded_png(path: File) -> str | None:
-    """Name the kind of a PNG file that is probably gamma-coded (ISO/IEC 15948, 11.3.3)."""
-    try:
-        check_regular(path)
-        with open_bytes(path) as file:
-            header = file.read(25)
-        with open_image(path, ("PNG",)) as image:
-            gamma, is_srgb = image.info.get("gamma"), "srgb" in image.info
-    except (InputError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        return None  # the reader reports the error
-    if not header.startswith(PNG_SIGNATURE):
-        return None
-    bits = header[24]
-    is_coded = is_srgb or (bits <= 8 if gamma is None else gamma < LINEAR_GAMMA)
-    return f"a PNG file of {bits} bits" if is_coded else None
+def _coded_tiff(path: File) -> str | None:
+    """Name the kind of a TIFF file that is probably gamma-coded.
+
+    TIFF 6.0, TransferFunction: without it, levels have a gamma of 2.2; 16 bits of cameras have not.
+    """
+    with open_tiff(path) as file:
+        page = pictures(file, path)[0].keyframe
+        bits = max(np.ravel(page.bitspersample).tolist())
+        if PROFILE in page.tags:
+            return f"a TIFF file of {bits} bits with a colour profile"
+        curve = np.ravel(page.tags[CURVE].value if CURVE in page.tags else 0).astype(float)
+    linear = curve.size > 1 and np.allclose(curve, np.linspace(0, 65535, len(curve)), atol=1)
+    return f"a TIFF file of {bits} bits" if 1 < bits <= 8 and not linear else None
+
+
+def _coded_image(path: File) -> str | None:
+    """Name the kind of another image that is probably gamma-coded (PNG: ISO/IEC 15948, 11.3.3)."""
+    with open_image(path, FORMATS) as image:
+        kind, said = image.format or "", image.info
+        args = image.tile[0].args if image.tile else ""
+    if kind in ALWAYS_CODED:
+        return ALWAYS_CODED[kind]
+    if kind == "PPM":
+        highest = args[-1] if isinstance(args, tuple) and isinstance(args[-1], int) else 0
+        return "a Netpbm file of 8 bits" if highest < 256 and args != "I;16B" else None
+    with open_bytes(path) as file:
+        bits = file.read(25)[24]
+    if "icc_profile" in said:
+        return f"a PNG file of {bits} bits with a colour profile"
+    gamma = said.get("gamma")
+    coded = "srgb" in said or (bits <= 8 if gamma is None else gamma < LINEAR_GAMMA)
+    return f"a PNG file of {bits} bits" if coded else None

@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from lf_flame._common.pixels import FORMATS, PILLOW_ERRORS
-from lf_flame._common.tiff_files import TIFF_SUFFIXES, open_image, open_tiff
+from lf_flame._common.images import FORMATS, PILLOW_ERRORS, TIFF_SUFFIXES, open_image, open_tiff
 from lf_flame.errors import InputError
 from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.lytro.picture import LytroFile

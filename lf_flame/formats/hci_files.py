@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.hdf5_files import Hdf5File
-from lf_flame._common.tiff_files import FLOAT
+from lf_flame._common.arrays_in_files import Hdf5File
+from lf_flame._common.images import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
 from lf_flame.formats.view_files.orders import arranged, turned_round

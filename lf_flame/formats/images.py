@@ -9,13 +9,15 @@ import tifffile
 from PIL import Image, PngImagePlugin
 
 from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.images import TIFF_SUFFIXES, read_pixels, to_unit
 from lf_flame._common.input_files import Source
-from lf_flame._common.pixels import read_pixels, to_unit
-from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
 """File endings of images, in lower or upper case."""
+
+LINEAR_CURVE = (301, "H", 256, [257 * level for level in range(256)], True)
+"""TIFF 6.0, TransferFunction: the light of each of 256 levels, from 0 to 65535."""
 
 
 def read_image(path: Source) -> np.ndarray:
@@ -86,8 +88,8 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
     path : str or Path
     levels : ndarray of uint8 or uint16 (`to_levels`); for TIFF of float32 as well
     linear : bool, optional
-        Whether an 8-bit PNG states that its levels are linear in radiance (gAMA); without it,
-        such files count as gamma-coded.
+        Whether an image of 8 bits states that its levels are linear in radiance (gAMA in PNG,
+        TransferFunction in TIFF); without it, such files count as gamma-coded.
 
     Raises
     ------
@@ -107,7 +109,10 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
     with atomic_write(path) as aside:
         if suffix in TIFF_SUFFIXES:
             photometric = "rgb" if levels.ndim == 3 else "minisblack"
-            tifffile.imwrite(aside, levels, photometric=photometric, compression="zlib")
+            tags = [LINEAR_CURVE] if linear and levels.dtype == np.uint8 else []
+            tifffile.imwrite(
+                aside, levels, photometric=photometric, compression="zlib", extratags=tags
+            )
         elif levels.ndim == 3 and levels.dtype == np.uint16:
             _write_deep_png(aside, levels)
         else:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.hdf5_files import HDF5_ERRORS, Hdf5File
+from lf_flame._common.arrays_in_files import HDF5_ERRORS, Hdf5File, MatlabFile
 from lf_flame._common.input_files import readable
-from lf_flame._common.matlab_files import MatlabFile
 from lf_flame._common.zarr_files import ZARR_ERRORS, ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import (

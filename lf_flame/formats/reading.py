@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame._common.tiff_files import TIFF_SUFFIXES
+from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_stored_array
 from lf_flame.formats.hci_files import find_hci_order, is_hci

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build_record
+from lf_flame._common.images import open_tiff, pictures, read_pages, to_unit, transparency
 from lf_flame._common.input_files import parse_json
 from lf_flame._common.memory import check_memory
-from lf_flame._common.pixels import to_unit
-from lf_flame._common.tiff_files import open_tiff, read_series, transparency
 from lf_flame.errors import InputError
 from lf_flame.formats.view_files.orders import (
     Grid,
@@ -48,10 +47,12 @@ def is_stack(path: str | Path) -> bool:
         If the file cannot be read.
     """
     with open_tiff(path) as file:
-        alike = _alike(file)
-    sizes = dict(zip(alike[0].axes, alike[0].shape, strict=True))
+        alike = pictures(file, path)
+        lengths = alike[0].get_shape(squeeze=False)
+        sizes = dict(zip(alike[0].get_axes(squeeze=False), lengths, strict=True))
     colours = "C" if sizes.get("C") == COLOURS and sizes.get("S", 1) == 1 else ""
-    return len(alike) > 1 or bool(set(sizes) - set("YXS" + colours))
+    pages = set(sizes) - set("YXS" + colours)
+    return len(alike) > 1 or any(sizes[axis] > 1 for axis in pages)
 
 
 def read_view_stack(
@@ -213,17 +214,9 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict, str]:
     """
     with open_tiff(path) as file:
         metadata = file.imagej_metadata or {}
-        alike = _alike(file)
-        # Keep axes of length one, as tifffile does from 2026.11 on by default.
-        whole = {"squeeze": False} if hasattr(alike[0], "get_axes") else {}
-        axes = "I" + (alike[0].get_axes(**whole) if whole else alike[0].axes)
+        alike = pictures(file, path)
         transparent = transparency(alike[0].keyframe)
-        arrays = read_series(alike, path, **whole)
-        pages = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
-    if len(axes) != pages.ndim or axes.count("Y") != 1 or axes.count("X") != 1:
-        raise InputError(
-            f"{path} must hold images, with one axis Y and one X, got the axes {axes[1:]!r}."
-        )
+        pages, axes = read_pages(alike, path)
     channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
     image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
     counted = [k for k in range(pages.ndim) if k not in image]
@@ -234,12 +227,6 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict, str]:
         levels = levels[..., :-1]
     letters = "".join(axes[k] for k in several)
     return to_unit(levels, path), len(image), metadata, letters
-
-
-def _alike(file: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
-    """Series with the shape and type of the first; others, such as thumbnails, are left out."""
-    first, *others = file.series
-    return [first, *(one for one in others if (one.shape, one.dtype) == (first.shape, first.dtype))]
 
 
 def _channel_axis(axes: str, shape: tuple[int, ...], focal: bool) -> int | None:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.array_files import MappedArray
+from lf_flame._common.arrays_in_files import MappedArray
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
-from lf_flame._common.zarr_files import import_zarr
+from lf_flame._common.zarr_files import EVERY_CHUNK, import_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_files.folder_output import write_view_folder
@@ -103,7 +103,7 @@ def _write_zarr(light_field: LightField | LazyLightField, path: Path) -> None:
         group = zarr.create_group(str(aside))
         views = group.create_array(
             "views", shape=shape, dtype=np.float32, dimension_names=AXES[: len(shape)],
-            chunks=(1, 1, min(shape[2], CHUNK_ROWS), *shape[3:]),
+            chunks=(1, 1, min(shape[2], CHUNK_ROWS), *shape[3:]), config=EVERY_CHUNK,
         )  # fmt: skip
         if isinstance(light_field, LightField):
             views[...] = light_field.views
@@ -113,4 +113,6 @@ def _write_zarr(light_field: LightField | LazyLightField, path: Path) -> None:
         for name, axes in (("weights", 2), ("valid", 4)):
             array = getattr(light_field, name)
             if array is not None:
-                group.create_array(name, data=array, dimension_names=AXES[:axes])
+                group.create_array(
+                    name, data=array, dimension_names=AXES[:axes], config=EVERY_CHUNK
+                )

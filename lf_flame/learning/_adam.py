@@ -8,16 +8,15 @@ updates each element, so the bits do not depend on the number of threads.
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 BLOCK = 1 << 14
 """Number of elements that a thread updates at a time; four arrays of this size fit its cache."""
 
-SMALL = 1 << 17
-"""Largest number of elements for one thread alone, which finishes before others have started."""
 
-
-def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
+# Python's error for a division by zero would prevent vectorised loops.
+@njit(error_model="numpy")
+def update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
     """Update one block; `rate` includes the bias corrections, the weights are 1 - beta."""
     for k in range(parameter.size):
         g = gradient[k]
@@ -26,18 +25,19 @@ def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
         parameter[k] -= rate * mean[k] / (np.sqrt(square[k]) + epsilon)
 
 
-def _update_large(queue, parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
+@parallel(lambda parameter: -(-parameter.size // BLOCK))
+def update_all(block, parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
     """Update a flat parameter from its gradient."""
     size = parameter.size
-    for block in pieces(queue, (size + BLOCK - 1) // BLOCK):
-        part = slice(block * BLOCK, min(size, (block + 1) * BLOCK))
-        update(
-            parameter[part], mean[part], square[part], gradient[part],
-            rate, weight1, weight2, epsilon,
-        )  # fmt: skip
+    part = slice(block * BLOCK, min(size, (block + 1) * BLOCK))
+    update(
+        parameter[part], mean[part], square[part], gradient[part],
+        rate, weight1, weight2, epsilon,
+    )  # fmt: skip
 
 
-def _update_product(queue, parameter, mean, square, left, right, rate, weight1, weight2, epsilon):
+@parallel(lambda parameter: len(parameter) * -(-parameter.shape[1] // BLOCK))
+def update_product(job, parameter, mean, square, left, right, rate, weight1, weight2, epsilon):
     """Update a matrix with the gradient left.T @ right, without storing that gradient.
 
     The gradient of a dense layer's kernel is the product of its inputs (samples, rows) and the
@@ -46,31 +46,18 @@ def _update_product(queue, parameter, mean, square, left, right, rate, weight1, 
     """
     rows, columns = parameter.shape
     blocks = (columns + BLOCK - 1) // BLOCK
-    for job in pieces(queue, rows * blocks):
-        row, block = job // blocks, job % blocks
-        part = slice(block * BLOCK, min(columns, (block + 1) * BLOCK))
-        gradient = np.zeros(part.stop - part.start, np.float32)
-        for sample in range(left.shape[0]):
-            add(gradient, left[sample, row], right[sample, part])
-        update(
-            parameter[row, part], mean[row, part], square[row, part], gradient,
-            rate, weight1, weight2, epsilon,
-        )  # fmt: skip
+    row, block = job // blocks, job % blocks
+    part = slice(block * BLOCK, min(columns, (block + 1) * BLOCK))
+    gradient = np.zeros(part.stop - part.start, np.float32)
+    for sample in range(left.shape[0]):
+        add(gradient, left[sample, row], right[sample, part])
+    update(
+        parameter[row, part], mean[row, part], square[row, part], gradient,
+        rate, weight1, weight2, epsilon,
+    )  # fmt: skip
 
 
-def _add(total, factor, values):
+@njit(error_model="numpy")
+def add(total, factor, values):
     for k in range(total.size):
         total[k] += factor * values[k]
-
-
-# Python's error for a division by zero would prevent vectorised loops.
-update = njit(error_model="numpy")(_update)
-add = njit(error_model="numpy")(_add)
-update_large = shared(_update_large, error_model="numpy")
-update_product = shared(_update_product, error_model="numpy")
-
-
-def update_all(parameter, *others):
-    """Update a flat parameter from its gradient, see `_update_large`; small ones on one thread."""
-    work = update_large.alone if parameter.size <= SMALL else update_large
-    work(parameter, *others)

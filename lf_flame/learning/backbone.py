@@ -13,7 +13,7 @@ from pathlib import Path
 import keras
 import numpy as np
 
-from lf_flame._common.array_files import open_arrays
+from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.input_files import readable
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file

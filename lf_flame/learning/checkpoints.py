@@ -2,9 +2,10 @@
 
 A run folder contains ``checkpoint-EPOCH/``. A new one is written under a temporary name and renamed
 before its predecessor is removed, so there is always a complete one. Its ``manifest.json`` names
-the run that it belongs to, and the SHA-256 of its files. ``history.csv`` is for reading.
+the run that it belongs to. ``history.csv`` is for reading.
 """
 
+import reprlib
 import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,25 +14,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lf_flame._common.array_files import open_arrays
+from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.atomic_files import atomic_folder, write_json, write_text
-from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
-from lf_flame._common.input_files import read_record, read_text
 from lf_flame.errors import InputError
 
 MANIFEST = "manifest.json"
 
-FILES = ("state.npz", "best.npz", "history.json")
-"""Names of a checkpoint's files."""
-
 
 @dataclass(frozen=True)
 class Manifest:
-    """Run that a checkpoint belongs to, and the SHA-256 of its files."""
+    """Run that a checkpoint belongs to."""
 
     run: dict[str, Any]
-    sha256: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -103,43 +98,20 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path, run: dict) -> None:
     run : dict
         Everything that determines the run up to here, as JSON values.
     """
-    name = f"checkpoint-{checkpoint.epochs_done:06d}"
-    with atomic_folder(folder / name, "checkpoint") as aside:
+    path = folder / f"checkpoint-{checkpoint.epochs_done:06d}"
+    with atomic_folder(path) as aside:
         np.savez(aside / "state.npz", *checkpoint.state)
         np.savez(aside / "best.npz", *checkpoint.best)
         write_json(aside / "history.json", {"epochs": checkpoint.history})
-        hashes = {name: file_sha256(aside / name) for name in FILES}
-        write_json(aside / MANIFEST, {"run": run, "sha256": hashes})
+        write_json(aside / MANIFEST, {"run": run})
     _tidy(folder, checkpoint)
 
 
 def _tidy(folder: Path, checkpoint: Checkpoint) -> None:
-    """Write the history for reading, and remove all checkpoints but the newest."""
-    write_text(folder / "history.csv", _history_table(checkpoint.history))
-    for path in find_checkpoints(folder)[:-1]:
+    """Write the history for reading, and remove all but the newest checkpoint, as kills left."""
+    write_text(folder / "history.csv", pd.DataFrame(checkpoint.history).to_csv(index=False))
+    for path in [*find_checkpoints(folder)[:-1], *folder.glob(".checkpoint-*.part")]:
         shutil.rmtree(path, ignore_errors=True)
-
-
-def _history_table(history: list[dict]) -> str:
-    """History as a CSV table, a row for each epoch."""
-    return pd.DataFrame(history).to_csv(index=False)
-
-
-def verify_history(path: Path) -> None:
-    """Compare ``history.csv`` with the history in a checkpoint of its run.
-
-    After a kill it may lack the last epochs, or be missing: the next call writes it anew.
-
-    Raises
-    ------
-    InputError
-        If it holds anything but the first rows of that history.
-    """
-    table = path.parent / "history.csv"
-    if table.exists():
-        whole = _history_table(read_record(path / "history.json")["epochs"])
-        if not whole.startswith(read_text(table)):
-            raise InputError(f"{table} is not what was written: {path.name} holds another history.")
 
 
 def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
@@ -161,46 +133,25 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
     path = find_checkpoints(folder)[-1]
     _check_manifest(path, run)
     history = load_record(History, path / "history.json").epochs
+    if len(history) - 1 != int(path.name.partition("-")[2]):
+        raise InputError(
+            f"{path} is damaged: its history ends elsewhere; remove it to start again."
+        )
     arrays = (_load_arrays(path / name) for name in ("best.npz", "state.npz"))
     checkpoint = Checkpoint([asdict(row) for row in history], *arrays)
     _tidy(folder, checkpoint)
     return checkpoint
 
 
-def verify_checkpoint(path: Path) -> Manifest:
-    """Compare a checkpoint's files with their hashes.
-
-    Returns
-    -------
-    Manifest
-
-    Raises
-    ------
-    InputError
-        If a file differs from its hash, or the manifest is missing.
-    """
-    if not (path / MANIFEST).is_file():
-        raise InputError(
-            f"The checkpoint {path} has no {MANIFEST}, which says what run it belongs to; remove "
-            f"it to start again."
-        )
-    manifest = load_record(Manifest, path / MANIFEST)
-    for name in FILES:
-        if not (path / name).is_file() or file_sha256(path / name) != manifest.sha256.get(name):
-            raise InputError(
-                f"The checkpoint {path} is damaged ({name} is not the file that was written); "
-                f"remove it to start again."
-            )
-    return manifest
-
-
 def _check_manifest(path: Path, run: dict) -> None:
-    belongs = verify_checkpoint(path).run
-    if belongs != run:
-        key = next((key for key in run if belongs.get(key) != run[key]), "request")
+    belongs = load_record(Manifest, path / MANIFEST).run
+    # Older versions have other entries; those that both have decide.
+    key = next((key for key in run if key in belongs and belongs[key] != run[key]), None)
+    if key is not None:
         raise InputError(
-            f"The checkpoint {path} belongs to a run with another {key} ({belongs.get(key)}, now "
-            f"{run.get(key)}); remove it, or choose another folder."
+            f"The checkpoint {path} belongs to a run with another {key} "
+            f"({reprlib.repr(belongs[key])}, now {reprlib.repr(run[key])}); remove it, or choose "
+            f"another folder."
         )
 
 

@@ -119,6 +119,11 @@ def _read_config(path: Path) -> Any:
         check_memory(sum(sizes.values()), path)
         if sizes["config.json"] > LARGEST_CONFIG:
             raise InputError(f"{path} cannot be read: its config.json is larger than 16 MB.")
+        if (damaged := archive.testzip()) is not None:
+            raise InputError(
+                f"{path} cannot be read: it is damaged, as {damaged} in it does not fit its "
+                f"checksum."
+            )
         config = archive.read("config.json")
     return parse_json(config.decode("utf-8", "replace"), f"{path}: config.json")
 

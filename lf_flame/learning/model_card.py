@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
-from lf_flame._common.checksums import SEAL, file_sha256, sealed
-from lf_flame._common.config import load_record, strict, to_json
+from lf_flame._common.config import load_record, to_json
 from lf_flame._common.locks import exclusive
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
@@ -37,7 +36,6 @@ SHOWN = {
 """Description of the input by its kind."""
 
 
-@strict
 @dataclass(frozen=True)
 class NetworkCard:
     """Description of a trained network for its users.
@@ -57,8 +55,6 @@ class NetworkCard:
         Names of the objects at these depths in every training image.
     camera : PlenopticCamera
         Camera of the training images.
-    sha256 : str
-        SHA-256 of the network's file.
     training : dict
         Other entries of the run's record.
     input : InputEncoding, optional
@@ -67,8 +63,6 @@ class NetworkCard:
         Program that exported it, see `lf_flame._common.provenance.environment`.
     usage : str, optional
         Description of inputs and outputs.
-    record_sha256 : str, optional
-        Hash of the card itself, see `lf_flame._common.checksums`.
     """
 
     title: str
@@ -79,12 +73,10 @@ class NetworkCard:
     slopes: list[float]
     objects: list[str]
     camera: PlenopticCamera
-    sha256: str
     training: dict[str, Any]
     input: InputEncoding = InputEncoding()
     exported: dict[str, Any] = field(default_factory=dict)
     usage: str = ""
-    record_sha256: str | None = None
 
     def __post_init__(self):
         planes = len(self.depths_mm)
@@ -107,7 +99,7 @@ def read_card(path: str | Path) -> NetworkCard:
     Raises
     ------
     InputError
-        If there is no network, or its card is missing or belongs to another file.
+        If there is no network, or its card is missing or damaged.
     """
     path = Path(path)
     if path.is_dir():
@@ -123,10 +115,7 @@ def read_card(path: str | Path) -> NetworkCard:
             f"{path} has no {beside.name} beside it, which `lf-flame export` writes; of a network "
             f"that was not exported, name the run folder."
         )
-    card = load_record(NetworkCard, beside)
-    if card.sha256 != file_sha256(path):
-        raise InputError(f"{path} is not the file that {beside} was written for; export it again.")
-    return card
+    return load_record(NetworkCard, beside)
 
 
 def _card_of_run(folder: Path) -> NetworkCard:
@@ -135,7 +124,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
     shape = config.input.shape(config.image)
     named = {key: record.pop(key) for key in ("title", "preset", "backbone_weights")}
     model = {k: v for k, v in record["model"].items() if k != "backbone_weights"}  # asked for
-    left_out = ("test_indices", "dataset", "data", "model", "model_sha256", SEAL)
+    left_out = ("test_indices", "dataset", "data", "model")
     training = {k: v for k, v in record.items() if k not in left_out} | {"model": model}
     return NetworkCard(
         **named,
@@ -144,7 +133,6 @@ def _card_of_run(folder: Path) -> NetworkCard:
         slopes=run.slopes,
         objects=run.objects,
         camera=config.camera,
-        sha256=file_sha256(_model_file(folder)),
         training=training,
         input=config.input,
         usage=USAGE.format(*shape, SHOWN[config.input.kind]),
@@ -196,14 +184,14 @@ def export_network(run: str | Path, out: str | Path) -> None:
     if out.suffix != ".keras" or out.resolve().parent == run.resolve():
         raise InputError(f"A network is exported to a .keras file outside of its run, got {out}.")
     card = read_card(run)
-    with exclusive(out), exclusive(beside):
+    with exclusive(out):
         if beside.exists() and not _is_card(beside):
             raise InputError(f"{beside} is no network's card, and is not replaced; name another.")
         network = load_network(run, card)
         with atomic_write(out) as aside, atomic_write(beside) as card_aside:
             network.save(aside)
-            card = replace(card, sha256=file_sha256(aside), exported=provenance.environment())
-            write_json(card_aside, sealed(to_json(card)))
+            write_json(card_aside, to_json(replace(card, exported=provenance.environment())))
+            out.unlink(missing_ok=True)  # a kill leaves no older network beside the new card
 
 
 def _is_card(path: Path) -> bool:

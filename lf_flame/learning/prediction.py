@@ -1,6 +1,5 @@
 """Prediction: the refocused images that a trained network makes from one image."""
 
-import hashlib
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -143,7 +142,7 @@ class Prediction:
     stack: np.ndarray
     ms: float
 
-    def write(self, card: NetworkCard, out: Path) -> None:
+    def write(self, card: NetworkCard, out: Path, *, overwrite: bool = False) -> None:
         """Write images, stack and record into a folder.
 
         Parameters
@@ -153,9 +152,11 @@ class Prediction:
         out : Path
             Folder for ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
             ``prediction.png`` (input and outputs side by side) and ``prediction.json`` (record).
+        overwrite : bool, optional
+            Whether to replace the folder of an earlier call.
         """
         planes = enumerate(zip(card.depths_mm, self.stack, strict=True), 1)
-        with output_folder(out, "prediction.json") as folder:
+        with output_folder(out, "prediction.json", overwrite=overwrite) as folder:
             write_focal_stack(self.stack, card.slopes, folder.path("refocused.tif"))
             for number, (depth, image) in planes:
                 picture = folder.path(f"refocused_{number}_{depth:+g}mm.png")
@@ -164,7 +165,6 @@ class Prediction:
             folder.facts |= {
                 "source": recorded_path(self.seen.source, out),
                 "notes": self.seen.notes,
-                "input_sha256": hashlib.sha256(self.seen.image.data).hexdigest(),
                 "ms": round(self.ms, 3),
                 "network": to_json(card),
             }

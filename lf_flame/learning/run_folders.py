@@ -5,17 +5,14 @@ needs for use, so that the data set may be elsewhere, or deleted. Only scores on
 need it.
 """
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from lf_flame._common.checksums import check_seal, file_sha256
 from lf_flame._common.config import build_record
-from lf_flame._common.recorded_paths import recorded_places
+from lf_flame._common.input_files import read_record
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
@@ -36,14 +33,11 @@ class RunRecord:
         Name of the system in `lf_flame.systems`; the paper's network has none.
     start_s, train_s : float, optional
         Duration of the start and of the training in seconds.
-    model_sha256 : str, optional
-        SHA-256 of the network's file.
     """
 
     system: str | None = None
     start_s: float | None = None
     train_s: float | None = None
-    model_sha256: str | None = None
 
 
 @dataclass(frozen=True)
@@ -88,8 +82,8 @@ class PaperRunRecord:
         Number of samples in each.
     test_indices : list of int
         Indices of the test samples.
-    data, data_sha256 : str
-        Path of the data set, and its hash.
+    data : str
+        Path of the data set, from the run folder.
     dataset : DatasetFacts
         Description of the data set.
     """
@@ -108,7 +102,6 @@ class PaperRunRecord:
     parts: dict[str, int]
     test_indices: list[int]
     data: str
-    data_sha256: str
     dataset: DatasetFacts
 
     def __post_init__(self):
@@ -145,7 +138,7 @@ class TrainedRun:
     @property
     def data(self) -> Path:
         """Path of the data set when the network was trained."""
-        return _data_of(self.folder, self.record)
+        return (self.folder / self.record["data"]).resolve()
 
     def load_network(self) -> "keras.Model":
         """Load the network; see `lf_flame.learning.keras_loading.load_model`."""
@@ -162,19 +155,13 @@ class TrainedRun:
             If it is no longer there, or has changed.
         """
         dataset = Dataset(self.data)
-        same = dataset.attrs["sha256"] == self.record["data_sha256"]
+        same = describe_dataset(dataset) == self.record["dataset"]
         if not same or max(self.record["test_indices"]) >= len(dataset):
             raise InputError(
                 f"{self.data} is not the data set that {self.folder} was trained on; "
                 f"train it again."
             )
         return dataset
-
-
-def _data_of(folder: Path, record: dict) -> Path:
-    places = recorded_places(record["data"], folder)
-    there = (place for place in places if os.path.exists(place))  # noqa: PTH110 - of any length
-    return next(there, places[0])
 
 
 def describe_dataset(dataset: Dataset) -> dict:
@@ -189,37 +176,14 @@ def load_run(folder: str | Path) -> dict:
     Raises
     ------
     InputError
-        If the run is missing or not finished, its record is damaged, or its network differs from
-        the hash in the record.
+        If the run is missing or not finished, or its record is damaged.
     """
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
-    record = read_run_record(folder)
-    if not is_whole(folder / "model.keras", record.get("model_sha256")):
-        raise InputError(
-            f"{folder / 'model.keras'} is not the network that run.json was written for; train it "
-            f"again: what is there goes on."
-        )
-    return record
-
-
-def read_run_record(folder: Path) -> dict:
-    """Read the record of a run, without a check of the network."""
-    record = check_seal(folder / "run.json")
+    record = read_record(folder / "run.json")
     build_record(RunRecord, record, folder / "run.json")
     return record
-
-
-def is_whole(model: Path, sha256: str | None) -> bool:
-    """Whether a network is unchanged, by its hash; older records have none."""
-    if sha256 is not None:
-        return file_sha256(model) == sha256
-    try:
-        with ZipFile(model) as archive:
-            return archive.testzip() is None
-    except BadZipFile:
-        return False
 
 
 def open_run(folder: str | Path) -> TrainedRun:

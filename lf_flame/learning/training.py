@@ -188,7 +188,8 @@ class _Training:
             "model": _without_folder(asdict(config.model)),
             "recipe": asdict(self.recipe),
             "backbone_weights": self._weights,
-            "data_sha256": self._dataset.attrs["sha256"],
+            "samples": len(self._dataset),
+            "dataset": describe_dataset(self._dataset),
         }
 
     def metadata(self) -> dict:
@@ -199,7 +200,6 @@ class _Training:
             "backbone_depth": self._config.model.backbone_depth,
             "parts": sizes,
             "test_indices": self.parts["test"].tolist(),
-            "dataset": describe_dataset(self._dataset),
         }
 
     def start(self, new: bool):

@@ -5,6 +5,7 @@ The folder has ``config.json`` (the request), ``checkpoint-*/`` (the newest comp
 so far by validation loss) and ``run.json`` (the record, with the number of completed epochs).
 """
 
+import reprlib
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -12,20 +13,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import keras
 import numpy as np
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
-from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from lf_flame.learning.keras_loading import accelerators
-from lf_flame.learning.run_folders import is_whole, read_run_record
+from lf_flame.learning.run_folders import load_run
 
 MAX_SEED = 1_000_000
 """Largest seed: layers use 1000 times the seed plus a small number as a 32-bit seed."""
@@ -153,7 +154,8 @@ def _train(job: Job, model: Path, started: float) -> None:
     }
     with atomic_write(model) as aside:  # renamed last: make looks at this file
         network.save(aside)
-        write_json(out / "run.json", sealed(record | {"model_sha256": file_sha256(aside)}))
+        model.unlink(missing_ok=True)  # a kill leaves no older network beside the new record
+        write_json(out / "run.json", record)
 
 
 def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) -> None:
@@ -165,10 +167,14 @@ def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) ->
 def _is_done(out: Path, job: Job) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
-    found = read_run_record(out)
-    whole = is_whole(out / "model.keras", found.get("model_sha256"))
-    asked = {**job.request, "epochs": job.epochs}
-    return whole and all(found.get(key) == asked[key] for key in asked)
+    found, asked = load_run(out), {**job.request, "epochs": job.epochs}
+    try:
+        with ZipFile(out / "model.keras") as archive:
+            whole = archive.testzip() is None
+    except BadZipFile:
+        whole = False
+    # Older versions have other entries; those that both have decide.
+    return whole and all(found[key] == asked[key] for key in asked if key in found)
 
 
 def _decides_epochs(request: dict) -> dict:
@@ -191,12 +197,12 @@ def _refuse_other_run(out: Path, request: dict) -> None:
     build_record(FoundRequest, found, path)
     if _goes_on(found["recipe"], request["recipe"]):
         found["recipe"]["epochs"] = request["recipe"]["epochs"]
-    changed = [key for key in request if found.get(key) != request[key]]
+    changed = [key for key in request if key in found and found[key] != request[key]]
     if changed:
         key = changed[0]
         raise InputError(
-            f"{out} holds a run with another {key} ({found.get(key)}, now {request[key]}); "
-            f"remove the folder or choose another."
+            f"{out} holds a run with another {key} ({reprlib.repr(found[key])}, now "
+            f"{reprlib.repr(request[key])}); remove the folder or choose another."
         )
 
 

@@ -7,21 +7,21 @@ All sums run in float64.
 import numpy as np
 from numba import njit
 
-from lf_flame._common.compiling import compiled
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 
-def _find_seen(weight, low, high):
+@parallel(lambda low: low.size)
+def find_seen(v, weight, low, high):
     """Find the first line of each view that is not 0, and one past the last; weight[v, t, i]."""
-    for v in range(weight.shape[0]):
-        low[v], high[v] = 0, weight.shape[1]
-        while low[v] < high[v] and not np.any(weight[v, low[v]]):
-            low[v] += 1
-        while low[v] < high[v] and not np.any(weight[v, high[v] - 1]):
-            high[v] -= 1
+    low[v], high[v] = 0, weight.shape[1]
+    while low[v] < high[v] and not np.any(weight[v, low[v]]):
+        low[v] += 1
+    while low[v] < high[v] and not np.any(weight[v, high[v] - 1]):
+        high[v] -= 1
 
 
-def _sum_bands(bands, first, weights, block, sums, reach):
+@njit
+def sum_bands(bands, first, weights, block, sums, reach):
     """Sum lines of a banded matrix: sums[k, cell], 0 before cell reach[k, 0] and from reach[k, 1].
 
     bands: start[v, t] and weight[v, t, i] of the lines, and low[v], high[v]: lines outside are 0.
@@ -46,7 +46,8 @@ def _sum_bands(bands, first, weights, block, sums, reach):
         reach[k, 0], reach[k, 1] = near, far
 
 
-def _weigh_rows(rows, weights, low, high, total):
+@njit
+def weigh_rows(rows, weights, low, high, total):
     """Add rows low to high, weighted: total[i] += sum over j of weights[j] * rows[j, i]."""
     j = low
     while j + 4 <= high:  # four rows at a time take fewer loads and stores per product
@@ -61,7 +62,8 @@ def _weigh_rows(rows, weights, low, high, total):
             total[i] += w * row[i]
 
 
-def _span(reach):
+@njit
+def span(reach):
     """Find the first line, or cell, that is in reach, and one past the last."""
     near, far = np.int64(0), np.int64(0)
     for k in range(reach.shape[0]):
@@ -72,7 +74,8 @@ def _span(reach):
     return near, far
 
 
-def _add_product(cells, down, down_reach, across, across_reach, out):
+@njit
+def add_product(cells, down, down_reach, across, across_reach, out):
     """Add ``down @ cells.T @ across.T`` to an image, out[t, s]; cells[j, i] is column by row."""
     left, right = span(across_reach)
     top, bottom = span(down_reach)
@@ -88,7 +91,8 @@ def _add_product(cells, down, down_reach, across, across_reach, out):
         weigh_rows(lines, down[t], down_reach[t, 0], down_reach[t, 1], out[t, left:right])
 
 
-def _add_images(queue, cells, rows, columns, down, across, out):
+@parallel(lambda out: len(out))
+def add_images(n, cells, rows, columns, down, across, out):
     """Add a plane's light to images, out[n, t, s].
 
     cells[j, i]: radiance of the plane, column by row.
@@ -96,21 +100,9 @@ def _add_images(queue, cells, rows, columns, down, across, out):
     down, across: sums of lines along y and x, see `LineSums`.
     """
     count, height, width = out.shape
-    for n in pieces(queue, count):
-        tall, wide = np.empty((height, cells.shape[1])), np.empty((width, cells.shape[0]))
-        tall_reach, wide_reach = np.empty((height, 2), np.int64), np.empty((width, 2), np.int64)
-        for p in range(down.weights.shape[1]):
-            sum_bands(rows, down.first[n], down.weights[n, p], down.block, tall, tall_reach)
-            sum_bands(
-                columns, across.first[n], across.weights[n, p], across.block, wide, wide_reach
-            )
-            add_product(cells, tall, tall_reach, wide, wide_reach, out[n])
-
-
-sum_bands = njit(_sum_bands)
-weigh_rows = njit(_weigh_rows)
-span = njit(_span)
-add_product = njit(_add_product)
-
-find_seen = compiled(_find_seen)
-add_images = shared(_add_images)
+    tall, wide = np.empty((height, cells.shape[1])), np.empty((width, cells.shape[0]))
+    tall_reach, wide_reach = np.empty((height, 2), np.int64), np.empty((width, 2), np.int64)
+    for p in range(down.weights.shape[1]):
+        sum_bands(rows, down.first[n], down.weights[n, p], down.block, tall, tall_reach)
+        sum_bands(columns, across.first[n], across.weights[n, p], across.block, wide, wide_reach)
+        add_product(cells, tall, tall_reach, wide, wide_reach, out[n])

@@ -11,7 +11,7 @@ import numpy as np
 from numba import config, njit
 from numba.extending import intrinsic
 
-from lf_flame._common.threads import pieces, shared, take_next
+from lf_flame._common.threads import parallel
 
 CHAIN = 8
 """Number of views summed in one chain; lists of views are padded to a multiple with weight 0."""
@@ -29,7 +29,8 @@ def _fused(_context, a, _b, _c):
 fma = (lambda a, b, c: a * b + c) if config.DISABLE_JIT else _fused
 
 
-def _cut_line(line, start, reach, channels, lines, base, size, probe):
+@njit(forceinline=True)
+def cut_line(line, start, reach, channels, lines, base, size, probe):
     """Copy a line from start - reach on, with its edges repeated.
 
     Where a pixel is not finite, probe[s] becomes NaN, because 0 times infinity is NaN.
@@ -45,7 +46,8 @@ def _cut_line(line, start, reach, channels, lines, base, size, probe):
         fill(lines, right + c, base + size, channels, line[line.size - channels + c])
 
 
-def _fill(line, start, stop, step, value):
+@njit
+def fill(line, start, stop, step, value):
     """Write a value to every step-th place."""
     if step == 1:  # a separate loop, so that it is vectorised
         for s in range(np.uint64(start), np.uint64(stop)):
@@ -55,12 +57,14 @@ def _fill(line, start, stop, step, value):
             line[s] = value
 
 
-def _link(row):
+@njit
+def link(row):
     """CHAIN numbers as a tuple, which the compiler keeps in registers."""
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
 
 
-def _sum_views(lines, first, weight, part):
+@njit
+def sum_views(lines, first, weight, part):
     """Sum CHAIN views, each shifted and weighted: part[s]."""
     for s in range(np.uint64(part.size)):
         total = weight[0] * lines[first[0] + s]
@@ -69,8 +73,9 @@ def _sum_views(lines, first, weight, part):
         part[s] = total
 
 
-def _sum_views_twice(lines, first, weight, other, this, that):
-    """Do as `_sum_views` for two lists of weights, loading every pixel once."""
+@njit
+def sum_views_twice(lines, first, weight, other, this, that):
+    """Do as `sum_views` for two lists of weights, loading every pixel once."""
     for s in range(np.uint64(this.size)):
         value = lines[first[0] + s]
         a, b = weight[0] * value, other[0] * value
@@ -81,7 +86,8 @@ def _sum_views_twice(lines, first, weight, other, this, that):
         that[s] = b
 
 
-def _sum_row(lines, at, weights, v, n, channels, parts, total):
+@njit(forceinline=True)
+def sum_row(lines, at, weights, v, n, channels, parts, total):
     """Sum a row of views: ``weights[j, v, n, i, k] * lines[at[v, n, i, k] + j * channels + s]``.
 
     The sum is over i, j, k. Tap j of all views is summed in a separate line, which is added to
@@ -104,7 +110,8 @@ def _sum_row(lines, at, weights, v, n, channels, parts, total):
                 total[s] += near[s]
 
 
-def _add_row(total, row, offset, weight, sums, n):
+@njit(forceinline=True)
+def add_row(total, row, offset, weight, sums, n):
     """Add a row to each row t of sums[n, t, s] that shows it: t + offset, clamped, is row."""
     height = sums.shape[1]
     low = 0 if row == 0 else max(row - offset, 0)
@@ -114,10 +121,9 @@ def _add_row(total, row, offset, weight, sums, n):
             sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
-def _shift_and_sum(
-    queue, views, reach, channels, used, at, weights, down, down_weights, sums, done, bad, out
-):
-    """Weighted sums of shifted views, for several slopes: out[n, t, s].
+@parallel(lambda bad: bad.size)
+def sum_groups(k, views, reach, channels, used, at, weights, down, down_weights, sums, bad):
+    """Weighted sums of shifted views, for several slopes and each group: sums[g, n, t, s].
 
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
     reach: number of pixels that the taps read beyond a block of columns.
@@ -125,8 +131,7 @@ def _shift_and_sum(
     at[v, n, i, k], weights[j, v, n, i, k]: position of tap 0 of view (i, k) in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
-    sums[g, n, t, s]: room for the sums of each group of rows of views.
-    done[k]: number of groups that have finished a block of columns; the last one adds them up.
+    sums[g, n, t, s]: the sums of each group of rows of views.
     bad[k]: whether a pixel is not finite, for each block and group.
     """
     rows, columns, height, width = views.shape
@@ -135,33 +140,30 @@ def _shift_and_sum(
     taps = len(weights)
     wide = -(-(breadth + (taps - 1) * channels) // LANES) * LANES
     padded = wide + 2 * reach
-    for k in pieces(queue, bad.size):
-        group, start = k % groups, k // groups * breadth
-        size = min(breadth, width - start)
-        block = np.zeros((slopes, height, size))
-        lines = np.zeros(columns * padded, weights.dtype)
-        parts = np.empty(wide, weights.dtype), np.empty(wide, weights.dtype)
-        total, probe = np.empty(size), np.zeros(padded, weights.dtype)
-        for v in range(group * rows // groups, (group + 1) * rows // groups):
-            if not is_used(used, v):
-                continue
-            for t in range(height):
-                for u in range(columns):
-                    if used[v, u]:
-                        line, base = views[v, u, t], u * padded
-                        cut_line(line, start, reach, channels, lines, base, padded, probe)
-                for n in range(slopes):
-                    sum_row(lines, at, weights, v, n, channels, parts, total)
-                    for j in range(down_weights.shape[2]):
-                        add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
-        bad[k] = has_nan(probe)
-        mine = slice(start, start + size)
-        copy(block, group, start, sums)
-        if take_next(done, k // groups) == groups - 1:  # the last group of these columns
-            merge(sums[:, :, :, mine], out[:, :, mine])
+    group, start = k % groups, k // groups * breadth
+    size = min(breadth, width - start)
+    block = np.zeros((slopes, height, size))
+    lines = np.zeros(columns * padded, weights.dtype)
+    parts = np.empty(wide, weights.dtype), np.empty(wide, weights.dtype)
+    total, probe = np.empty(size), np.zeros(padded, weights.dtype)
+    for v in range(group * rows // groups, (group + 1) * rows // groups):
+        if not is_used(used, v):
+            continue
+        for t in range(height):
+            for u in range(columns):
+                if used[v, u]:
+                    line, base = views[v, u, t], u * padded
+                    cut_line(line, start, reach, channels, lines, base, padded, probe)
+            for n in range(slopes):
+                sum_row(lines, at, weights, v, n, channels, parts, total)
+                for j in range(down_weights.shape[2]):
+                    add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
+    bad[k] = has_nan(probe)
+    copy(block, group, start, sums)
 
 
-def _is_used(used, v):
+@njit
+def is_used(used, v):
     """Whether a row of views has one with a weight above 0."""
     found = False
     for u in range(used.shape[1]):  # `np.any`, and assigning arrays, take seconds to compile
@@ -169,7 +171,8 @@ def _is_used(used, v):
     return found
 
 
-def _has_nan(line):
+@njit
+def has_nan(line):
     """Whether a number of a line is NaN."""
     found = False
     for s in range(line.size):
@@ -177,7 +180,8 @@ def _has_nan(line):
     return found
 
 
-def _copy(block, group, start, sums):
+@njit
+def copy(block, group, start, sums):
     """Copy block[n, t, s] to sums[group, n, t, start + s]."""
     for n in range(block.shape[0]):
         for t in range(block.shape[1]):
@@ -185,50 +189,32 @@ def _copy(block, group, start, sums):
                 sums[group, n, t, np.uint64(start) + s] = block[n, t, s]
 
 
-def _merge(sums, out):
-    """Add up the groups: out[n, t, s]."""
-    groups, slopes, height, width = sums.shape
-    for n in range(slopes):
-        for t in range(height):
-            line = out[n, t]
-            total = sums[0, n, t].copy()
-            for g in range(1, groups):
-                row = sums[g, n, t]
-                for s in range(np.uint64(width)):
-                    total[s] += row[s]
-            for s in range(np.uint64(width)):
-                line[s] = total[s]
+@parallel(lambda out: out.shape[0] * out.shape[1])
+def add_groups(k, sums, out):
+    """Add up sums[g, n, t, s] over the groups of rows of views: out[n, t, s]."""
+    n, t = k // out.shape[1], k % out.shape[1]
+    line, total = out[n, t], sums[0, n, t]
+    for g in range(1, len(sums)):
+        row = sums[g, n, t]
+        for s in range(np.uint64(total.size)):
+            total[s] += row[s]
+    for s in range(np.uint64(total.size)):
+        line[s] = total[s]
 
 
-def _slice_spectrum(queue, spectrum, rows, row_weights, columns, column_weights, out):
+@parallel(lambda out: out.shape[0] * out.shape[1])
+def slice_spectrum(k, spectrum, rows, row_weights, columns, column_weights, out):
     """Interpolate slices of an angular spectrum [t, s, v, u]: out[n, t, s].
 
     rows[n, t, i], columns[n, s, j]: samples around the slice along v and u, with their weights.
     """
     slopes, height, waves = out.shape
-    for k in pieces(queue, slopes * height):
-        n, t = k // height, k % height
-        for s in range(waves):
-            total = np.complex128(0)
-            for i in range(rows.shape[2]):
-                near, row = np.complex128(0), rows[n, t, i]
-                for j in range(columns.shape[2]):
-                    near += column_weights[n, s, j] * spectrum[t, s, row, columns[n, s, j]]
-                total += row_weights[n, t, i] * near
-            out[n, t, s] = total
-
-
-fill = njit(_fill)
-cut_line = njit(forceinline=True)(_cut_line)
-link = njit(_link)
-sum_views = njit(_sum_views)
-sum_views_twice = njit(_sum_views_twice)
-sum_row = njit(forceinline=True)(_sum_row)
-add_row = njit(forceinline=True)(_add_row)
-merge = njit(_merge)
-is_used = njit(_is_used)
-has_nan = njit(_has_nan)
-copy = njit(_copy)
-
-shift_and_sum = shared(_shift_and_sum)
-slice_spectrum = shared(_slice_spectrum)
+    n, t = k // height, k % height
+    for s in range(waves):
+        total = np.complex128(0)
+        for i in range(rows.shape[2]):
+            near, row = np.complex128(0), rows[n, t, i]
+            for j in range(columns.shape[2]):
+                near += column_weights[n, s, j] * spectrum[t, s, row, columns[n, s, j]]
+            total += row_weights[n, t, i] * near
+        out[n, t, s] = total

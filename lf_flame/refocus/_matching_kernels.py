@@ -4,9 +4,9 @@ They gather in a fixed order, one thread per row: the bits do not depend on the 
 """
 
 import numpy as np
+from numba import njit
 
-from lf_flame._common.compiling import compiled
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 TAPS = 4
 """Number of lenslets along an axis from which a shifted view is interpolated."""
@@ -15,7 +15,8 @@ OWN, BESIDE = np.float32(0.787), np.float32(0.1065)
 """Gaussian of a standard deviation of 0.5 lenslets that averages differences, in three taps."""
 
 
-def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
+@njit
+def shift_row(view, row, down_weight, start, across_weight, reach, line, out):
     """Shift a row of a view along both axes: out[s].
 
     row[a]: rows that are read, down_weight[a] their weights; start: lenslet that tap 0 reads for
@@ -36,13 +37,15 @@ def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
             out[s] += weight * line[first + s]
 
 
-def _add_differences(row, reference, count, limit, total):
+@njit
+def add_differences(row, reference, count, limit, total):
     """Add the absolute difference of two rows, at most `limit`, times a weight."""
     for s in range(np.uint64(total.size)):
         total[s] += count * min(abs(row[s] - reference[s]), limit)
 
 
-def _bring_to_level(level, down, start, height, row):
+@njit
+def bring_to_level(level, down, start, height, row):
     """Multiply a shifted row by a view's level, a polynomial in the view's own coordinates.
 
     down: row of the view that is shown; start: lenslet of the view shown at s = 0.
@@ -57,8 +60,9 @@ def _bring_to_level(level, down, start, height, row):
         row[s] *= constant + x * (linear + x * level[5])
 
 
-def _compare_views(
-    queue, some, rows, down, down_weights, across, across_weights, reach, shifts_down,
+@parallel(lambda rows: rows.size)
+def compare_views(
+    i, some, rows, down, down_weights, across, across_weights, reach, shifts_down,
     shifts_across, limit, middles, out,
 ):  # fmt: skip
     """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
@@ -73,73 +77,65 @@ def _compare_views(
     """
     views, height = some.views, some.height
     width = views.shape[3]
-    for i in pieces(queue, rows.size):
-        line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
-        middle, row = middles[i], np.empty(TAPS, np.int64)
-        middle[:] = 0.0
-        count = np.float32(0.0)
-        out[i] = 0.0
-        for turn in range(2):
-            for v in range(views.shape[0]):
-                for a in range(TAPS):
-                    row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - some.first
-                for u in range(views.shape[1]):
-                    part = 3 * some.parts_down[v] + some.parts_across[u]
-                    used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
-                    if used > 0.0:
-                        shift_row(views[v, u], row, down_weights[v], across[u], across_weights[u],
-                                  reach, line, shifted)  # fmt: skip
-                        if not some.even:
-                            bring_to_level(some.levels[v, u], rows[i] + shifts_down[v],
-                                           shifts_across[u], height, shifted)  # fmt: skip
-                        if turn == 1:
-                            add_differences(shifted, middle, used, limit, out[i, part])
-                        else:
-                            for s in range(np.uint64(width)):
-                                middle[s] += used * shifted[s]
-                            count += used
-            if turn == 0:
-                for s in range(np.uint64(width)):
-                    middle[s] /= count
+    line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
+    middle, row = middles[i], np.empty(TAPS, np.int64)
+    middle[:] = 0.0
+    count = np.float32(0.0)
+    out[i] = 0.0
+    for turn in range(2):
+        for v in range(views.shape[0]):
+            for a in range(TAPS):
+                row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - some.first
+            for u in range(views.shape[1]):
+                part = 3 * some.parts_down[v] + some.parts_across[u]
+                used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
+                if used > 0.0:
+                    shift_row(views[v, u], row, down_weights[v], across[u], across_weights[u],
+                              reach, line, shifted)  # fmt: skip
+                    if not some.even:
+                        bring_to_level(some.levels[v, u], rows[i] + shifts_down[v],
+                                       shifts_across[u], height, shifted)  # fmt: skip
+                    if turn == 1:
+                        add_differences(shifted, middle, used, limit, out[i, part])
+                    else:
+                        for s in range(np.uint64(width)):
+                            middle[s] += used * shifted[s]
+                        count += used
+        if turn == 0:
+            for s in range(np.uint64(width)):
+                middle[s] /= count
 
 
-def _choose_sides(queue, parts, shares, margins, out):
+@parallel(lambda out: len(out))
+def choose_sides(t, parts, shares, margins, out):
     """Least mismatch of all sides of the aperture: out[t, s], from parts[t, part, s].
 
     shares[side, part]: weights of a side's parts; margins[side] are added. Parts are averaged over
     3 x 3 lenslets first.
     """
     height, width = out.shape
-    for t in pieces(queue, height):
-        above, below = max(t - 1, 0), min(t + 1, height - 1)
-        down, smooth = np.empty(width, np.float32), np.empty((9, width), np.float32)
-        out[t, :] = np.inf
+    above, below = max(t - 1, 0), min(t + 1, height - 1)
+    down, smooth = np.empty(width, np.float32), np.empty((9, width), np.float32)
+    out[t, :] = np.inf
+    for part in range(9):
+        mix_lines(parts[above, part], parts[t, part], parts[below, part], down)
+        smooth[part, 0] = OWN * down[0] + BESIDE * (down[0] + down[min(1, width - 1)])
+        last = down[width - 1]
+        smooth[part, width - 1] = OWN * last + BESIDE * (last + down[max(width - 2, 0)])
+        mix_lines(down[:-2], down[1:-1], down[2:], smooth[part, 1:-1])
+    for side in range(margins.size):
+        down[:] = margins[side]
         for part in range(9):
-            mix_lines(parts[above, part], parts[t, part], parts[below, part], down)
-            smooth[part, 0] = OWN * down[0] + BESIDE * (down[0] + down[min(1, width - 1)])
-            last = down[width - 1]
-            smooth[part, width - 1] = OWN * last + BESIDE * (last + down[max(width - 2, 0)])
-            mix_lines(down[:-2], down[1:-1], down[2:], smooth[part, 1:-1])
-        for side in range(margins.size):
-            down[:] = margins[side]
-            for part in range(9):
-                share = shares[side, part]
-                if share > 0.0:
-                    for s in range(np.uint64(width)):
-                        down[s] += share * smooth[part, s]
-            for s in range(np.uint64(width)):
-                out[t, s] = min(out[t, s], down[s])
+            share = shares[side, part]
+            if share > 0.0:
+                for s in range(np.uint64(width)):
+                    down[s] += share * smooth[part, s]
+        for s in range(np.uint64(width)):
+            out[t, s] = min(out[t, s], down[s])
 
 
-def _mix_lines(before, own, after, out):
+@njit
+def mix_lines(before, own, after, out):
     """Weighted mean of three lines."""
     for s in range(np.uint64(out.size)):
         out[s] = OWN * own[s] + BESIDE * (before[s] + after[s])
-
-
-shift_row = compiled(_shift_row)
-bring_to_level = compiled(_bring_to_level)
-mix_lines = compiled(_mix_lines)
-add_differences = compiled(_add_differences)
-compare_views = shared(_compare_views)
-choose_sides = shared(_choose_sides)

@@ -6,15 +6,16 @@ They gather in a fixed order, one thread per row: the bits do not depend on the 
 import math
 
 import numpy as np
+from numba import njit
 
-from lf_flame._common.compiling import compiled
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 TAPS = 4
 """Number of lenslets along an axis from which a view is interpolated."""
 
 
-def _place_taps(slopes, middle, first, step, length, index, weight, change):
+@njit
+def place_taps(slopes, middle, first, step, length, index, weight, change):
     """Place the taps of the cubic B-spline along one axis: each output is [tap, s].
 
     Pixel s is at first + s * step, and is read slopes[s] * middle further on; taps outside the
@@ -35,7 +36,8 @@ def _place_taps(slopes, middle, first, step, length, index, weight, change):
             index[a, s] = min(max(start + a, 0), length - 1)
 
 
-def _read_view(view, y, y_weight, y_change, x, x_weight, x_change, value, along_t, along_s):
+@njit
+def read_view(view, y, y_weight, y_change, x, x_weight, x_change, value, along_t, along_s):
     """Read a view between its lenslets: value[s], and its derivatives along both axes.
 
     y, x: rows and columns that are read, their weights and changes, [tap, s].
@@ -55,7 +57,8 @@ def _read_view(view, y, y_weight, y_change, x, x_weight, x_change, value, along_
         value[s], along_t[s], along_s[s] = total, down, across
 
 
-def _level_at(level, t, s, height, width):
+@njit
+def level_at(level, t, s, height, width):
     """Level of a view at a place of its own."""
     y = np.float32(2.0 * t / max(height - 1, 1) - 1.0)
     x = np.float32(2.0 * s / max(width - 1, 1) - 1.0)
@@ -63,7 +66,8 @@ def _level_at(level, t, s, height, width):
     return constant + x * (level[2] + y * level[4] + x * level[5])
 
 
-def _differentiate_views(queue, some, rows, slopes, unit, limit, differences, products, squares):
+@parallel(lambda rows: rows.size)
+def differentiate_views(i, some, rows, slopes, unit, limit, differences, products, squares):
     """Differences of the views from the central one at each pixel's slope, and their derivatives.
 
     some: `lf_flame.refocus.matching.WeightedViews`. slopes[i, s]: slopes in row rows[i]; unit:
@@ -74,47 +78,47 @@ def _differentiate_views(queue, some, rows, slopes, unit, limit, differences, pr
     views, height = some.views, some.height
     width, above, beside = views.shape[3], (views.shape[0] - 1) / 2, (views.shape[1] - 1) / 2
     taps = TAPS, width
-    for i in pieces(queue, rows.size):
-        y, (y_weight, y_change) = np.empty(taps, np.int64), np.empty((2, *taps), np.float32)
-        x = np.empty((views.shape[1], *taps), np.int64)
-        x_weight, x_change = np.empty((2, views.shape[1], *taps), np.float32)
-        value, along_t, along_s = np.empty((3, width), np.float32)
-        middle, count = np.zeros(width, np.float32), np.float32(0.0)
-        differences[i], products[i], squares[i] = 0.0, 0.0, 0.0
-        for u in range(views.shape[1]):
-            place_taps(slopes[i], u - beside, 0, 1, width, x[u], x_weight[u], x_change[u])
-        for turn in range(2):
-            for v in range(views.shape[0]):
-                place_taps(slopes[i], v - above, rows[i], 0, height, y, y_weight, y_change)
-                y -= some.first
-                for u in range(views.shape[1]):
-                    used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
-                    if used == 0.0:
-                        continue
-                    read_view(views[v, u], y, y_weight, y_change, x[u], x_weight[u], x_change[u],
-                              value, along_t, along_s)  # fmt: skip
-                    if not some.even:
-                        for s in range(width):
-                            t = rows[i] + slopes[i, s] * (v - above)
-                            across = s + slopes[i, s] * (u - beside)
-                            level = level_at(some.levels[v, u], t, across, height, width)
-                            value[s] *= level
-                            along_t[s] *= level
-                            along_s[s] *= level
-                    if turn == 0:
-                        for s in range(width):
-                            middle[s] += used * unit * value[s]
-                        count += used
-                        continue
-                    part = 3 * some.parts_down[v] + some.parts_across[u]
-                    add_fits(value, along_t, along_s, unit, np.float32(v - above),
-                             np.float32(u - beside), middle, used, limit, differences[i, part],
-                             products[i, part], squares[i, part])  # fmt: skip
-            if turn == 0:
-                middle /= count
+    y, (y_weight, y_change) = np.empty(taps, np.int64), np.empty((2, *taps), np.float32)
+    x = np.empty((views.shape[1], *taps), np.int64)
+    x_weight, x_change = np.empty((2, views.shape[1], *taps), np.float32)
+    value, along_t, along_s = np.empty((3, width), np.float32)
+    middle, count = np.zeros(width, np.float32), np.float32(0.0)
+    differences[i], products[i], squares[i] = 0.0, 0.0, 0.0
+    for u in range(views.shape[1]):
+        place_taps(slopes[i], u - beside, 0, 1, width, x[u], x_weight[u], x_change[u])
+    for turn in range(2):
+        for v in range(views.shape[0]):
+            place_taps(slopes[i], v - above, rows[i], 0, height, y, y_weight, y_change)
+            y -= some.first
+            for u in range(views.shape[1]):
+                used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
+                if used == 0.0:
+                    continue
+                read_view(views[v, u], y, y_weight, y_change, x[u], x_weight[u], x_change[u],
+                          value, along_t, along_s)  # fmt: skip
+                if not some.even:
+                    for s in range(width):
+                        t = rows[i] + slopes[i, s] * (v - above)
+                        across = s + slopes[i, s] * (u - beside)
+                        level = level_at(some.levels[v, u], t, across, height, width)
+                        value[s] *= level
+                        along_t[s] *= level
+                        along_s[s] *= level
+                if turn == 0:
+                    for s in range(width):
+                        middle[s] += used * unit * value[s]
+                    count += used
+                    continue
+                part = 3 * some.parts_down[v] + some.parts_across[u]
+                add_fits(value, along_t, along_s, unit, np.float32(v - above),
+                         np.float32(u - beside), middle, used, limit, differences[i, part],
+                         products[i, part], squares[i, part])  # fmt: skip
+        if turn == 0:
+            middle /= count
 
 
-def _add_fits(
+@njit
+def add_fits(
     value, along_t, along_s, unit, down, across, middle, used, limit, differences, products, squares
 ):
     """Add a view's differences and what a change of the slope would change in them, [s]."""
@@ -127,7 +131,8 @@ def _add_fits(
         squares[s] += used * fit * fit * change * change
 
 
-def _fit(queue, slope, numerator, denominator, guide, near, alike, same, least, change):
+@parallel(lambda slope: len(slope))
+def fit(t, slope, numerator, denominator, guide, near, alike, same, least, change):
     """Ratio of the sums of numerators and denominators over pixels of about the same slope.
 
     near[distance]: weights along either axis; alike: difference of brightness at which a pixel
@@ -136,22 +141,13 @@ def _fit(queue, slope, numerator, denominator, guide, near, alike, same, least, 
     """
     height, width = slope.shape
     reach = near.size - 1
-    for t in pieces(queue, height):
-        for s in range(width):
-            above, below = 0.0, least
-            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
-                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
-                    if abs(slope[y, x] - slope[t, s]) <= same:
-                        unlike = (guide[y, x] - guide[t, s]) / alike
-                        weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
-                        above += weight * numerator[y, x]
-                        below += weight * denominator[y, x]
-            change[t, s] = above / below
-
-
-place_taps = compiled(_place_taps)
-read_view = compiled(_read_view)
-level_at = compiled(_level_at)
-add_fits = compiled(_add_fits)
-differentiate_views = shared(_differentiate_views)
-fit = shared(_fit)
+    for s in range(width):
+        above, below = 0.0, least
+        for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+            for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                if abs(slope[y, x] - slope[t, s]) <= same:
+                    unlike = (guide[y, x] - guide[t, s]) / alike
+                    weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
+                    above += weight * numerator[y, x]
+                    below += weight * denominator[y, x]
+        change[t, s] = above / below

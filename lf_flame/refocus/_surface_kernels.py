@@ -7,12 +7,13 @@ do not depend on the number of threads.
 import math
 
 import numpy as np
+from numba import njit
 
-from lf_flame._common.compiling import compiled
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 
-def _refocus_row(views, line, t, weights, taps, out):
+@njit
+def refocus_row(views, line, t, weights, taps, out):
     """Refocus row t of an image with a slope for each of its pixels, line[s]: out[s, c].
 
     A pixel's shift along t depends only on the row of the view, its shift along s only on the
@@ -44,7 +45,8 @@ def _refocus_row(views, line, t, weights, taps, out):
             out[s, c] = total[c, s]
 
 
-def _place_taps(line, middle, start, step, length, stride, index, weight):
+@njit
+def place_taps(line, middle, start, step, length, stride, index, weight):
     """Find where a view is read for each pixel along one axis: index[tap, s], weight[tap, s].
 
     Pixel s is at start + s * step; taps outside the axis read its edge. One tap rounds the shift,
@@ -71,7 +73,8 @@ def _place_taps(line, middle, start, step, length, stride, index, weight):
             index[a, s] = min(max(first + a, 0), length - 1) * stride
 
 
-def _add_view(view, down, right, tap_weight, weight, part):
+@njit
+def add_view(view, down, right, tap_weight, weight, part):
     """Add weight times a row of a flat view, starting at `down`, interpolated along s."""
     for b in range(right.shape[0]):
         for c in range(part.shape[0]):
@@ -81,18 +84,12 @@ def _add_view(view, down, right, tap_weight, weight, part):
                 part[c, s] += weight * tap_weight[b, s] * view[at]
 
 
-def _refocus_surface(queue, views, slopes, weights, taps, out):
+@parallel(lambda slopes: slopes.shape[0] * slopes.shape[1])
+def refocus_surface(k, views, slopes, weights, taps, out):
     """Weighted mean of views[v, u, t, s, c], shifted by slopes[n, t, s]: out[n, t, s, c].
 
     weights[v, u]: weights of the views, with sum 1; views of weight 0 are not read.
     """
     height = slopes.shape[1]
-    for k in pieces(queue, slopes.shape[0] * height):
-        n, t = k // height, k % height
-        refocus_row(views, slopes[n, t], t, weights, taps, out[n, t])
-
-
-place_taps = compiled(_place_taps)
-add_view = compiled(_add_view)
-refocus_row = compiled(_refocus_row)
-refocus_surface = shared(_refocus_surface)
+    n, t = k // height, k % height
+    refocus_row(views, slopes[n, t], t, weights, taps, out[n, t])

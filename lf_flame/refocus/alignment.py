@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import (
     Views,
@@ -147,8 +147,8 @@ def _combine_rows(view, rows, weights, line):
                 line[x] += weight * row[x]
 
 
-@shared
-def _align_in_blocks(queue, images, at, rows, row_weights, columns, column_weights, channels, out):
+@parallel(lambda out: out.shape[0] * out.shape[1] * out.shape[2])
+def _align_in_blocks(m, images, at, rows, row_weights, columns, column_weights, channels, out):
     """Shift images[at[k], t, x], average them over blocks: out[n, k, i, j * channels + c].
 
     images: the channels of a lenslet are adjacent along x.
@@ -156,13 +156,12 @@ def _align_in_blocks(queue, images, at, rows, row_weights, columns, column_weigh
     columns[k, n, j, b], column_weights[k, n, b]: the same along x, for channel 0.
     """
     slopes, count, height = out.shape[:3]
-    for m in pieces(queue, slopes * count * height):
-        n, k, i = m // (count * height), m // height % count, m % height
-        line = np.empty(images.shape[2], np.float32)
-        _combine_rows(images[at[k]], rows[k, n, i], row_weights[k, n], line)
-        for j in range(columns.shape[2]):
-            for c in range(channels):
-                total = np.float32(0.0)
-                for b in range(columns.shape[3]):
-                    total += column_weights[k, n, b] * line[np.uint64(columns[k, n, j, b] + c)]
-                out[n, k, i, j * channels + c] = total
+    n, k, i = m // (count * height), m // height % count, m % height
+    line = np.empty(images.shape[2], np.float32)
+    _combine_rows(images[at[k]], rows[k, n, i], row_weights[k, n], line)
+    for j in range(columns.shape[2]):
+        for c in range(channels):
+            total = np.float32(0.0)
+            for b in range(columns.shape[3]):
+                total += column_weights[k, n, b] * line[np.uint64(columns[k, n, j, b] + c)]
+            out[n, k, i, j * channels + c] = total

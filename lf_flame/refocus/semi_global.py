@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 STEP, JUMP = 0.06, 0.6
 """Costs of a change of slope by one step of the search, and of a larger change."""
@@ -124,8 +124,13 @@ def _sum_paths(
     return sums, left
 
 
-@shared
-def _add_paths(queue, costs, guide, top, down, across, entered, left, sums):
+def _count_paths(costs, down, across):
+    height, width = costs.shape[:2]
+    return width if across == 0 else height if down == 0 else width + height - 1
+
+
+@parallel(_count_paths)
+def _add_paths(path, costs, guide, top, down, across, entered, left, sums):
     """Add the costs along all paths of one direction, within a band of rows: sums[t, s, n].
 
     guide[y, s]: the whole image, whose row `top` is row 0 of the band. entered[s, n]: costs of the
@@ -133,80 +138,77 @@ def _add_paths(queue, costs, guide, top, down, across, entered, left, sums):
     row.
     """
     height, width, count = costs.shape
-    total = width if across == 0 else height if down == 0 else width + height - 1
-    for path in pieces(queue, total):
-        first = 0 if down == 0 else path if path < width else 0
-        t = path if down == 0 else 0
-        if down != 0 and path >= width:
-            t = path - width + 1
-        s = first
-        enters = down != 0 and t == 0
-        if down < 0:
-            t = height - 1 - t
-        if across < 0:
-            s = width - 1 - s
-        way = np.full(count + 2, np.float32(np.inf))
-        new = way.copy()
-        least, before = np.float32(0.0), guide[top + t, s]
-        way[1:-1] = 0.0
-        y, x = top + t - down, s - across
-        if enters and 0 <= y < guide.shape[0] and 0 <= x < width:
-            least, before = np.float32(np.inf), guide[y, x]
+    first = 0 if down == 0 else path if path < width else 0
+    t = path if down == 0 else 0
+    if down != 0 and path >= width:
+        t = path - width + 1
+    s = first
+    enters = down != 0 and t == 0
+    if down < 0:
+        t = height - 1 - t
+    if across < 0:
+        s = width - 1 - s
+    way = np.full(count + 2, np.float32(np.inf))
+    new = way.copy()
+    least, before = np.float32(0.0), guide[top + t, s]
+    way[1:-1] = 0.0
+    y, x = top + t - down, s - across
+    if enters and 0 <= y < guide.shape[0] and 0 <= x < width:
+        least, before = np.float32(np.inf), guide[y, x]
+        for n in range(np.uint64(count)):
+            way[n + np.uint64(1)] = entered[x, n]
+            least = min(least, entered[x, n])
+    while 0 <= t < height and 0 <= s < width:
+        change = abs(guide[top + t, s] - before)
+        jump = least + max(np.float32(JUMP) / (1 + np.float32(EDGE) * change), np.float32(STEP))
+        before = guide[top + t, s]
+        for n in range(np.uint64(count)):
+            beside = min(way[n], way[n + np.uint64(2)]) + np.float32(STEP)
+            best = min(min(way[n + np.uint64(1)], beside), jump)
+            new[n + np.uint64(1)] = costs[t, s, n] + (best - least)
+        least = np.float32(np.inf)
+        for n in range(np.uint64(count)):
+            value = new[n + np.uint64(1)]
+            sums[t, s, n] += value
+            least = min(least, value)
+        way, new = new, way
+        t += down
+        s += across
+        if down != 0 and not 0 <= t < height:
             for n in range(np.uint64(count)):
-                way[n + np.uint64(1)] = entered[x, n]
-                least = min(least, entered[x, n])
-        while 0 <= t < height and 0 <= s < width:
-            change = abs(guide[top + t, s] - before)
-            jump = least + max(np.float32(JUMP) / (1 + np.float32(EDGE) * change), np.float32(STEP))
-            before = guide[top + t, s]
-            for n in range(np.uint64(count)):
-                beside = min(way[n], way[n + np.uint64(2)]) + np.float32(STEP)
-                best = min(min(way[n + np.uint64(1)], beside), jump)
-                new[n + np.uint64(1)] = costs[t, s, n] + (best - least)
-            least = np.float32(np.inf)
-            for n in range(np.uint64(count)):
-                value = new[n + np.uint64(1)]
-                sums[t, s, n] += value
-                least = min(least, value)
-            way, new = new, way
-            t += down
-            s += across
-            if down != 0 and not 0 <= t < height:
-                for n in range(np.uint64(count)):
-                    left[s - across, n] = way[n + np.uint64(1)]
+                left[s - across, n] = way[n + np.uint64(1)]
 
 
-@shared
-def _pick(queue, costs, sums, reach, place, trust):
+@parallel(lambda costs: len(costs))
+def _pick(t, costs, sums, reach, place, trust):
     """Place of the least sum in steps of the search, and how far it can be trusted, 0 to 1."""
     height, width, count = costs.shape
-    for t in pieces(queue, height):
-        for s in range(width):
-            k = 0
-            for n in range(count):
-                if sums[t, s, n] < sums[t, s, k]:
-                    k = n
-            second = np.float32(np.inf)
-            for n in range(count):
-                if abs(n - k) > reach:
-                    second = min(second, sums[t, s, n])
-            place[t, s], trust[t, s] = k, 0.0
-            if 0 < k < count - 1:
-                before, own, after = costs[t, s, k - 1], costs[t, s, k], costs[t, s, k + 1]
-                bend = before + after - 2 * own
-                if bend > 0:
-                    off = (before - after) / (2 * bend)
-                    place[t, s] = k + min(max(off, np.float32(-0.5)), np.float32(0.5))
-                    # without distinct slopes none is certain
-                    margin = (second - sums[t, s, k]) / 8 if second < np.inf else np.float32(0.0)
-                    trust[t, s] = (
-                        margin / (margin + DISTINCT) * bend / (bend + BENT)
-                        * MATCHED / (MATCHED + own)
-                    )  # fmt: skip
+    for s in range(width):
+        k = 0
+        for n in range(count):
+            if sums[t, s, n] < sums[t, s, k]:
+                k = n
+        second = np.float32(np.inf)
+        for n in range(count):
+            if abs(n - k) > reach:
+                second = min(second, sums[t, s, n])
+        place[t, s], trust[t, s] = k, 0.0
+        if 0 < k < count - 1:
+            before, own, after = costs[t, s, k - 1], costs[t, s, k], costs[t, s, k + 1]
+            bend = before + after - 2 * own
+            if bend > 0:
+                off = (before - after) / (2 * bend)
+                place[t, s] = k + min(max(off, np.float32(-0.5)), np.float32(0.5))
+                # without distinct slopes none is certain
+                margin = (second - sums[t, s, k]) / 8 if second < np.inf else np.float32(0.0)
+                trust[t, s] = (
+                    margin / (margin + DISTINCT) * bend / (bend + BENT)
+                    * MATCHED / (MATCHED + own)
+                )  # fmt: skip
 
 
-@shared
-def _vote(queue, place, trust, guide, near, count, voted, confidence):
+@parallel(lambda place: len(place))
+def _vote(t, place, trust, guide, near, count, voted, confidence):
     """Mean of the votes for the slope with most of them, and how far it can be trusted.
 
     near[distance]: weights along either axis. A slope is trusted as much as similar neighbours,
@@ -215,39 +217,38 @@ def _vote(queue, place, trust, guide, near, count, voted, confidence):
     """
     height, width = place.shape
     reach = near.size - 1
-    for t in pieces(queue, height):
-        votes = np.empty(count + 3)
-        weights = np.empty(near.size * near.size * 4)
-        for s in range(width):
-            votes[:] = 0.0
-            total, alike, index = 0.0, 0.0, 0
-            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
-                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
-                    unlike = (guide[y, x] - guide[t, s]) / ALIKE
-                    weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
-                    alike += weight
-                    weight *= trust[y, x] + MUTE
-                    k = int(place[y, x])
-                    part = weight * (place[y, x] - k)
-                    votes[k + 1] += weight - part
-                    votes[k + 2] += part
-                    weights[index] = weight
-                    total += weight
-                    index += 1
-            best = 1
-            most = -1.0
-            for k in range(1, count + 1):
-                some = votes[k] + 0.5 * (votes[k - 1] + votes[k + 1])
-                if some > most:
-                    best, most = k, some
-            counted, weighted, trusted, index = 0.0, 0.0, 0.0, 0
-            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
-                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
-                    if abs(place[y, x] - (best - 1)) <= SAME:
-                        counted += weights[index]
-                        weighted += weights[index] * place[y, x]
-                        trusted += weights[index] * trust[y, x] / (trust[y, x] + MUTE)
-                    index += 1
-            voted[t, s] = weighted / counted
-            agrees = abs(place[t, s] - voted[t, s]) <= SAME
-            confidence[t, s] = counted / total * trusted / alike if agrees else 0.0
+    votes = np.empty(count + 3)
+    weights = np.empty(near.size * near.size * 4)
+    for s in range(width):
+        votes[:] = 0.0
+        total, alike, index = 0.0, 0.0, 0
+        for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+            for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                unlike = (guide[y, x] - guide[t, s]) / ALIKE
+                weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
+                alike += weight
+                weight *= trust[y, x] + MUTE
+                k = int(place[y, x])
+                part = weight * (place[y, x] - k)
+                votes[k + 1] += weight - part
+                votes[k + 2] += part
+                weights[index] = weight
+                total += weight
+                index += 1
+        best = 1
+        most = -1.0
+        for k in range(1, count + 1):
+            some = votes[k] + 0.5 * (votes[k - 1] + votes[k + 1])
+            if some > most:
+                best, most = k, some
+        counted, weighted, trusted, index = 0.0, 0.0, 0.0, 0
+        for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+            for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                if abs(place[y, x] - (best - 1)) <= SAME:
+                    counted += weights[index]
+                    weighted += weights[index] * place[y, x]
+                    trusted += weights[index] * trust[y, x] / (trust[y, x] + MUTE)
+                index += 1
+        voted[t, s] = weighted / counted
+        agrees = abs(place[t, s] - voted[t, s]) <= SAME
+        confidence[t, s] = counted / total * trusted / alike if agrees else 0.0

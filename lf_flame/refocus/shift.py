@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.threads import as_counters
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
     Views,
@@ -201,13 +200,13 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, places, out)
     plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, places, precision)
     sums = np.empty((plan.groups, len(slopes), *views.shape[2:]))
     bad = np.zeros(plan.groups * plan.blocks, bool)
-    done = np.zeros(plan.blocks, np.int64)
-    _kernels.shift_and_sum(
+    _kernels.sum_groups(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
-        plan.down_weights, sums, as_counters(done), bad, out,
+        plan.down_weights, sums, bad,
     )  # fmt: skip
     if bad.any():
         refuse_not_finite(views)
+    _kernels.add_groups(sums, out)
 
 
 def view_shifts(slopes: np.ndarray, places: np.ndarray, length: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import math
 
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 COLUMNS = (
     "y", "x", "slope", "half_height", "half_width", "cosine", "sine", "squareness",
@@ -20,7 +20,8 @@ OPAQUE = 1e-3
 """Fraction of light from behind a pixel that is neglected; leaves farther back are then skipped."""
 
 
-def _shade(leaf, y, x):
+@njit
+def shade(leaf, y, x):
     """Coverage and radiance of a leaf at a position relative to its centre."""
     down = leaf[5] * y - leaf[6] * x
     right = leaf[6] * y + leaf[5] * x
@@ -35,28 +36,24 @@ def _shade(leaf, y, x):
     return cover, min(max(leaf[8] + leaf[9] * wave, 0.0), 1.0)
 
 
-def _render_leaves(queue, leaves, background, out):
+@parallel(lambda out: out.shape[0] * out.shape[1] * out.shape[2])
+def render_leaves(m, leaves, background, out):
     """Render leaves, sorted nearest first, in every view: out[v, u, t, s]."""
     rows, columns, height, width = out.shape
-    for m in pieces(queue, rows * columns * height):
-        k, t = m // height, m % height
-        v, u = k // columns - (rows - 1) / 2.0, k % columns - (columns - 1) / 2.0
-        for s in range(width):
-            light, through = 0.0, 1.0
-            for n in range(leaves.shape[0]):
-                leaf = leaves[n]
-                y = t - leaf[0] - leaf[2] * v
-                x = s - leaf[1] - leaf[2] * u
-                reach = leaf[3] + leaf[4] + 1.0
-                if abs(y) > reach or abs(x) > reach:
-                    continue
-                cover, radiance = shade(leaf, y, x)
-                light += through * cover * radiance
-                through *= 1.0 - cover
-                if through < OPAQUE:
-                    break
-            out[k // columns, k % columns, t, s] = light + through * background
-
-
-shade = njit(_shade)
-render_leaves = shared(_render_leaves)
+    k, t = m // height, m % height
+    v, u = k // columns - (rows - 1) / 2.0, k % columns - (columns - 1) / 2.0
+    for s in range(width):
+        light, through = 0.0, 1.0
+        for n in range(leaves.shape[0]):
+            leaf = leaves[n]
+            y = t - leaf[0] - leaf[2] * v
+            x = s - leaf[1] - leaf[2] * u
+            reach = leaf[3] + leaf[4] + 1.0
+            if abs(y) > reach or abs(x) > reach:
+                continue
+            cover, radiance = shade(leaf, y, x)
+            light += through * cover * radiance
+            through *= 1.0 - cover
+            if through < OPAQUE:
+                break
+        out[k // columns, k % columns, t, s] = light + through * background

@@ -6,20 +6,22 @@ from pathlib import Path
 import numpy as np
 from skimage.util import img_as_float64
 
-from lf_flame._common.checksums import check_seal
 from lf_flame._common.config import build, strict
-from lf_flame._common.input_files import read_toml
+from lf_flame._common.images import PER_VALUE, check_levels, read_pixels, read_shape
+from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.memory import check_memory
-from lf_flame._common.pixels import check_levels, read_pixels, read_shape
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import LARGEST_MM, Layer, Scene
 from lf_flame.scenes.shapes import SHAPES, shape_texture
 
-LAYER_BYTES, CHANNEL_BYTES = 52, 8
-"""Bytes of memory per pixel that a layer takes, and per pixel and channel of its image, while the
-image is read and radiance, coverage and absorption are made."""
+LAYER_BYTES, MORE_BYTES = 26, 16
+"""Bytes of memory per pixel that a layer takes while it is made of an image: for its radiance,
+twice, and its absorption; and for the coverage of an opaque layer, or the absorption of soot."""
+
+ROWS = 64
+"""Number of rows of an image that are turned into radiance at a time."""
 
 
 @strict
@@ -81,25 +83,31 @@ class LayerEntry:
         if self.image is None:
             return 0
         rows, columns, channels = read_shape(folder / self.image)
-        return rows * columns * (LAYER_BYTES + CHANNEL_BYTES * channels)
+        more = MORE_BYTES * (self.opaque + (self.optical_thickness != 0))
+        # The image is gone before the layer is made of the arrays.
+        return rows * columns * max(LAYER_BYTES + more, PER_VALUE * channels + MORE_BYTES)
 
     def layer(self, folder: Path) -> Layer:
         """Make the layer; its image file is relative to `folder`."""
         if self.image is not None:
-            texture, coverage = _read_grey(folder / self.image)
+            texture, coverage = _read_grey(folder / self.image, self.opaque)
         elif self.shape in SHAPES:
-            texture = coverage = shape_texture(self.shape, self.size_mm)
+            coverage = shape_texture(self.shape, self.size_mm)
+            texture = coverage.copy()
         else:
             texture = flame_texture(self.size_mm[0], self.size_mm[1] / (2 * HALF_WIDTH))
             coverage = (texture > 0).astype(float)
+        soot: np.ndarray | float = 0.0
+        if self.optical_thickness:
+            soot = self.optical_thickness * texture / max(texture.max(), 1e-300)
         return Layer(
-            self.brightness * texture,
+            np.multiply(texture, self.brightness, out=texture),
             self.depth_mm,
             self.size_mm,
             self.centre_mm,
             opaque=self.opaque,
             coverage=coverage if self.opaque else None,
-            optical_thickness=self.optical_thickness * texture / max(texture.max(), 1e-300),
+            optical_thickness=soot,
             thickness_mm=self.thickness_mm,
         )
 
@@ -170,12 +178,6 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
 FASTEST = 0.5
 """F-number of the fastest lens in air, by Abbe's sine condition."""
 
-CHANGED = (
-    "; for a changed camera, write the entries of its camera that are not null as a table [camera] "
-    "of a TOML file, and give that"
-)
-"""What to do instead of changing the camera in a simulation's record."""
-
 
 def read_camera(path: str | Path) -> PlenopticCamera:
     """Read a camera from the ``[camera]`` table of a TOML file, or from a simulation's record.
@@ -183,8 +185,8 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     Raises
     ------
     InputError
-        If the file cannot be read, is a record that does not fit its own hash, has no camera, a
-        value cannot be used, or no lens has such an aperture.
+        If the file cannot be read, has no camera, a value cannot be used, or no lens has such an
+        aperture.
 
     Examples
     --------
@@ -192,7 +194,7 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     >>> read_camera("scene.toml").views
     9
     """
-    values = check_seal(path, CHANGED) if Path(path).suffix == ".json" else read_toml(path)
+    values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
     if "law" in values and "camera" not in values:
         raise InputError(
             f"{path} holds the measured law of a camera, and the thin-lens camera is needed here: "
@@ -218,15 +220,21 @@ def _check_aperture(camera: PlenopticCamera, path: str | Path) -> None:
         )
 
 
-def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance of an image's pixels, and their coverage: opaque 1, transparent 0."""
+def _read_grey(path: Path, opaque: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """Radiance of an image's pixels and, if it is opaque, their coverage: transparent 0."""
     pixels = read_pixels(path)
     check_levels(pixels, path)
-    image = img_as_float64(pixels)
-    if image.ndim not in (2, 3):
-        raise InputError(f"{path} must be one image, got an array of shape {image.shape}.")
-    coverage = np.ones(image.shape[:2])
-    if image.ndim == 3 and image.shape[2] in (2, 4):
-        coverage = image[..., -1]
-        image = image[..., :-1] * image[..., -1:]  # transparent pixels emit nothing
-    return (image.mean(axis=2) if image.ndim == 3 else image), coverage
+    if pixels.ndim not in (2, 3):
+        raise InputError(f"{path} must be one image, got an array of shape {pixels.shape}.")
+    clear = pixels.ndim == 3 and pixels.shape[2] in (2, 4)
+    texture = np.empty(pixels.shape[:2])
+    coverage = np.ones(pixels.shape[:2]) if opaque else None
+    for first in range(0, len(pixels), ROWS):  # a copy of the whole as floats would take too much
+        rows = slice(first, first + ROWS)
+        image = img_as_float64(pixels[rows])
+        if clear and coverage is not None:
+            coverage[rows] = image[..., -1]
+        if clear:
+            image = image[..., :-1] * image[..., -1:]  # transparent pixels emit nothing
+        texture[rows] = image.mean(axis=2) if image.ndim == 3 else image
+    return texture, coverage

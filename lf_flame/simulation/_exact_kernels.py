@@ -9,14 +9,15 @@ import math
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.simulation._falloff_kernels import shade
 
 TINY = np.finfo(float).tiny
 """Divides where a width may be 0."""
 
 
-def _trapezoid_cdf(x, wide, narrow):
+@njit
+def trapezoid_cdf(x, wide, narrow):
     """`lf_flame.optics.ray_bundle.trapezoid_cdf` of one number, for widths in order."""
     distance, half = abs(x), 0.5
     if wide > 0.0:
@@ -29,45 +30,47 @@ def _trapezoid_cdf(x, wide, narrow):
     return 0.5 + half if x > 0.0 else 0.5 - half if x < 0.0 else 0.5
 
 
-def _weigh_bands(edges, centres, lenslet, pixels, start, weights):
-    """Shares of trapezoids in cells: weights[k, i] of cell start[k] + i for centres[k].
+@parallel(lambda centres: len(centres))
+def weigh_bands(v, edges, centres, lenslet, pixels, start, weights):
+    """Shares of trapezoids in cells: weights[v, k, i] of cell start[v, k] + i for centres[v, k].
 
-    edges[cell]: evenly spaced. lenslet, pixels[k]: widths of the boxes that make a trapezoid.
+    edges[cell]: evenly spaced. lenslet, pixels[v, k]: widths of the boxes that make a trapezoid.
     """
     cells, cell_width = edges.size - 1, edges[1] - edges[0]
-    band, border = weights.shape[1], edges[cells]
-    for k in range(centres.size):
-        centre, wide, narrow = centres[k], max(lenslet, pixels[k]), min(lenslet, pixels[k])
-        reach = (lenslet + pixels[k]) / 2
+    band, border = weights.shape[2], edges[cells]
+    for k in range(centres.shape[1]):
+        centre, pixel = centres[v, k], pixels[v, k]
+        wide, narrow, reach = max(lenslet, pixel), min(lenslet, pixel), (lenslet + pixel) / 2
         if centre + reach < edges[0] or centre - reach > border:  # as most do: in short
-            start[k] = 0 if centre < border else cells - band
-            weights[k] = 0.0
+            start[v, k] = 0 if centre < border else cells - band
+            weights[v, k] = 0.0
             continue
         first = math.floor((centre - reach - edges[0]) / cell_width)
-        start[k] = min(max(first, 0), cells - band)
-        near = trapezoid_cdf(edges[start[k]] - centre, wide, narrow)
+        start[v, k] = min(max(first, 0), cells - band)
+        near = trapezoid_cdf(edges[start[v, k]] - centre, wide, narrow)
         for i in range(band):
-            far = trapezoid_cdf(edges[start[k] + i + 1] - centre, wide, narrow)
-            weights[k, i] = far - near
+            far = trapezoid_cdf(edges[start[v, k] + i + 1] - centre, wide, narrow)
+            weights[v, k, i] = far - near
             near = far
 
 
-def _integrate_columns(queue, texture, start, weight, first, last, out):
+@parallel(lambda texture: len(texture))
+def integrate_columns(row, texture, start, weight, first, last, out):
     """``texture @ Kx.T``, K banded: out[row, b, d].
 
     start[b, d], weight[b, d, j]: first cell and weights of the band.
     """
-    for row in pieces(queue, texture.shape[0]):
-        cells = texture[row]
-        for b in range(start.shape[0]):
-            for d in range(first[b], last[b]):
-                light, near, band = 0.0, start[b, d], weight[b, d]
-                for j in range(band.size):
-                    light += band[j] * cells[near + j]
-                out[row, b, d] = light
+    cells = texture[row]
+    for b in range(start.shape[0]):
+        for d in range(first[b], last[b]):
+            light, near, band = 0.0, start[b, d], weight[b, d]
+            for j in range(band.size):
+                light += band[j] * cells[near + j]
+            out[row, b, d] = light
 
 
-def _integrate_rows(queue, columns, start, weight, falloff, seen, first, last, shaded, out):
+@parallel(lambda weight: weight.shape[1] * weight.shape[2])
+def integrate_rows(k, columns, start, weight, falloff, seen, first, last, shaded, out):
     """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
 
     columns[row, b, d]: the planes' textures, integrated along x, one below the other.
@@ -77,32 +80,24 @@ def _integrate_rows(queue, columns, start, weight, falloff, seen, first, last, s
     """
     planes, groups, lines, band = weight.shape
     shaded_rows, shaded_columns = shaded
-    for k in pieces(queue, groups * lines):
-        a, c = k // lines, k % lines
-        total = np.empty(columns.shape[2])
-        for b in range(columns.shape[1]):
-            low, high = total.size, 0
-            for p in range(planes):
-                if seen[p, a, c]:
-                    low, high = min(low, first[p, b]), max(high, last[p, b])
-            total[low:high] = 0.0
-            for p in range(planes):
-                if not seen[p, a, c]:
-                    continue
-                inside = total[first[p, b] : last[p, b]]
-                for i in range(band):
-                    w = weight[p, a, c, i]
-                    if w != 0.0:
-                        cells = columns[start[p, a, c] + i, b, first[p, b] : last[p, b]]
-                        for d in range(inside.size):
-                            inside[d] += w * cells[d]
-            for d in range(low, high):
-                if not (shaded_rows[a, c] and shaded_columns[b, d]):
-                    out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
-
-
-trapezoid_cdf = njit(_trapezoid_cdf)
-
-weigh_bands = njit(cache=True)(_weigh_bands)
-integrate_columns = shared(_integrate_columns)
-integrate_rows = shared(_integrate_rows)
+    a, c = k // lines, k % lines
+    total = np.empty(columns.shape[2])
+    for b in range(columns.shape[1]):
+        low, high = total.size, 0
+        for p in range(planes):
+            if seen[p, a, c]:
+                low, high = min(low, first[p, b]), max(high, last[p, b])
+        total[low:high] = 0.0
+        for p in range(planes):
+            if not seen[p, a, c]:
+                continue
+            inside = total[first[p, b] : last[p, b]]
+            for i in range(band):
+                w = weight[p, a, c, i]
+                if w != 0.0:
+                    cells = columns[start[p, a, c] + i, b, first[p, b] : last[p, b]]
+                    for d in range(inside.size):
+                        inside[d] += w * cells[d]
+        for d in range(low, high):
+            if not (shaded_rows[a, c] and shaded_columns[b, d]):
+                out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))

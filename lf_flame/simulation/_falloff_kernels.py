@@ -3,14 +3,16 @@
 from numba import njit
 
 
-def _shade(falloff, a, c, b, d):
+@njit
+def shade(falloff, a, c, b, d):
     """Mean of cos^4 over the angles at which a pixel's rays leave the main lens."""
     if falloff is None:
         return 1.0
     return cos4(falloff.rows[a, c] + falloff.columns[b, d], falloff.patch)
 
 
-def _shade_ray(falloff, tilt, lenslet, pixel, ray):
+@njit
+def shade_ray(falloff, tilt, lenslet, pixel, ray):
     """Mean of cos^4 over a ray's box, through a lenslet."""
     if falloff is None:
         return 1.0
@@ -22,7 +24,8 @@ def _shade_ray(falloff, tilt, lenslet, pixel, ray):
     return cos4(down * down + right * right, falloff.patch)
 
 
-def _cos4(squared, patch):
+@njit
+def cos4(squared, patch):
     """Mean of cos^4 over a patch of the main lens about a place of such a squared tangent.
 
     By the mean and the variance of the squared tangents over the patch, of a width w along both
@@ -31,8 +34,3 @@ def _cos4(squared, patch):
     cos2 = 1.0 / (1.0 + squared + patch)
     variance = patch * (2.0 * squared + 0.4 * patch)
     return cos2 * cos2 * (1.0 + 3.0 * variance * cos2 * cos2)
-
-
-cos4 = njit(_cos4)
-shade = njit(_shade)
-shade_ray = njit(_shade_ray)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.simulation._falloff_kernels import shade
 
 SLIVER = 1e-14
@@ -21,7 +21,8 @@ BELOW = -2
 """The strip before the first: one below the border."""
 
 
-def _cut(offsets, lenslet, pixel, counts, cells, areas):
+@njit
+def cut(offsets, lenslet, pixel, counts, cells, areas):
     """Cut one bundle, front to back, and return the number of its polygons.
 
     Depth first: the strip of one cell is cut off what is left of a polygon, and is itself cut
@@ -67,7 +68,8 @@ def _cut(offsets, lenslet, pixel, counts, cells, areas):
     return found
 
 
-def _measure(polygon, size, place, lenslet, pixel, heights):
+@njit
+def measure(polygon, size, place, lenslet, pixel, heights):
     """Fill in where the corners meet a plane, in cells, and return the lowest and the highest."""
     lowest, highest = math.inf, -math.inf
     for k in range(size):
@@ -76,7 +78,8 @@ def _measure(polygon, size, place, lenslet, pixel, heights):
     return lowest, highest
 
 
-def _split(polygon, size, heights, edge, round_off, lower, upper):
+@njit
+def split(polygon, size, heights, edge, round_off, lower, upper):
     """Split a convex polygon where its height is that of an edge, and return both sizes.
 
     A corner within `round_off` of the edge is on it: rounding must not bend a side about an edge,
@@ -105,7 +108,8 @@ def _split(polygon, size, heights, edge, round_off, lower, upper):
     return below, above
 
 
-def _area(polygon, size):
+@njit
+def area(polygon, size):
     """Area of a convex polygon with its corners in order, as a fan about the first."""
     twice = 0.0
     for k in range(1, size - 1):
@@ -117,7 +121,8 @@ def _area(polygon, size):
     return 0.5 * abs(twice)
 
 
-def _keep(polygon, size, strip, counts, cells, areas):
+@njit
+def keep(polygon, size, strip, counts, cells, areas):
     """Note a polygon if there is room, and return whether it meets any plane."""
     planes, meets = counts.size, False
     for p in range(planes):
@@ -129,16 +134,17 @@ def _keep(polygon, size, strip, counts, cells, areas):
     return 1 if meets else 0
 
 
-def _count_polygons(queue, offsets, lenslet, pixel, lit, counts, wanted, found):
+@parallel(lambda found: found.size)
+def count_polygons(n, offsets, lenslet, pixel, lit, counts, wanted, found):
     """Count the polygons of each bundle, found[n]; the other arguments as below."""
     no_cells, no_areas = np.empty((0, counts.size), np.int32), np.empty(0)
-    for n in pieces(queue, found.size):
-        found[n] = 0
-        if wanted[n] and lit[n] > 0.0:
-            found[n] = cut(offsets[n], lenslet, pixel * lit[n], counts, no_cells, no_areas)
+    found[n] = 0
+    if wanted[n] and lit[n] > 0.0:
+        found[n] = cut(offsets[n], lenslet, pixel * lit[n], counts, no_cells, no_areas)
 
 
-def _cut_bundles(queue, offsets, lenslet, pixel, lit, counts, first, cells, areas):
+@parallel(lambda offsets: len(offsets))
+def cut_bundles(n, offsets, lenslet, pixel, lit, counts, first, cells, areas):
     """Cut all bundles into polygons.
 
     offsets[n, p], lenslet[p], pixel[p]: of bundle n on plane p, in cells of the plane.
@@ -147,47 +153,35 @@ def _cut_bundles(queue, offsets, lenslet, pixel, lit, counts, first, cells, area
     first[n]: place of a bundle's first polygon in cells[:, p] and areas[:]; its last is before
     that of the next bundle.
     """
-    for n in pieces(queue, offsets.shape[0]):
-        mine = slice(first[n], first[n + 1])
-        if first[n + 1] > first[n]:
-            cut(offsets[n], lenslet, pixel * lit[n], counts, cells[mine], areas[mine])
-            areas[mine] *= lit[n]
+    mine = slice(first[n], first[n + 1])
+    if first[n + 1] > first[n]:
+        cut(offsets[n], lenslet, pixel * lit[n], counts, cells[mine], areas[mine])
+        areas[mine] *= lit[n]
 
 
-def _add_polygons(queue, planes, rows, columns, falloff, out):
+@parallel(lambda rows: rows.first.size - 1)
+def add_polygons(k, planes, rows, columns, falloff, out):
     """Add the sum over pairs of polygons to each pixel, out[a, b, c, d].
 
     The planes are those of `lf_flame.simulation.ray_tables`; rows and columns those of
     `lf_flame.simulation.polygons`, for (a, c) and (b, d).
     """
     count = planes.first.size
-    for k in pieces(queue, rows.first.size - 1):
-        a, c = k // out.shape[2], k % out.shape[2]
-        if rows.first[k] == rows.first[k + 1]:
-            continue
-        for b in range(out.shape[1]):
-            for d in range(out.shape[3]):
-                m = b * out.shape[3] + d
-                light = 0.0
-                for i in range(rows.first[k], rows.first[k + 1]):
-                    line = 0.0
-                    for j in range(columns.first[m], columns.first[m + 1]):
-                        radiance, clear = 0.0, columns.areas[j]
-                        for p in range(count):
-                            at = rows.cells[i, p] + columns.cells[j, p]
-                            radiance += clear * planes.emission[at]
-                            clear *= planes.transmission[at]
-                        line += radiance
-                    light += rows.areas[i] * line
-                out[a, b, c, d] += light * shade(falloff, a, c, b, d)
-
-
-measure = njit(_measure)
-split = njit(_split)
-area = njit(_area)
-keep = njit(_keep)
-cut = njit(_cut)
-
-count_polygons = shared(_count_polygons)
-cut_bundles = shared(_cut_bundles)
-add_polygons = shared(_add_polygons)
+    a, c = k // out.shape[2], k % out.shape[2]
+    if rows.first[k] == rows.first[k + 1]:
+        return
+    for b in range(out.shape[1]):
+        for d in range(out.shape[3]):
+            m = b * out.shape[3] + d
+            light = 0.0
+            for i in range(rows.first[k], rows.first[k + 1]):
+                line = 0.0
+                for j in range(columns.first[m], columns.first[m + 1]):
+                    radiance, clear = 0.0, columns.areas[j]
+                    for p in range(count):
+                        at = rows.cells[i, p] + columns.cells[j, p]
+                        radiance += clear * planes.emission[at]
+                        clear *= planes.transmission[at]
+                    line += radiance
+                light += rows.areas[i] * line
+            out[a, b, c, d] += light * shade(falloff, a, c, b, d)

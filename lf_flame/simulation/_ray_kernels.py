@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.simulation._falloff_kernels import shade_ray
 from lf_flame.simulation._stop_kernels import (
     Lenslet,
@@ -30,7 +30,8 @@ from lf_flame.simulation._stop_kernels import (
 )
 
 
-def _radiance(planes, transmission, rays, weights, pixel, ray):
+@njit
+def radiance(planes, transmission, rays, weights, pixel, ray):
     """Radiance along one ray: the light of each plane, attenuated by the planes in front of it."""
     # A single plane, which nothing attenuates.
     if transmission is None:
@@ -45,7 +46,8 @@ def _radiance(planes, transmission, rays, weights, pixel, ray):
     return light
 
 
-def _hit(rays, weights, p, pixel, ray):
+@njit
+def hit(rays, weights, p, pixel, ray):
     """Cell that a ray meets on plane p, and the weights of the next cells down and right.
 
     Without weights both are None: all light comes from the one cell.
@@ -58,8 +60,9 @@ def _hit(rays, weights, p, pixel, ray):
     return at, down, weights.right[p, pixel.view_column, pixel.column, ray.column]
 
 
-def _radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
-    """Radiance along one ray through any lenslet; otherwise as `_radiance`."""
+@njit
+def radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
+    """Radiance along one ray through any lenslet; otherwise as `radiance`."""
     if transmission is None:
         at, down, right = hit_shifted(planes, rays, shifts, lenslet, 0, pixel, ray)
         return box_mean(planes.emission, planes.stride[0], at, down, right)
@@ -71,7 +74,8 @@ def _radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
     return light
 
 
-def _hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
+@njit
+def hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
     """Cell that a ray through any lenslet meets on plane p, and the weights of the next cells."""
     # The ray through the pixel's own lenslet, on an array that is not turned;
     row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
@@ -90,7 +94,8 @@ def _hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
     return planes.first[p] + y * planes.stride[p] + x, down, right
 
 
-def _cell(position, breadth, cells):
+@njit
+def cell(position, breadth, cells):
     """Find the half-open cell in which a box begins, and the next cell's share of the box.
 
     Cells count from the border at 0; a box is at most 1 cell wide.
@@ -102,21 +107,24 @@ def _cell(position, breadth, cells):
     return start + 1, min(max(weight, 0.0), 1.0)
 
 
-def _mean(values, stride, at, down, right):
+@njit
+def mean(values, stride, at, down, right):
     """Mean over a ray's box; without weights, the value of one cell."""
     if down is None:
         return values[at]
     return box_mean(values, stride, at, down, right)
 
 
-def _box_mean(values, stride, at, down, right):
+@njit
+def box_mean(values, stride, at, down, right):
     """Mean over a ray's box, which covers at most four cells."""
     upper = values[at] + right * (values[at + 1] - values[at])
     lower = values[at + stride] + right * (values[at + stride + 1] - values[at + stride])
     return upper + down * (lower - upper)
 
 
-def _bundle(
+@njit
+def bundle(
     planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, lenslet, place, pixel
 ):
     """Sum over the rays of a pixel through one lenslet."""
@@ -136,7 +144,8 @@ def _bundle(
     return light
 
 
-def _through_lenslets(
+@njit
+def through_lenslets(
     planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
 ):
     """Light of a pixel through every lenslet that can send it any."""
@@ -162,33 +171,34 @@ def _through_lenslets(
     return light
 
 
-def _trace_planes(queue, planes, rays, weights, stop, second, falloff, seen, share, out):
+@parallel(lambda seen: seen.lines.size)
+def trace_planes(k, planes, rays, weights, stop, second, falloff, seen, share, out):
     """Add the mean over a grid of backward rays to each pixel of an image.
 
     share: share of a pixel's light in one ray.
     """
     own, lines = Lenslet(0.0, 0.0), seen.lines
-    for k in pieces(queue, lines.size):
-        # A piece is a line of pixels; lines that see nothing stay as they are.
-        view_row, row = k // lines.shape[1], k % lines.shape[1]
-        if not lines[view_row, row]:
-            continue
-        for view_column in range(seen.first.size):
-            for column in range(seen.first[view_column], seen.last[view_column]):
-                pixel, light = Pixel(view_row, view_column, row, column), 0.0
-                for i in range(rays.rows.shape[3]):
-                    for j in range(rays.columns.shape[3]):
-                        ray = Ray(i, j)
-                        # Share of the ray's box inside the stops, and cos^4.
-                        weight = passes(stop, second, None, own, pixel, ray)
-                        weight *= shade_ray(falloff, None, own, pixel, ray)
-                        light += weight * radiance(
-                            planes, planes.transmission, rays, weights, pixel, ray
-                        )
-                out[view_row, view_column, row, column] += light * share
+    # A piece is a line of pixels; lines that see nothing stay as they are.
+    view_row, row = k // lines.shape[1], k % lines.shape[1]
+    if not lines[view_row, row]:
+        return
+    for view_column in range(seen.first.size):
+        for column in range(seen.first[view_column], seen.last[view_column]):
+            pixel, light = Pixel(view_row, view_column, row, column), 0.0
+            for i in range(rays.rows.shape[3]):
+                for j in range(rays.columns.shape[3]):
+                    ray = Ray(i, j)
+                    # Share of the ray's box inside the stops, and cos^4.
+                    weight = passes(stop, second, None, own, pixel, ray)
+                    weight *= shade_ray(falloff, None, own, pixel, ray)
+                    light += weight * radiance(
+                        planes, planes.transmission, rays, weights, pixel, ray
+                    )
+            out[view_row, view_column, row, column] += light * share
 
 
-def _trace_apart(queue, planes, rays, weights, seen, share, out):
+@parallel(lambda seen: seen.lines.size)
+def trace_apart(k, planes, rays, weights, seen, share, out):
     """Do the same for one plane without stops or falloff, in fewer operations.
 
     A ray's row on the plane depends on its number along y alone, its column on that along x. The
@@ -196,27 +206,27 @@ def _trace_apart(queue, planes, rays, weights, seen, share, out):
     rays of each pixel, at the cost of the rays along x.
     """
     lines = seen.lines
-    for k in pieces(queue, lines.size):
-        view_row, row = k // lines.shape[1], k % lines.shape[1]
-        if not lines[view_row, row]:
-            continue
-        # Sum over the rays along y, for each column of cells.
-        sums = np.zeros(planes.stride[0])
-        for i in range(rays.rows.shape[3]):
-            down = weights.down[0, view_row, row, i]
-            add_rows(sums, planes.emission, rays.rows[0, view_row, row, i], down)
-        # Sum over the rays along x, for each pixel.
-        for view_column in range(seen.first.size):
-            for column in range(seen.first[view_column], seen.last[view_column]):
-                light = 0.0
-                for j in range(rays.columns.shape[3]):
-                    x = rays.columns[0, view_column, column, j]
-                    right = weights.right[0, view_column, column, j]
-                    light += sums[x] + right * (sums[x + 1] - sums[x])
-                out[view_row, view_column, row, column] += light * share
+    view_row, row = k // lines.shape[1], k % lines.shape[1]
+    if not lines[view_row, row]:
+        return
+    # Sum over the rays along y, for each column of cells.
+    sums = np.zeros(planes.stride[0])
+    for i in range(rays.rows.shape[3]):
+        down = weights.down[0, view_row, row, i]
+        add_rows(sums, planes.emission, rays.rows[0, view_row, row, i], down)
+    # Sum over the rays along x, for each pixel.
+    for view_column in range(seen.first.size):
+        for column in range(seen.first[view_column], seen.last[view_column]):
+            light = 0.0
+            for j in range(rays.columns.shape[3]):
+                x = rays.columns[0, view_column, column, j]
+                right = weights.right[0, view_column, column, j]
+                light += sums[x] + right * (sums[x + 1] - sums[x])
+            out[view_row, view_column, row, column] += light * share
 
 
-def _add_rows(sums, values, first, down):
+@njit
+def add_rows(sums, values, first, down):
     """Add a row of cells and the next one to the sums, the next with weight `down`."""
     size = sums.size
     upper, lower = values[first : first + size], values[first + size : first + 2 * size]
@@ -224,39 +234,24 @@ def _add_rows(sums, values, first, down):
         sums[x] += upper[x] + down * (lower[x] - upper[x])
 
 
-def _trace_lenslets(queue, tables, seen, share, out):
+@parallel(lambda seen: seen.lines.size)
+def trace_lenslets(k, tables, seen, share, out):
     """Do the same for light through every lenslet; tables: `LensletTables`."""
     # Taken from the tuple once: each time, Numba counts the references to all arrays.
     planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt = tables
     lines = seen.lines
-    for k in pieces(queue, lines.size):
-        view_row, row = k // lines.shape[1], k % lines.shape[1]
-        if not lines[view_row, row]:
-            continue
-        for view_column in range(seen.first.size):
-            for column in range(seen.first[view_column], seen.last[view_column]):
-                pixel = Pixel(view_row, view_column, row, column)
-                light = through_lenslets(
-                    planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
-                )
-                out[view_row, view_column, row, column] += light * share
+    view_row, row = k // lines.shape[1], k % lines.shape[1]
+    if not lines[view_row, row]:
+        return
+    for view_column in range(seen.first.size):
+        for column in range(seen.first[view_column], seen.last[view_column]):
+            pixel = Pixel(view_row, view_column, row, column)
+            light = through_lenslets(
+                planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
+            )
+            out[view_row, view_column, row, column] += light * share
 
 
 # Each function is compiled for the types of each call. Functions that are called for each ray have
 # no loop and no early return where possible: Numba then need not count references to the tables'
 # arrays, which would cost several times the work itself.
-cell = njit(_cell)
-hit = njit(_hit)
-box_mean = njit(_box_mean)
-mean = njit(_mean)
-hit_shifted = njit(_hit_shifted)
-radiance_shifted = njit(_radiance_shifted)
-radiance = njit(_radiance)
-bundle = njit(_bundle)
-through_lenslets = njit(_through_lenslets)
-
-add_rows = njit(_add_rows)
-
-trace_planes = shared(_trace_planes)
-trace_apart = shared(_trace_apart)
-trace_lenslets = shared(_trace_lenslets)

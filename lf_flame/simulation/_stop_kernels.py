@@ -39,7 +39,8 @@ class Place(NamedTuple):
     right: float
 
 
-def _crossing(stop, shifts, k, lenslet, pixel, ray):
+@njit
+def crossing(stop, shifts, k, lenslet, pixel, ray):
     """Place where a ray crosses round stop number k, in mm from the stop's centre."""
     y = stop.rows[pixel.view_row, pixel.row, ray.row]
     x = stop.columns[pixel.view_column, pixel.column, ray.column]
@@ -50,7 +51,8 @@ def _crossing(stop, shifts, k, lenslet, pixel, ray):
     return y, x
 
 
-def _passes(stop, second, shifts, lenslet, pixel, ray):
+@njit
+def passes(stop, second, shifts, lenslet, pixel, ray):
     """Share of a ray's box inside two round stops, whose edges count as straight within the box.
 
     Both stops have the same axis. Stops that cut the box from the same side leave the smaller of
@@ -69,14 +71,16 @@ def _passes(stop, second, shifts, lenslet, pixel, ray):
     return left_by_both(share, other, along)
 
 
-def _left_by_both(share, other, along):
+@njit
+def left_by_both(share, other, along):
     """Share of a box that two straight edges leave; along < 0: they cut from opposite sides."""
     if along < 0.0:
         return max(share + other - 1.0, 0.0)
     return min(share, other)
 
 
-def _left_by_edge(radius, y, x, tall, wide):
+@njit
+def left_by_edge(radius, y, x, tall, wide):
     """Share of a box, centred at (y, x), inside a circle about the axis."""
     squared, edge = y * y + x * x, tall + wide  # the box is at most `edge` wide in any direction
     if edge > radius:  # a stop of the size of the box: a square of the same area replaces it
@@ -91,7 +95,8 @@ def _left_by_edge(radius, y, x, tall, wide):
     return 1.0
 
 
-def _on_array(micro_images, pixel):
+@njit
+def on_array(micro_images, pixel):
     """Place of a pixel from the centre of its own lenslet's micro-image."""
     row, column = (pixel.view_row, pixel.row), (pixel.view_column, pixel.column)
     y = micro_images.rows[row] + micro_images.shift_rows[column]
@@ -101,7 +106,8 @@ def _on_array(micro_images, pixel):
     return Place(cosine * y - sine * x, cosine * x + sine * y)
 
 
-def _inside(squares, micro_images, place, ray):
+@njit
+def inside(squares, micro_images, place, ray):
     """Share of a ray's box on the sensor that lies in a square micro-image."""
     if squares is None:
         return 1.0
@@ -111,7 +117,8 @@ def _inside(squares, micro_images, place, ray):
     return along * overlap(place.right + cosine * x + sine * y, squares.width, 0.5)
 
 
-def _overlap(position, breadth, half):
+@njit
+def overlap(position, breadth, half):
     """Share of a box, centred at a position, that lies between -half and half."""
     if breadth <= 0.0:
         return 1.0 if abs(position) <= half else 0.0
@@ -119,18 +126,9 @@ def _overlap(position, breadth, half):
     return max(high - low, 0.0) / breadth
 
 
-def _whole(squares, place):
+@njit
+def whole(squares, place):
     """Whether all of a pixel lies in a square micro-image, however it is turned."""
     if squares is None:
         return False
     return max(abs(place.down), abs(place.right)) < 0.5 - 0.75 * squares.pixel
-
-
-overlap = njit(_overlap)
-crossing = njit(_crossing)
-left_by_edge = njit(_left_by_edge)
-left_by_both = njit(_left_by_both)
-passes = njit(_passes)
-on_array = njit(_on_array)
-inside = njit(_inside)
-whole = njit(_whole)

@@ -138,8 +138,9 @@ def band_weights(
     centres, widths = np.array(centres_mm), np.full(centres_mm.shape, pixel_mm, float)
     start = np.empty(centres_mm.shape, np.int64)
     weights = np.empty((*centres_mm.shape, band))
+    lines = len(centres), -1
     _exact_kernels.weigh_bands(
-        edges_mm, centres.ravel(), float(lenslet_mm), widths.ravel(), start.ravel(),
-        weights.reshape(-1, band),
+        edges_mm, centres.reshape(lines), float(lenslet_mm), widths.reshape(lines),
+        start.reshape(lines), weights.reshape(*lines, band),
     )  # fmt: skip
     return start, weights

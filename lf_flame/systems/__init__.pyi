@@ -2,7 +2,6 @@ from .aperturenet import ApertureNet as ApertureNet
 from .aperturenet import build_aperturenet as build_aperturenet
 from .base import NetworkSystem as NetworkSystem
 from .base import RefocusingSystem as RefocusingSystem
-from .denoised import Denoised as Denoised
 from .formulas import FourierSlice as FourierSlice
 from .formulas import ShiftAndSum as ShiftAndSum
 from .refnet import RefNet as RefNet
@@ -11,12 +10,12 @@ from .refocusnet import RefocusNet as RefocusNet
 from .refocusnet import build_refocusnet as build_refocusnet
 from .region_refocus import refocus_regions as refocus_regions
 from .region_refocus import search_region_slope as search_region_slope
-from .registry import NETWORKS as NETWORKS
 from .resnet50 import ResNet50 as ResNet50
 from .similarity import ms_ssim as ms_ssim
 from .similarity import ssim as ssim
 from .sparse_unet import SparseUNet as SparseUNet
 from .sparse_unet import build_unet as build_unet
+from .training import NETWORKS as NETWORKS
 from .training import load_system as load_system
+from .training import read_systems_config as read_systems_config
 from .training import train_system as train_system
-from .training_config import read_systems_config as read_systems_config

@@ -5,8 +5,7 @@ view at the centre of each. The image of an out-of-focus object that moves by d 
 whole aperture moves by d / 3 within a square. All views of a square together therefore give its
 central view, blurred by a box d / 3 wide; the mean of the nine blurred views is the image from all
 views. This is exact for objects at one depth and views without gaps; only d is unknown, for each
-pixel. (Shift-and-sum of nine views assumes d = 0, and shows ghosts.) In a round aperture the parts
-at the corners have less weight, and the network must learn the rest.
+pixel. (Shift-and-sum of nine views assumes d = 0, and shows ghosts.)
 
 The network thus only has to find the width. From the aligned views it computes weights of a few
 boxes for each pixel, and mixes the blurred means with these weights (as kernel-predicting networks
@@ -19,15 +18,12 @@ import keras
 import numpy as np
 from keras import layers, ops
 
-from lf_flame.refocus import align_views, round_aperture
+from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
-from lf_flame.systems.view_selection import square_of_views
+from lf_flame.systems.formulas import square_of_views
 
 SIDE = 3
 VIEWS = SIDE**2
-
-ROUND = round_aperture((SIDE, SIDE))
-"""Fraction of each part inside the round aperture that touches the square's sides."""
 
 WIDTHS = (1.0, 2.0, 3.0, 4.5, 6.0, 8.0)
 """Widths of the boxes in pixels; the first leaves the image unchanged."""
@@ -51,7 +47,7 @@ PIXELS = BLOCK**2
 """Number of channels that replace one channel: the pixels of a block, row by row."""
 
 
-def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> keras.Model:
+def build_aperturenet(seed: int = 0) -> keras.Model:
     """Build the network.
 
     Half the resolution, and a quarter for large displacements, is enough to see how far the views
@@ -63,8 +59,6 @@ def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> 
     ----------
     seed : int, optional
         Seed of the initial weights, He-normal.
-    view_weights : ndarray, shape (3, 3), optional
-        Weight of each part of the aperture, as in `ROUND`. Default: all equal.
 
     Returns
     -------
@@ -82,8 +76,7 @@ def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> 
     seen = keras.Input((None, None, VIEWS), name="aligned_views")
     features = _see_disagreement(seen, seed)
     boxes = _box_weights(features)
-    shares = np.ones((SIDE, SIDE)) if view_weights is None else np.asarray(view_weights)
-    mixed = _mix_boxes(boxes, _blurred_means(seen, shares.ravel() / shares.sum()))
+    mixed = _mix_boxes(boxes, _blurred_means(seen))
     correction = _from_zero(PIXELS, "correction")(features)
     return keras.Model(seen, _depth_to_space(mixed + correction), name="aperturenet")
 
@@ -115,9 +108,9 @@ def _box_weights(features):
     return ops.exp(ops.clip(logits, -SURE, SURE))
 
 
-def _blurred_means(seen, shares: np.ndarray):
+def _blurred_means(seen):
     """Blur the mean of the views by every box: (h/2, w/2, box and pixel of a block)."""
-    mean = _fixed("mean_in_quads", _mean_to_depth(shares), strides=BLOCK)(seen)
+    mean = _fixed("mean_in_quads", _mean_to_depth(), strides=BLOCK)(seen)
     boxes = _fixed("boxes", _kernels_in_depth(make_boxes()))
     return boxes(mean) / boxes(ops.ones_like(mean))  # the divisor is below 1 at the edges
 
@@ -152,22 +145,16 @@ def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
     return layer
 
 
-def _mean_to_depth(shares: np.ndarray) -> np.ndarray:
-    """Kernel of the weighted mean over the views, from space to depth: (2, 2, 9, 4)."""
-    return np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS) * shares[:, None]
+def _mean_to_depth() -> np.ndarray:
+    """Kernel of the mean over the views, from space to depth: (2, 2, 9, 4)."""
+    return np.repeat(np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS), VIEWS, axis=2) / VIEWS
 
 
 def _kernels_in_depth(kernels: np.ndarray) -> np.ndarray:
-    """Turn kernels for pixels into one that does the same on pixels moved into channels.
+    """Turn kernels (side, side, 1, count) into one that does the same on pixels in channels.
 
-    Parameters
-    ----------
-    kernels : ndarray, shape (side, side, 1, count)
-
-    Returns
-    -------
-    ndarray, shape (blocks, blocks, 4, count * 4)
-        Kernel from the pixels of a block to every kernel's result at the pixels of a block.
+    It leads from the pixels of a block to every kernel's result there: (blocks, blocks, 4, count *
+    4).
     """
     side, count = kernels.shape[0], kernels.shape[3]
     reach = -(-(side // 2) // BLOCK)

@@ -50,10 +50,7 @@ class RefocusingSystem(ABC):
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Row and column of each view that the system uses, of rows x columns views.
 
-        Raises
-        ------
-        InputError
-            If required views are missing.
+        An InputError says that required views are missing.
         """
 
     def slope_range(self, rows: int, columns: int) -> tuple[float, float]:
@@ -91,13 +88,7 @@ class RefocusingSystem(ABC):
         return np.clip(self._refocus(as_views(views), slopes, block), 0, 1)
 
     def check(self, views: Views, slopes: ArrayLike = (), block: tuple[int, int] = (1, 1)) -> None:
-        """Refuse input that `refocus` would refuse; slopes may be empty.
-
-        Raises
-        ------
-        InputError
-            See `refocus`.
-        """
+        """Refuse input that `refocus` would refuse; slopes may be empty."""
         light_field, views = views, as_views(views)
         if views.dtype.kind != "f":
             raise InputError(
@@ -160,13 +151,10 @@ class NetworkSystem(RefocusingSystem):
 
     @abstractmethod
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Prepare the network's input from a light field of `colours`, float32 (m, h, w, channels).
+        """Prepare the network's input, float32 (m, h, w, channels).
 
-        Parameters
-        ----------
-        views : ndarray, shape (v, u, t, s), or (v, u, t, s, 3) for a network of 3 colours
-        slopes, block
-            As for `refocus`.
+        Views have shape (v, u, t, s), or (v, u, t, s, 3) for a network of 3 colours; slopes and
+        block are those of `refocus`.
         """
 
     def truth(self, stack: np.ndarray) -> np.ndarray:

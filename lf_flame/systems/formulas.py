@@ -1,20 +1,75 @@
-"""Refocusing by formula, as systems beside the learned ones."""
+"""Refocusing by formula, as systems beside the networks, and the views that systems select."""
 
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from lf_flame._common.arrays import area_average
-from lf_flame.refocus import (
-    align_views,
-    fourier_slice,
-    round_aperture,
-    shift_and_sum,
-    sparse_aperture,
-)
+from lf_flame._common.arrays import area_average, spread
+from lf_flame.errors import InputError
+from lf_flame.refocus import align_views, fourier_slice, shift_and_sum, sparse_aperture
 from lf_flame.systems.base import RefocusingSystem, ViewIndices
-from lf_flame.systems.view_selection import every_view
+
+
+def every_view(rows: int, columns: int) -> ViewIndices:
+    """List all views."""
+    return [(v, u) for v in range(rows) for u in range(columns)]
+
+
+def square_of_views(rows: int, columns: int, side: int = 3) -> ViewIndices:
+    """Choose the views at the centres of side x side equal parts of the aperture."""
+    _need(side, rows, columns)
+    return [(v, u) for v in middles(rows, side) for u in middles(columns, side)]
+
+
+def outer_square_of_views(rows: int, columns: int, side: int = 7) -> ViewIndices:
+    """Choose side x side views, spread from the first to the last."""
+    _need(side, rows, columns)
+    return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
+
+
+def diamond_of_views(rows: int, columns: int) -> ViewIndices:
+    """Choose four views half-way from the centre to the outermost ones, of a square of views.
+
+    Where half-way is between two views, the outer one suits RefocusNet's weights better.
+    """
+    if rows != columns or rows < 3:
+        raise InputError(f"A square of 3 x 3 views or more is needed, got {rows} x {columns}.")
+    centre, low = (rows - 1) // 2, (rows - 1) // 4
+    high = rows - 1 - low
+    return [(centre, low), (low, centre), (centre, high), (high, centre)]
+
+
+def cross_of_views(rows: int, columns: int) -> ViewIndices:
+    """Choose the central row and the central column, nine views of each, spread evenly.
+
+    These are 17 of 81 views (Samarakoon et al., arXiv 2502.19238); the fifth is the central one.
+    """
+    _need(9, rows, columns)
+    down, across = spread(rows, 9), spread(columns, 9)
+    return [(v, across[4]) for v in down] + [(down[4], u) for u in across if u != across[4]]
+
+
+def lattice_of_views(rows: int, columns: int) -> ViewIndices:
+    """Choose nine views spread evenly over the aperture, no two in the same row or column.
+
+    They are the nodes of a rank-1 lattice, (k, 2k modulo 9) (I. H. Sloan, S. Joe, "Lattice Methods
+    for Multiple Integration", Oxford 1994). Along a row or a column they sample the aperture at
+    nine positions, unlike 3 x 3 views at three. The ghosts of an edge are three times as close.
+    """
+    _need(9, rows, columns)
+    down, across = middles(rows, 9), middles(columns, 9)
+    return [(down[(2 * (k - 4) + 4) % 9], across[k]) for k in range(9)]
+
+
+def middles(count: int, parts: int) -> list[int]:
+    """Find the views nearest to the centres of equal parts of the aperture."""
+    return np.floor((np.arange(parts) + 0.5) * count / parts).astype(int).tolist()
+
+
+def _need(side: int, rows: int, columns: int) -> None:
+    if min(rows, columns) < side:
+        raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
 
 
 class ShiftAndSum(RefocusingSystem):
@@ -25,8 +80,8 @@ class ShiftAndSum(RefocusingSystem):
     name : str
         Name in tables.
     selection : callable, optional
-        Function of the number of rows and columns of views; returns row and column of each view to
-        use (`lf_flame.systems.view_selection`). Default: all views.
+        Function of the number of rows and columns of views that lists row and column of each view
+        to use, such as `lf_flame.systems.formulas.square_of_views`. Default: all views.
 
     Examples
     --------
@@ -75,23 +130,16 @@ class FourierSlice(RefocusingSystem):
         return average(REFERENCES["Fourier slice"](views, slopes), block)
 
 
-def _in_round_aperture(views: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    return shift_and_sum(views, slopes, weights=round_aperture(views.shape[:2]))
-
-
 REFERENCES: dict[str, Callable[..., np.ndarray]] = {
     "shift-and-sum": shift_and_sum,
     "Fourier slice": partial(fourier_slice, edges="clamp"),
-    "round aperture": _in_round_aperture,
 }
-"""Reference images from all views, or from those in a round aperture, for systems that use fewer.
-Apertures of cameras are nearly round; a square one blurs points to squares."""
+"""Reference images from all views, for systems that use fewer."""
 
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:
     """Average images [n, t, s] or [n, t, s, channels] over blocks."""
-    height, width = (n // m for n, m in zip(stack.shape[1:3], block, strict=True))
-    size = height, width
+    size = stack.shape[1] // block[0], stack.shape[2] // block[1]
     if stack.ndim == 3:
         return area_average(stack, size)
     return np.stack([area_average(stack[..., c], size) for c in range(stack.shape[3])], axis=-1)

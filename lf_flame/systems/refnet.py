@@ -21,8 +21,8 @@ from keras import layers, ops
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
+from lf_flame.systems.formulas import outer_square_of_views
 from lf_flame.systems.similarity import ssim
-from lf_flame.systems.view_selection import outer_square_of_views
 
 SIDE = 7
 ALPHAS = np.arange(1, 17) / 8

@@ -11,10 +11,11 @@ import keras
 import numpy as np
 from keras import layers
 
-from lf_flame._common.array_files import open_arrays
+from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
+from lf_flame.systems.formulas import diamond_of_views
 
 VIEWS = 4
 COLOURS = 3
@@ -76,20 +77,7 @@ def build_refocusnet(seed: int = 0) -> keras.Model:
 
 
 def load_official_weights(model: keras.Model, path: str | Path) -> None:
-    """Load the authors' trained weights.
-
-    Parameters
-    ----------
-    model : keras.Model
-        Model from `build_refocusnet`.
-    path : str or Path
-        File ``.npz`` with the arrays ``w1``, ``b1`` and so on.
-
-    Raises
-    ------
-    InputError
-        If the file does not contain them.
-    """
+    """Load the authors' trained weights, a file ``.npz`` with the arrays ``w1``, ``b1`` ... ."""
     with open_arrays(path) as file:
         for number in (*TRUNK, *TAPS.values(), LAST):
             layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
@@ -130,17 +118,8 @@ class RefocusNet(NetworkSystem):
         return cls(model, f"{cls.name}, {OFFICIAL}", colours=COLOURS)
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Choose a diamond half-way to the outermost views, in the authors' order.
-
-        If half-way is between two views, the outer one is used, which suits their weights better.
-        """
-        if rows != columns or rows < 3:
-            raise InputError(
-                f"{self.name} needs a square of 3 x 3 views or more, got {rows} x {columns}."
-            )
-        centre, low = (rows - 1) // 2, (rows - 1) // 4
-        high = rows - 1 - low
-        return [(centre, low), (low, centre), (centre, high), (high, centre)]
+        """Choose a diamond half-way to the outermost views, in the authors' order."""
+        return diamond_of_views(rows, columns)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         """Align the four views: red, green and blue of one after the other."""

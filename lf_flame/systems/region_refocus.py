@@ -22,7 +22,7 @@ from lf_flame.refocus import (
 )
 from lf_flame.refocus._arguments import Region, Views, as_region, as_views, refuse_uncounted
 from lf_flame.refocus.focus_map import TRUSTED
-from lf_flame.systems.view_selection import ARM, cross_of_views
+from lf_flame.systems.formulas import cross_of_views
 
 if TYPE_CHECKING:
     from lf_flame.systems.sparse_unet import SparseUNet
@@ -70,7 +70,7 @@ def search_region_slope(
     from lf_flame.systems.similarity import ms_ssim, scales
 
     _check(views, region, slopes)
-    centre = cross_of_views(*views.shape[:2])[ARM]
+    centre = cross_of_views(*views.shape[:2])[4]
     refuse_uncounted(light_field, [centre], "The search of a region's slope")
     t0, t1, s0, s1 = region
     scales((t1 - t0, s1 - s0))
@@ -98,19 +98,8 @@ def search_region_slope(
 def most_common_slope(focus_map: FocusMap, region: Region) -> tuple[float, float]:
     """Find the slope that most of a region's certain pixels share, within a step of 0.1.
 
-    Parameters
-    ----------
-    focus_map : FocusMap
-        Slope map.
-    region : (int, int, int, int)
-        First row, last row + 1, first column, last column + 1.
-
-    Returns
-    -------
-    float
-        Slope; if no pixel is certain, that of most pixels.
-    float
-        Fraction of the pixels that are certain, from 0 to 1.
+    Returns the slope (if no pixel is certain, that of most pixels), and the fraction of the pixels
+    that are certain.
     """
     t0, t1, s0, s1 = region
     inside, confidence = (

@@ -11,9 +11,8 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.systems.base import NetworkSystem, ViewIndices
-from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.formulas import ShiftAndSum, cross_of_views, square_of_views
 from lf_flame.systems.similarity import ms_ssim
-from lf_flame.systems.view_selection import ARM, cross_of_views
 
 FILTERS = (16, 32, 64)
 
@@ -94,8 +93,20 @@ class SparseUNet(NetworkSystem):
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the cross."""
-        return cross_of_views(rows, columns, ARM)
+        return cross_of_views(rows, columns)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Refocus with the cross alone."""
         return ShiftAndSum(selection=self.view_indices).refocus(views, slopes, block)[..., None]
+
+
+class NineViewUNet(NetworkSystem):
+    """The same U-Net after shift-and-sum of ApertureNet's views: two networks, the same input."""
+
+    name = "U-Net, ApertureNet's 9 views"
+    smallest, multiple = SparseUNet.smallest, SparseUNet.multiple
+    show = SparseUNet.show
+
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
+        """Choose the views at the centres of 3 x 3 equal parts of the aperture."""
+        return square_of_views(rows, columns)

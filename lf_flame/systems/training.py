@@ -1,33 +1,154 @@
 """Training refocusing networks: all of them from the same training samples, with one program.
 
-Batches are patches cut out at random positions, preferably with contrast; the run folder is that of
-`lf_flame.learning.training_run`.
+A TOML file (`SystemsConfig`) has the training samples, the recipe of each network and presets of
+their sizes. Batches are patches cut out at random positions, preferably with contrast; the run
+folder is that of `lf_flame.learning.training_run`.
 """
 
 import time
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import keras
 import numpy as np
 
-from lf_flame._common.config import to_json
+from lf_flame._common.config import build, strict, to_json
+from lf_flame._common.input_files import read_toml
 from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.trainers import all_variables
-from lf_flame.learning.training_run import Job, assign, carry_out
+from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
+from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.base import NetworkSystem
-from lf_flame.systems.refocusnet import RefocusNet
-from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.training_config import SystemRecipe, SystemsConfig
-from lf_flame.systems.training_scenes import draw_arrays
+from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
+from lf_flame.systems.sparse_unet import NineViewUNet, SparseUNet, build_unet, unet_loss
+from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 FIRST_HELD_OUT = 1_000_000
 """Index of the first validation sample."""
 
-EVALUATION_BATCH = 16
+
+@dataclass(frozen=True)
+class Network:
+    """A network that can be trained: its system, the function of a seed that builds it, its loss.
+
+    The truth is a key of `lf_flame.systems.formulas.REFERENCES`; a title distinguishes the network
+    from others of the same system.
+    """
+
+    system: type[NetworkSystem]
+    model: Callable[[int], keras.Model]
+    loss: str | Callable
+    truth: str = "shift-and-sum"
+    title: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return self.title or self.system.name
+
+
+NETWORKS = {
+    "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
+    "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
+    "refnet": Network(RefNet, build_refnet, refnet_loss),
+    "refnet-fourier": Network(
+        RefNet, build_refnet, refnet_loss, "Fourier slice",
+        f"{RefNet.name}, trained on the Fourier slice",
+    ),
+    "volumetric": Network(SparseUNet, build_unet, unet_loss),
+    "unet-nine-views": Network(NineViewUNet, build_unet, unet_loss),
+}  # fmt: skip
+
+
+@strict
+@dataclass(frozen=True)
+class SystemRecipe:
+    """Options for training a system."""
+
+    epochs: int
+    steps_per_epoch: int = 100  # however many images a system receives from a light field
+    batch_size: int = 16  # number of patches in a step
+    patch: int = 48  # side in pixels; it contains a window of the structural similarity
+    learning_rate: float = 1e-3  # with "cosine" its initial value, falling to zero
+    schedule: Literal["constant", "cosine"] = "cosine"
+    optimizer: Literal["adam", "rmsprop"] = "adam"
+
+    def __post_init__(self):
+        counts = self.epochs, self.steps_per_epoch, self.batch_size
+        if min(counts) < 1 or max(counts) > MOST_EPOCHS or not self.learning_rate > 0:
+            raise InputError(
+                f"epochs, steps_per_epoch and batch_size must be from 1 to {MOST_EPOCHS} and "
+                f"learning_rate above 0, got {', '.join(map(str, counts))}, {self.learning_rate}."
+            )
+        if self.patch < 12:
+            raise InputError(f"patch must be 12 or more, got {self.patch}.")
+
+
+@strict
+@dataclass(frozen=True)
+class SystemsPreset:
+    """Numbers of light fields for training and for validation, the same for every system.
+
+    Numbers of epochs and steps, where given, replace those of each system's recipe.
+    """
+
+    training_samples: int
+    held_out: int
+    epochs: int | None = None
+    steps_per_epoch: int | None = None
+
+    def __post_init__(self):
+        instead = (x for x in (self.epochs, self.steps_per_epoch) if x is not None)
+        counts = self.training_samples, self.held_out, *instead
+        if min(counts) < 1 or max(counts) > MOST_EPOCHS:
+            raise InputError(
+                "training_samples, held_out, epochs and steps_per_epoch must be from 1 to "
+                f"{MOST_EPOCHS}, got {', '.join(map(str, counts))}."
+            )
+
+
+@strict
+@dataclass(frozen=True)
+class SystemsConfig:
+    """Training of the systems, as `read_systems_config` reads it from a TOML file."""
+
+    seed: int  # of training samples, initial weights and patches
+    training_samples: TrainingSamples
+    presets: dict[str, SystemsPreset]
+    systems: dict[str, SystemRecipe]
+    checkpoint_s: float = 30.0  # time between checkpoints; 0 writes one after every epoch
+
+    def __post_init__(self):
+        check_seed(self.seed)
+        unknown = set(self.systems) - set(NETWORKS)
+        if unknown:
+            raise InputError(
+                f"systems must be of {', '.join(NETWORKS)}, got {', '.join(sorted(unknown))}."
+            )
+
+    def recipe(self, name: str, preset: str) -> SystemRecipe:
+        """Training options of a system in a preset."""
+        options = ("system", name, self.systems), ("preset", preset, self.presets)
+        for kind, key, known in options:
+            if key not in known:
+                raise InputError(f"{kind} must be one of {', '.join(known)}, got {key!r}.")
+        asked, own = self.presets[preset], self.systems[name]
+        steps = asked.steps_per_epoch or own.steps_per_epoch
+        return replace(own, epochs=asked.epochs or own.epochs, steps_per_epoch=steps)
+
+
+def read_systems_config(path: str | Path) -> SystemsConfig:
+    """Read a configuration of systems from a TOML file; paths in it are relative to its folder."""
+    config = build(SystemsConfig, read_toml(path), path)
+    samples = config.training_samples
+    beside = [str(Path(path).parent / file) for file in samples.data]
+    return replace(config, training_samples=replace(samples, data=beside))
 
 
 def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path) -> Path:
@@ -71,12 +192,21 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         "recipe": asdict(recipe),
     }
     network = NETWORKS[name]
-    system = network.build(config.seed)
+    system = network.system(network.model(config.seed), network.name)
 
     def start(new: bool) -> PatchTrainer:
-        return PatchTrainer(
-            system, network.loss, recipe, _draw_arrays(config, name, preset, system)
-        )
+        indices = {
+            "train": range(counts.training_samples),
+            "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + counts.held_out),
+        }
+        arrays = {
+            part: draw_arrays(
+                config.training_samples, system, config.seed, some, network.truth,
+                f"training samples, {part}",
+            )
+            for part, some in indices.items()
+        }  # fmt: skip
+        return PatchTrainer(system, network.loss, recipe, arrays)
 
     def finish(best: list[np.ndarray]) -> keras.Model:
         model = network.model(config.seed)  # a new one, without the optimiser
@@ -88,44 +218,16 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
     return carry_out(job, Path(out), started)
 
 
-def _draw_arrays(config: SystemsConfig, name: str, preset: str, system) -> dict:
-    counts, recipe = config.presets[preset], config.recipe(name, preset)
-    indices = {
-        "train": range(counts.training_samples),
-        "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + counts.held_out),
-    }
-    truth, arrays = NETWORKS[name].truth, {}
-    for part, some in indices.items():
-        arrays[part] = draw_arrays(
-            config.training_samples,
-            system,
-            config.seed,
-            some,
-            truth,
-            recipe.low_light,
-            f"training samples, {part}",
-        )
-    return arrays
-
-
 def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
     return [np.array(keras.ops.convert_to_numpy(x)) for x in variables]
 
 
 class PatchTrainer:
-    """Trains a network on patches of images, with Keras's own `train_on_batch`.
+    """Trains a system's network on patches of images, with Keras's own `train_on_batch`.
 
-    Parameters
-    ----------
-    system : NetworkSystem
-        System whose network is trained, starting from its weights.
-    loss : str or callable
-        Keras's name of a loss, or a function of truth and image that gives one number per sample.
-    recipe : SystemRecipe
-        Training options.
-    arrays : dict
-        Pairs ``name: (shown, truth)`` for "train" and "validation"; float32, shape (n, h, w,
-        channels).
+    The arrays are pairs ``name: (shown, truth)`` for "train" and "validation", float32 of shape (n,
+    h, w, channels). The loss is Keras's name of one, or a function of truth and image that gives
+    one number per sample.
     """
 
     def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
@@ -171,11 +273,11 @@ class PatchTrainer:
         """Mean squared error over whole images, for any loss."""
         shown, truth = self.arrays[part]
         if part == "train":  # some of them suffice
-            shown, truth = shown[: 2 * EVALUATION_BATCH], truth[: 2 * EVALUATION_BATCH]
+            shown, truth = shown[:32], truth[:32]
         total = 0.0
-        for k in range(0, len(shown), EVALUATION_BATCH):
-            images = np.clip(self.system.predict(shown[k : k + EVALUATION_BATCH]), 0, 1)
-            total += np.square(images - truth[k : k + EVALUATION_BATCH]).mean((1, 2, 3)).sum()
+        for k in range(0, len(shown), 16):
+            images = np.clip(self.system.predict(shown[k : k + 16]), 0, 1)
+            total += np.square(images - truth[k : k + 16]).mean((1, 2, 3)).sum()
         return float(total / len(shown))
 
     @property
@@ -216,5 +318,4 @@ def load_system(path: str | Path) -> NetworkSystem:
     network = NETWORKS[name]
     own = network.model(0)
     shapes = own.input_shape[1:], own.output_shape[1:]
-    model = load_model(folder / "model.keras", shapes)
-    return network.system(model, network.title)
+    return network.system(load_model(folder / "model.keras", shapes), network.name)

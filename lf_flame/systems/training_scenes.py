@@ -7,7 +7,7 @@ from the scene (`lf_flame.projection`), like the views that a system uses; no li
 """
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from lf_flame._common import progress
 from lf_flame._common.config import strict
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
-from lf_flame.optics.sensor import Sensor, expose
 from lf_flame.projection import Projector
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.scenes.scene import Scene
@@ -32,83 +31,40 @@ BEYOND_MM = 3.0
 PROJECTED = "shift-and-sum"
 """Name of the one of the `REFERENCES` that needs no light field."""
 
-SEED_OF_SCENES = 7
-"""Number in the seeds of these scenes, which separates them from data sets' (seed, index)."""
-
 Looks = Callable[[int, int], ViewIndices]
 """Function from the number of rows and columns of views to the indices of the views used."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingSample:
-    """A light field, or its scene, with slopes at which to refocus it.
+    """A light field, or its scene, with slopes at which to refocus it."""
 
-    Attributes
-    ----------
-    views : ndarray of float32, shape (v, u, t, s)
-        All views, or without a light field only those used; the others are 0.
-    slopes : ndarray of float64, shape (n,)
-        Slopes in lenslets per view step.
-    block : (int, int)
-        Number of lenslets in a pixel of the images, along (t, s).
-    seen : ndarray of float32, shape (v, u, t, s)
-        Views with noise; equal to `views` if there is none.
-    projector : Projector, optional
-        Projector of the scene, if there is no light field.
-    """
+    views: np.ndarray  # float32 [v, u, t, s]; without a light field, 0 in those that are not used
+    slopes: np.ndarray  # in lenslets per view step
+    block: tuple[int, int]  # number of lenslets in a pixel of the images, along (t, s)
+    projector: Projector | None = None  # of the scene, if there is no light field
 
-    views: np.ndarray
-    slopes: np.ndarray
-    block: tuple[int, int]
-    seen: np.ndarray
-    projector: Projector | None = None
-
-    def truth(self, slopes: np.ndarray, reference: str = "shift-and-sum") -> np.ndarray:
-        """Refocus with all views, without noise: float32, shape (n, h, w); see `REFERENCES`.
-
-        Raises
-        ------
-        InputError
-            If the reference needs a light field, and there is none.
-        """
-        if self.projector is not None:
-            if reference != PROJECTED:
-                raise InputError(
-                    f"A sample without its light field knows no {reference!r}; draw all views."
-                )
-            return np.clip(self.projector.refocus(slopes, block=self.block), 0, 1)
-        return average(REFERENCES[reference](self.views, slopes), self.block)
+    def truth(self, slopes: np.ndarray, reference: str = PROJECTED) -> np.ndarray:
+        """Refocus with all views: float32, shape (n, h, w); see `REFERENCES`."""
+        if self.projector is None:
+            return average(REFERENCES[reference](self.views, slopes), self.block)
+        if reference != PROJECTED:
+            raise InputError(
+                f"A sample without its light field knows no {reference!r}; draw all views."
+            )
+        return np.clip(self.projector.refocus(slopes, block=self.block), 0, 1)
 
 
 @strict
 @dataclass(frozen=True)
 class TrainingSamples:
-    """Source of training samples.
+    """Source of training samples: scenes of data sets, and dead leaves."""
 
-    Parameters
-    ----------
-    data : list of str
-        Files of data-set configurations whose scenes are used, chosen at random.
-    leaves : float
-        Fraction of the light fields that are dead leaves.
-    leaf_views : int
-        Number of views of these along each axis.
-    slopes : int
-        Number of slopes for each light field: at half of them an object is in focus, the rest are
-        random in between.
-    look : DeadLeaves
-        Appearance of the dead leaves.
-    electrons : (float, float)
-        Range of the number of electrons in a pixel at full scale in low light; uniform in its
-        logarithm.
-    """
-
-    data: list[str]
-    leaves: float = 0.4
-    leaf_views: int = 9
-    slopes: int = 6
+    data: list[str]  # files of data-set configurations, chosen at random
+    leaves: float = 0.4  # fraction of the light fields that are dead leaves
+    leaf_views: int = 9  # number of views of these along each axis
+    slopes: int = 6  # number for each light field; an object is in focus at half of them
     look: DeadLeaves = DeadLeaves()
-    electrons: tuple[float, float] = (0.3, 300.0)
 
     def __post_init__(self):
         if not self.data or not 0 <= self.leaves <= 1 or min(self.slopes, self.leaf_views) < 1:
@@ -117,8 +73,6 @@ class TrainingSamples:
                 f"views of 1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, "
                 f"{self.leaf_views}."
             )
-        if not 0 < self.electrons[0] <= self.electrons[1] < np.inf:
-            raise InputError(f"electrons must be two rising numbers above 0, got {self.electrons}.")
 
     @cached_property
     def configs(self) -> list[DatasetConfig]:
@@ -131,41 +85,24 @@ class TrainingSamples:
             )
         return configs
 
-    def draw(
-        self, seed: int, index: int, low_light: float = 0.0, looks: Looks | None = None
-    ) -> TrainingSample:
-        """Draw a sample that depends on these numbers alone; a fraction is in low light.
+    def draw(self, seed: int, index: int, looks: Looks | None = None) -> TrainingSample:
+        """Draw the sample of a seed and an index.
 
-        Parameters
-        ----------
-        seed, index : int
-            Seed, and index of the sample.
-        low_light : float, optional
-            Fraction of the samples in low light.
-        looks : callable, optional
-            Function that selects the views to use: only these are computed, where the effect plan
-            and the light allow, and no light field is formed. Default: all views.
+        `looks` selects the views to use: only these are computed, where the effect plan allows, and
+        no light field is formed. Default: all views.
         """
-        rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
+        rng = np.random.default_rng([seed, index, 7])  # 7: data sets have (seed, index)
         if rng.uniform() < self.leaves:
-            sample = self._draw_leaves(rng)
-            dark = rng.uniform() < low_light
-        else:
-            config = self.configs[rng.integers(len(self.configs))]
-            scene, slopes, noise = self._draw_scene(config, rng)
-            dark = rng.uniform() < low_light
-            # Noise is drawn for every view, in its order.
-            sample = _simulate(config, scene, slopes, noise, None if dark else looks)
-        if not dark:
-            return sample
-        light = Sensor(exposure_e=np.exp(rng.uniform(*np.log(self.electrons))))
-        return replace(sample, seen=expose(sample.views, light, {"shot_noise"}, rng))
+            return self._draw_leaves(rng)
+        config = self.configs[rng.integers(len(self.configs))]
+        scene, slopes, noise = self._draw_scene(config, rng)
+        return _simulate(config, scene, slopes, noise, looks)
 
     def _draw_leaves(self, rng: np.random.Generator) -> TrainingSample:
         image = self.configs[0].image
         views = self.look.draw((self.leaf_views, self.leaf_views), image, rng).views
         slopes = rng.uniform(*self.look.slopes, self.slopes)
-        return TrainingSample(views, slopes, (1, 1), views)
+        return TrainingSample(views, slopes, (1, 1))
 
     def _draw_scene(
         self, config: DatasetConfig, rng: np.random.Generator
@@ -192,11 +129,11 @@ def _simulate(
     camera, plan = config.camera, config.plan_of(scene)
     if looks is None or plan.not_separable:
         views = render_plan(scene, camera, plan, seed=noise).views
-        return TrainingSample(views, slopes, config.block, views)
+        return TrainingSample(views, slopes, config.block)
     projector, views = Projector(scene, camera, plan), blank_image(camera, "views")
     indices = looks(camera.views, camera.views)
     views[tuple(np.transpose(indices))] = projector.align_views(0.0, indices)[0]
-    return TrainingSample(views, slopes, config.block, views, projector)
+    return TrainingSample(views, slopes, config.block, projector)
 
 
 def draw_arrays(
@@ -204,44 +141,21 @@ def draw_arrays(
     system: NetworkSystem,
     seed: int,
     indices: Collection[int],
-    reference: str = "shift-and-sum",
-    low_light: float = 0.0,
+    reference: str = PROJECTED,
     what: str = "training samples",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make the inputs of a network, and its true outputs.
+    """Make the inputs of a network, and its true outputs: float32, shape (n, h, w, channels).
 
-    Parameters
-    ----------
-    training_samples : TrainingSamples
-        Source of the samples.
-    system : lf_flame.systems.base.NetworkSystem
-        System of the network.
-    seed : int
-        Seed of the samples.
-    indices : collection of int
-        Indices of the samples.
-    reference : str, optional
-        Reference of the truth: a key of `lf_flame.systems.formulas.REFERENCES`.
-    low_light : float, optional
-        Fraction of the light fields in low light, with shot noise.
-    what : str, optional
-        Name of the work, for the progress bar.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, h, w, channels)
-        Inputs.
-    ndarray of float32, shape (n, h, w, channels)
-        True outputs.
+    `reference` is a key of `lf_flame.systems.formulas.REFERENCES`; `what` names the progress bar.
     """
     arrays: list[np.ndarray] = []
     looks = system.view_indices if reference == PROJECTED else None
     shown = progress.steps(indices, what, len(indices), "light field", stays=True)
     for k, index in enumerate(shown):
-        sample = training_samples.draw(seed, index, low_light, looks)
+        sample = training_samples.draw(seed, index, looks)
         slopes = system.slopes_to_learn(sample.slopes, sample.block)
         images = (
-            system.show(sample.seen, slopes, sample.block),
+            system.show(sample.views, slopes, sample.block),
             system.truth(sample.truth(slopes, reference)),
         )
         if not arrays:  # allocated once for all: these are gigabytes

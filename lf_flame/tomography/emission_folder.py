@@ -1,13 +1,12 @@
-"""Reading folders of `lf-flame reconstruct`; files must match the hashes in the record."""
+"""Reading folders of `lf-flame reconstruct`."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
-from lf_flame._common.tiff_files import read_tiff
+from lf_flame._common.images import read_tiff
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import LONGEST, SHORTEST
 
@@ -24,13 +23,10 @@ class EmissionRecord:
     depths_mm, cell_mm : list of float
         Depth of each plane, and side of its cells, from `SHORTEST` to `LONGEST`; lists of equal
         length.
-    files : dict of str, or list of str, optional
-        SHA-256 of each file by its name. Older versions stored only names, or nothing.
     """
 
     depths_mm: list[float]
     cell_mm: list[float]
-    files: dict[str, str] | list[str] | None = None
 
     def __post_init__(self):
         if not 1 <= len(self.depths_mm) == len(self.cell_mm):
@@ -46,7 +42,7 @@ class EmissionRecord:
 
 
 class EmissionFolder:
-    """A folder of `lf-flame reconstruct`; its files are checked against its record.
+    """A folder of `lf-flame reconstruct`.
 
     Parameters
     ----------
@@ -60,7 +56,7 @@ class EmissionFolder:
     Raises
     ------
     InputError
-        If the folder has no such record, or a record without hashes.
+        If the folder has no such record.
     """
 
     def __init__(self, folder: str | Path):
@@ -70,16 +66,11 @@ class EmissionFolder:
                 f"{folder} is no folder of `lf-flame reconstruct`: there is no {RECORD} in it."
             )
         record = load_record(EmissionRecord, folder / RECORD)
-        if not isinstance(record.files, dict):
-            raise InputError(
-                f"{folder / RECORD} has no hashes of its files, as records of older versions; call "
-                f"lf-flame reconstruct again."
-            )
-        self.depths_mm, self.cell_mm, self._hashes = record.depths_mm, record.cell_mm, record.files
+        self.depths_mm, self.cell_mm = record.depths_mm, record.cell_mm
 
     def holds(self, name: str) -> bool:
-        """Whether the record names a file."""
-        return name in self._hashes
+        """Whether the folder holds a file."""
+        return (self.folder / name).is_file()
 
     def read(self, name: str) -> np.ndarray:
         """Read a stack of depth planes, float32.
@@ -91,14 +82,10 @@ class EmissionFolder:
         Raises
         ------
         InputError
-            If the file is missing or differs from the one that was written, would need too much
-            memory, or is anything but finite planes.
+            If the file is missing or damaged, would need too much memory, or is anything but finite
+            planes.
         """
         path = self.folder / name
-        if not self.holds(name):
-            raise InputError(f"{self.folder / RECORD} names no {name}.")
-        if file_sha256(path) != self._hashes[name]:
-            raise InputError(f"{path} is not the file that {RECORD} was written for.")
         stack = read_tiff(path)
         planes = len(self.depths_mm)
         shape = stack.shape if stack.ndim > 2 else (1, *stack.shape)
@@ -221,7 +208,7 @@ def read_draws(*paths: Path) -> Colours | None:
     Raises
     ------
     InputError
-        If a file was changed, or does not hold planes as the emission.
+        If a file does not hold planes as the emission.
     """
     folders = [EmissionFolder(path) for path in paths]
     if not all(folder.holds(DRAWS) for folder in folders):

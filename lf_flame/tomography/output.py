@@ -27,7 +27,11 @@ if TYPE_CHECKING:
 
 
 def write_reconstruction(
-    found: "Reconstruction", light_field: LightField, folder: OutputFolder | str | Path
+    found: "Reconstruction",
+    light_field: LightField,
+    folder: OutputFolder | str | Path,
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Write a reconstruction into a folder that `EmissionFolder` opens.
 
@@ -44,14 +48,15 @@ def write_reconstruction(
     light_field : LightField
         Light field that was reconstructed.
     folder : str, Path or OutputFolder
-        Folder to fill, as `lf-flame reconstruct` does, for `lf-flame temperature` and `lf-flame
+        Folder to make, as `lf-flame reconstruct` does, for `lf-flame temperature` and `lf-flame
         profiles` to read.
+    overwrite : bool, optional
+        Whether to replace a folder of an earlier call, if it holds nothing else.
 
     Raises
     ------
     InputError
-        If a file of such a name is there that this function did not write, or another process
-        writes there.
+        If the folder exists and may not be replaced, or another process writes there.
 
     Examples
     --------
@@ -68,7 +73,7 @@ def write_reconstruction(
     [4.0, -4.0]
     """
     if not isinstance(folder, OutputFolder):
-        with output_folder(folder, RECORD) as opened:
+        with output_folder(folder, RECORD, overwrite=overwrite) as opened:
             write_reconstruction(found, light_field, opened)
         return
     write_focal_stack(found.emission, found.grid.slopes, folder.path(EMISSION))

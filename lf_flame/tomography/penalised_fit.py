@@ -9,7 +9,7 @@ from pyproximal import ProxOperator
 from scipy import fft
 
 from lf_flame._common import progress
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
 STEPS, LONG = (600.0, 60.0), 0.25
@@ -244,37 +244,35 @@ def _scaled(state: np.ndarray, roof: np.ndarray, ratio: float) -> np.ndarray:
     return light + np.float32(ratio) * (state - light)
 
 
-@shared
-def _multiply_frequencies(queue, matrices, spectrum, product):
+@parallel(lambda matrices: len(matrices))
+def _multiply_frequencies(y, matrices, spectrum, product):
     """Multiply matrices[y, p, q, x] by spectrum[q, y, 2 x]; real and imaginary parts alternate."""
     rows, planes, _, columns = matrices.shape
-    for y in pieces(queue, rows):
-        for p in range(planes):
-            line = product[p, y]
-            line[:] = 0
-            for q in range(planes):
-                factors, values = matrices[y, p, q], spectrum[q, y]
-                for x in range(columns):
-                    line[2 * x] += factors[x] * values[2 * x]
-                    line[2 * x + 1] += factors[x] * values[2 * x + 1]
+    for p in range(planes):
+        line = product[p, y]
+        line[:] = 0
+        for q in range(planes):
+            factors, values = matrices[y, p, q], spectrum[q, y]
+            for x in range(columns):
+                line[2 * x] += factors[x] * values[2 * x]
+                line[2 * x + 1] += factors[x] * values[2 * x + 1]
 
 
-@shared
-def _advance(queue, state, solved, roof, shift, relaxation, turned, gaps):
+@parallel(lambda state: state.shape[0] * state.shape[1])
+def _advance(k, state, solved, roof, shift, relaxation, turned, gaps):
     """Take a step of the splitting, and prepare the next one's linear fit.
 
     gaps[p, y]: largest difference of the linear fit and the light, and largest light, of a row.
     """
     planes, rows, columns = state.shape
-    for k in pieces(queue, planes * rows):
-        p, y = k // rows, k % rows
-        line, fit, most, by = state[p, y], solved[p, y], roof[p, y], shift[p, y]
-        gap, peak = np.float32(0), np.float32(0)
-        for x in range(columns):
-            light = min(max(line[x], np.float32(0)), most[x])
-            apart = fit[x] - light
-            gap, peak = max(gap, abs(apart)), max(peak, light)
-            line[x] += relaxation * apart
-            light = min(max(line[x], np.float32(0)), most[x])
-            turned[p, y, x] = 2 * light - line[x] + by[x]
-        gaps[p, y, 0], gaps[p, y, 1] = gap, peak
+    p, y = k // rows, k % rows
+    line, fit, most, by = state[p, y], solved[p, y], roof[p, y], shift[p, y]
+    gap, peak = np.float32(0), np.float32(0)
+    for x in range(columns):
+        light = min(max(line[x], np.float32(0)), most[x])
+        apart = fit[x] - light
+        gap, peak = max(gap, abs(apart)), max(peak, light)
+        line[x] += relaxation * apart
+        light = min(max(line[x], np.float32(0)), most[x])
+        turned[p, y, x] = 2 * light - line[x] + by[x]
+    gaps[p, y, 0], gaps[p, y, 1] = gap, peak

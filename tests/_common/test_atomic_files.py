@@ -1,45 +1,13 @@
 """What is written is there whole or not at all, and nothing else is touched."""
 
-import json
 import os
-import signal
-import subprocess
-import sys
-import time
+import resource
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from lf_flame._common.atomic_files import atomic_folder, atomic_write, together, write_text
+from lf_flame._common.atomic_files import atomic_folder, atomic_write, remove_leftovers, write_text
 from lf_flame.errors import InputError
-
-KILLED = """
-import signal, sys, time
-from lf_flame._common.atomic_files import atomic_folder, atomic_write
-signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's "&" turns off
-kind = {"file": atomic_write, "folder": atomic_folder}[sys.argv[1]]
-with kind(sys.argv[2]) as aside:
-    print(aside, flush=True)
-    time.sleep(60)
-"""
-
-
-@pytest.fixture
-def writer():
-    """Start a process that writes something, and is in the middle of it."""
-    started = []
-
-    def start(kind, path):
-        command = [sys.executable, "-c", KILLED, kind, str(path)]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        started.append(process)
-        process.stdout.readline()
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
 
 
 def names(folder):
@@ -81,11 +49,6 @@ def test_what_is_no_file_is_not_replaced_by_one(tmp_path, make):
     make(tmp_path / "a.txt")
     with pytest.raises(InputError, match="a.txt is .*, which a file cannot replace"):
         write_text(tmp_path / "a.txt", "new")
-    with (
-        pytest.raises(InputError, match="which a file cannot replace"),
-        together(tmp_path) as aside,
-    ):
-        (aside / "a.txt").write_text("new")
     assert names(tmp_path) == ["a.txt"]
 
 
@@ -98,91 +61,34 @@ def test_writers_side_by_side_each_write_their_own(tmp_path):
     assert names(tmp_path) == ["a.txt"]
 
 
-@pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path, writer, kind):
-    writing, killed = writer(kind, tmp_path / "a"), writer(kind, tmp_path / "a")
-    assert len(names(tmp_path)) == 2
-    killed.send_signal(signal.SIGKILL)
-    killed.wait()
-    with (atomic_write if kind == "file" else atomic_folder)(tmp_path / "a"):
-        pass
-    left = [name for name in names(tmp_path) if name != "a"]
-    assert len(left) == 1  # that of the writer who still writes
-    writing.send_signal(signal.SIGINT)
-    writing.wait()
-    assert names(tmp_path) == ["a"]
+@pytest.mark.parametrize("write", [atomic_write, atomic_folder])
+@pytest.mark.parametrize("error", [(28, "No space left"), ("90 requested and 8 written",)])
+def test_errors_of_the_system_name_the_final_file(tmp_path, write, error):
+    """NumPy's errors have a text without a number, which is kept."""
+    with pytest.raises(OSError, match=error[-1]) as caught, write(tmp_path / "a"):
+        raise OSError(*error)
+    assert (caught.value.strerror, caught.value.filename) == (error[-1], str(tmp_path / "a"))
+    assert names(tmp_path) == []
 
 
-def test_files_of_a_users_with_similar_names_stay(tmp_path):
-    mine = [".a.part.txt", ".a.0123.part.txt", f".b.{'0' * 16}.part.txt", f"a.{'0' * 16}.part.txt"]
-    for name in mine:
-        (tmp_path / name).write_text("mine")
-    write_text(tmp_path / "a.txt", "new")
-    assert names(tmp_path) == sorted(["a.txt", *mine])
+def test_only_our_temporary_folders_are_removed(tmp_path):
+    ours = tmp_path / f".a.{'0' * 16}.part"
+    mine = [".a.part", ".a.0123.part", f".b.{'0' * 16}.part", f"a.{'0' * 16}.part"]
+    for path in (ours, *(tmp_path / name for name in mine)):
+        path.mkdir()
+    remove_leftovers(tmp_path / "a")
+    assert names(tmp_path) == sorted(mine)
 
 
-def test_files_appear_together(tmp_path):
-    folder = tmp_path / "new" / "results"
-    with together(folder, last="a.json") as aside:
-        for name in ("a.json", "b.png", "c.csv"):
-            write_text(aside / name, json.dumps(name))
-        assert names(folder) == [aside.name]
-        time.sleep(0.01)
-    assert names(folder) == ["a.json", "b.png", "c.csv"]
-
-
-@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_nothing_changes_where_one_of_the_files_fails(tmp_path, error):
-    write_text(tmp_path / "results" / "a.txt", "old")
-
-    def fail(folder):
-        with together(folder) as aside:
-            write_text(aside / "a.txt", "new")
-            raise error
-
-    for folder in (tmp_path / "results", tmp_path / "new" / "results"):
-        with pytest.raises(error):
-            fail(folder)
-    assert (tmp_path / "results" / "a.txt").read_text() == "old"
-    assert names(tmp_path / "results") == ["a.txt"]
-    assert names(tmp_path) == ["results"]
-
-
-def test_the_last_file_is_moved_last(tmp_path, monkeypatch):
-    from pathlib import Path
-
-    moved, replace = [], Path.replace
-    monkeypatch.setattr(Path, "replace", lambda a, b: (moved.append(b.name), replace(a, b))[1])
-    with together(tmp_path, last="a.json") as aside:
-        for name in ("a.json", "b.png"):
-            (aside / name).touch()
-    assert moved == ["b.png", "a.json"]
-
-
-def test_a_full_disk_in_the_middle_of_a_file_names_it(tmp_path):
-    def fail():
-        with atomic_write(tmp_path / "a.tif"):
-            raise OSError(28, "No space left on device")
-
-    with pytest.raises(OSError, match="No space left") as raised:
-        fail()
-    assert raised.value.filename == str(tmp_path / "a.tif")
-
-
-def test_a_made_up_leftover_moves_nothing(tmp_path):
-    left = tmp_path / f".outputs.{'0' * 16}.moving"
-    left.mkdir()
-    (left / "thesis.txt").write_text("theirs")
-    (tmp_path / "thesis.txt").write_text("mine")
-    with together(tmp_path, last="a.json") as aside:
-        (aside / "a.json").touch()
-    assert (tmp_path / "thesis.txt").read_text() == "mine"
-    assert names(tmp_path) == ["a.json", "thesis.txt"]
-
-
-def test_an_error_in_words_keeps_them_and_gets_the_file(tmp_path):
-    """As NumPy's where the disk is full; without words it would read "[Errno None] None"."""
-    with pytest.raises(OSError, match="90 requested") as caught, atomic_write(tmp_path / "file"):
-        raise OSError("90 requested and 8 written")
-    assert caught.value.strerror == "90 requested and 8 written"
-    assert caught.value.filename == str(tmp_path / "file")
+def test_a_full_disk_names_the_file_and_keeps_what_was_there(tmp_path):
+    """A limit on the size of files takes the place of the full disk."""
+    write_text(tmp_path / "out", "old")
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+        with pytest.raises(OSError, match="too large") as caught:
+            write_text(tmp_path / "out", "new" * 10_000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+    assert caught.value.filename == str(tmp_path / "out")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]

@@ -79,6 +79,8 @@ def test_odd_records_are_one_sentence(tmp_path, text, words):
         ("[" + ".".join(["a"] * 50_000) + "]", "nest deeper than 64"),
         ('a = """\n"\n""" # "\nb = """\\"" """\nc = ' + "[" * 2000, "nest"),
         ("x = '''\"'''\ny = " + "'''\"''' #" + "\n" + "z = " + "[" * 2000 + '#"', "nest"),
+        ('"#".' + ".".join(["'a'"] * 50_000) + " = 1", "nest deeper than 64"),
+        ('"\\' * 500_000, "is not a TOML file"),  # minutes, in a pattern that looks for texts
         ("#" * (LARGEST_TOML + 1), "1,048,577 bytes, and 1,048,576 are the most"),
         ("a = 1\na = 2", "is not a TOML file"),
         ('a = "\\u0000"', "holds a null byte"),
@@ -114,6 +116,7 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
 def test_the_usual_is_read_as_it_stands(tmp_path):
     text = """
     title = "It's [fine]. {And} \\"so\\" is this"  # don't [count
+    # .........................................................................
     names.of."some.thing" = [0.1, 0.25,1e3, -2.5]
     long = '''
     ]]] [[[ "

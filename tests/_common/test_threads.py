@@ -1,198 +1,220 @@
-"""Pieces of a compiled loop: each done once, whoever is there to do it."""
+"""Compiled loops: every piece once, whoever calls, and what is kept of them on disk."""
 
-import multiprocessing
+import os
+import platform
+import shutil
 import subprocess
 import sys
-import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
-from numba import njit
 
+from lf_flame._common.threads import COMPILING, NOT_KEPT, one_thread, parallel
+
+LOOP = """
+import logging, os, sys, threading
+import numpy as np
+from factor import times
 from lf_flame._common import threads
-from lf_flame._common.threads import pieces, shared
+
+@threads.parallel(lambda values: values.size)
+def fill(k, values):
+    values[k] = times(k)
+
+def filled(count=100):
+    values = np.zeros(count)
+    fill(values)
+    return values
+
+if __name__ == "__main__":
+    logging.basicConfig(level="INFO", format="%(message)s")
+    print(filled(3).tolist())
+"""
+
+compiled = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
 
-@njit
-def slowly(value):
-    """Spend some time on a number."""
+@parallel(lambda total: total.size)
+def count(k, done, total):
+    """Spend some time on each piece."""
     for _ in range(2000):
-        value = np.sin(value)
-    return value
+        total[k] = np.cos(total[k])
+    done[k] += 1
 
 
-def _count(queue, done, total):
-    for k in pieces(queue, done.size):
-        total[k] = slowly(float(k))
-        done[k] += 1
+def counted(size):
+    done, total = np.zeros(size, np.int64), np.linspace(0, 1, size)
+    count(done, total)
+    return done, total
 
 
-count = shared(_count)
+@pytest.mark.parametrize("size", [0, 1, 2, 33, 300])
+def test_each_piece_is_done_once(size):
+    np.testing.assert_array_equal(counted(size)[0], 1)
+
+
+def test_eight_callers_at_once():
+    expected = counted(300)
+    with ThreadPoolExecutor(8) as callers:
+        for found in callers.map(counted, [300] * 40):
+            np.testing.assert_array_equal(found, expected)
+
+
+@compiled
+def test_one_thread_is_the_callers_own():
+    @parallel(lambda who: who.size)
+    def note(k, who):
+        who[k] = numba.get_thread_id() + 1
+
+    who = np.zeros(1000, np.int64)
+    with one_thread():
+        note(who)
+    np.testing.assert_array_equal(who, 1)
+
+
+@compiled
+@pytest.mark.parametrize("bad", [0, 299])
+def test_an_error_in_any_thread_is_an_error(bad):
+    @parallel(lambda values: values.size)
+    def invert(k, values):
+        values[k] = 1 / values[k]
+
+    values = np.ones(300)
+    values[bad] = 0
+    with pytest.raises(RuntimeError, match="division by 0"):
+        invert(values)
 
 
 @pytest.fixture
-def two_threads():
-    if numba.config.NUMBA_NUM_THREADS < 2 or numba.config.DISABLE_JIT:
-        pytest.skip("needs two cores, and compiled loops")
-    before = numba.get_num_threads()
-    numba.set_num_threads(2)
-    yield
-    numba.set_num_threads(before)
+def loop(tmp_path):
+    """Run a loop in a process of its own, from a file that calls a function of another."""
+    (tmp_path / "loop.py").write_text(LOOP)
 
-
-@pytest.mark.parametrize("size", [0, 1, 2, 1000])
-def test_each_piece_is_done_once(size):
-    done, total = np.zeros(size, np.int64), np.zeros(size)
-    count(done, total)
-    np.testing.assert_array_equal(done, 1)
-
-
-def test_the_caller_can_do_all_alone(monkeypatch):
-    monkeypatch.setattr(threads, "_helpers", None)
-    done = np.zeros(10, np.int64)
-    count.alone(done, np.zeros(10))
-    np.testing.assert_array_equal(done, 1)
-
-
-def test_many_callers_at_once():
-    def call(_):
-        done = np.zeros(300, np.int64)
-        count(done, np.zeros(300))
-        return done
-
-    with ThreadPoolExecutor(8) as callers:
-        for done in callers.map(call, range(40)):
-            np.testing.assert_array_equal(done, 1)
-
-
-@pytest.mark.slow
-@pytest.mark.jit
-def test_helpers_help(two_threads):
-    """Two threads take part: a loop in which each piece notes who does it."""
-    seen = set()
-    original = count.compiled
-
-    def noted(*arguments):
-        seen.add(threading.get_ident())
-        original(*arguments)
-
-    for _ in range(50):  # a helper may be late now and then
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(count, "compiled", noted)
-            count(np.zeros(5000, np.int64), np.zeros(5000))
-        if len(seen) == 2:
-            break
-    assert len(seen) == 2
-
-
-def test_nobody_waits_for_a_helper_that_is_held_up(two_threads):
-    done, held = np.zeros(100, np.int64), threading.Event()
-    count(done, np.zeros(100))  # compiles
-    pool = threads._helpers(threads.os.getpid())
-    jobs = [pool.submit(held.wait, 60) for _ in range(pool._max_workers)]
-    started = time.monotonic()
-    try:
-        count(done, np.zeros(100))
-    finally:
-        held.set()
-    assert time.monotonic() - started < 30
-    np.testing.assert_array_equal(done, 2)
-    assert all(job.result() for job in jobs)
-
-
-def _in_child(connection):
-    done = np.zeros(1000, np.int64)
-    count(done, np.zeros(1000))
-    connection.send(done.tolist())
-
-
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_forked_process_has_helpers_of_its_own(two_threads):
-    count(np.zeros(10, np.int64), np.zeros(10))
-    context = multiprocessing.get_context("fork")
-    here, there = context.Pipe()
-    child = context.Process(target=_in_child, args=(there,))
-    child.start()
-    assert here.poll(60)
-    assert here.recv() == [1] * 1000
-    child.join(10)
-    assert child.exitcode == 0
-
-
-def test_nobody_works_on_behind_a_call_that_was_interrupted(two_threads):
-    """As Ctrl-C between handing work to a helper and beginning oneself."""
-    done = np.zeros(200_000, np.int64)
-    count(np.zeros(1, np.int64), np.zeros(1))  # compiles
-    submit = ThreadPoolExecutor.submit
-
-    def interrupted(*arguments):
-        submit(*arguments)
-        time.sleep(0.001)
-        raise KeyboardInterrupt
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ThreadPoolExecutor, "submit", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            count(done, np.zeros(done.size))
-    time.sleep(0.5)  # a helper finishes what it has in hand
-    left = done.copy()
-    time.sleep(0.5)
-    np.testing.assert_array_equal(done, left)
-    assert done.sum() < done.size
-
-
-@pytest.mark.slow
-def test_a_thread_that_outlives_the_program_does_without_helpers(tmp_path):
-    """The pool takes no work then."""
-    (tmp_path / "late.py").write_text(
-        "import threading, time, numpy as np\n"
-        "from lf_flame.refocus import shift_and_sum\n"
-        "def late():\n"
-        "    time.sleep(0.5)\n"
-        "    print(shift_and_sum(np.ones((3, 3, 8, 8), np.float32), 0.5).mean())\n"
-        "threading.Thread(target=late).start()\n"
-    )
-    done = subprocess.run(
-        [sys.executable, tmp_path / "late.py"], capture_output=True, text=True, check=True
-    )
-    assert (done.stdout.strip(), done.stderr) == ("1.0", "")
-
-
-@pytest.mark.slow
-@pytest.mark.jit
-def test_loops_kept_on_disk_are_those_of_all_files_they_are_compiled_from(tmp_path):
-    """Numba itself looks at the loop's own file alone."""
-    (tmp_path / "loop.py").write_text(
-        "import numpy as np\n"
-        "from factor import times\n"
-        "from lf_flame._common.threads import pieces, shared\n"
-        "def _fill(queue, values):\n"
-        "    for k in pieces(queue, values.size):\n"
-        "        values[k] = times(k)\n"
-        "fill = shared(_fill)\n"
-        "values = np.zeros(3)\n"
-        "fill(values)\n"
-        "print(values, sum(fill.compiled.stats.cache_hits.values()))\n"
-    )
-    for factor, kept in ((2, 0), (2, 1), (3, 0)):
+    def run(*command, factor=2, before=(), **environment):
         (tmp_path / "factor.py").write_text(
             f"from numba import njit\n@njit\ndef times(k):\n    return {factor} * k\n"
         )
-        run = [sys.executable, "-B", "-c", "import loop"]  # -B: Python keeps nothing itself
-        done = subprocess.run(run, capture_output=True, text=True, check=True, cwd=tmp_path)
-        assert done.stdout.strip() == f"[0. {factor}. {2 * factor}.] {kept}"
+        unset = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "NUMBA_THREADING_LAYER")
+        kept = {name: value for name, value in os.environ.items() if name not in unset}
+        return subprocess.run(
+            [*before, sys.executable, "-B", *command],  # -B: Python keeps nothing itself
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env={**kept, **environment},
+            timeout=120,
+        )
+
+    return run
 
 
-def test_an_error_in_a_helper_is_not_lost(two_threads):
-    def fail(*_):
-        if threading.current_thread() is not threading.main_thread():
-            raise ValueError("mine")
-        time.sleep(0.5)
+FORKED = """
+import numba
+from loop import *
+def child():
+    assert filled().sum() == 9900
+def fork():
+    number = os.fork()
+    if number == 0:
+        code = 1
+        try:
+            child()
+            code = 0
+        finally:
+            os._exit(code)
+    assert os.waitpid(number, 0)[1] == 0
+def busy():
+    while not ended.is_set():
+        filled()
+child()
+fork()
+ended = threading.Event()
+callers = [threading.Thread(target=busy) for _ in range(8)]
+for caller in callers:
+    caller.start()
+for _ in range(3):
+    fork()
+ended.set()
+for caller in callers:
+    caller.join()
+child()
+print("survived", numba.threading_layer())
+"""
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(count, "compiled", fail)
-        with pytest.raises(ValueError, match="mine"):
-            count(np.zeros(10, np.int64), np.zeros(10))
+
+@pytest.mark.slow
+@compiled
+@pytest.mark.parametrize("layer", ["tbb", "omp", "workqueue"])
+def test_a_fork_after_use_and_callers_at_once_are_survived(loop, layer):
+    """With Numba's own `prange` alone, omp ends a forked process, and workqueue callers at once."""
+    if layer != "workqueue" and (sys.platform, platform.machine()) != ("linux", "x86_64"):
+        pytest.skip("not everywhere")
+    chosen = {} if layer == "tbb" else {"NUMBA_THREADING_LAYER": layer}
+    done = loop("-W", "ignore", "-c", FORKED, **chosen)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == f"survived {layer}"  # after words of tbb's own
+
+
+@pytest.mark.slow
+@compiled
+def test_a_thread_that_outlives_the_program_can_call(loop):
+    late = "import time; from loop import *\ndef late(): time.sleep(0.5); print(filled().sum())"
+    done = loop("-c", f"{late}\nthreading.Thread(target=late).start()")
+    assert (done.stdout, done.stderr) == ("9900.0\n", "")
+
+
+@pytest.mark.slow
+@compiled
+def test_loops_kept_on_disk_are_those_of_all_files_they_are_compiled_from(loop):
+    """Numba itself looks at the loop's own file alone."""
+    for factor, announced in ((2, True), (2, False), (3, True)):
+        done = loop("loop.py", factor=factor)
+        assert done.stdout == f"[0.0, {factor}.0, {2 * factor}.0]\n"
+        assert (COMPILING in done.stderr) == announced
+
+
+def unprivileged():
+    """Give the words that let a command obey permissions, which root does not."""
+    if os.geteuid() != 0:
+        return []
+    if shutil.which("setpriv") is None:
+        pytest.skip("runs as root, and there is no setpriv")
+    return ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
+
+
+@compiled
+@pytest.mark.parametrize(
+    "more", [{}, pytest.param({"NUMBA_CACHE_DIR": "/proc/nowhere"}, marks=pytest.mark.slow)]
+)
+def test_without_a_folder_to_write_loops_are_compiled_at_each_start(loop, tmp_path, more):
+    """In containers a package is often read-only, and HOME nowhere."""
+    if not Path("/proc").is_dir():
+        pytest.skip("there is no folder in which nobody can write")
+    loop("-c", "")
+    tmp_path.chmod(0o555)
+    try:
+        done = loop("loop.py", before=unprivileged(), HOME="/proc/nowhere", **more)
+    finally:
+        tmp_path.chmod(0o755)
+    assert (done.returncode, done.stdout) == (0, "[0.0, 2.0, 4.0]\n"), done.stderr
+    assert NOT_KEPT in done.stderr.splitlines()
+    assert {path.name for path in tmp_path.iterdir()} == {"loop.py", "factor.py"}
+
+
+@pytest.mark.slow
+@compiled
+def test_damaged_files_and_a_full_disk_cost_a_compilation(loop, tmp_path):
+    kept = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert loop("loop.py", **kept).returncode == 0
+    for kind, content in (("nbi", b"\x80\x05\x95"), ("nbc", b"no pickle")):
+        (path,) = tmp_path.rglob(f"*.{kind}")
+        path.write_bytes(content)
+        assert loop("loop.py", **kept).stdout == "[0.0, 2.0, 4.0]\n"
+    shutil.rmtree(tmp_path / "cache")
+    full = loop("-c", "import resource, loop; resource.setrlimit(resource.RLIMIT_FSIZE, (99, 99));"
+                "print(loop.filled(3).tolist())", **kept)  # fmt: skip
+    assert full.stdout == "[0.0, 2.0, 4.0]\n", full.stderr
+    assert not list(tmp_path.rglob("*.nbc"))

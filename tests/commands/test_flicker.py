@@ -124,7 +124,6 @@ def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_pat
     assert record["mean_height"] == pytest.approx(truth.mean(), abs=lenslet_mm / 2)
     assert set(record["files"]) == {"flame.csv", "flicker.png"}
     assert imread(out / "flicker.png").shape[0] > 500
-    assert run("verify", out).exit_code == 0
 
 
 @pytest.mark.parametrize("tip_mm", [-1.0, -0.337, 0.21])
@@ -226,7 +225,7 @@ def test_doubtful_frames_are_told(still, tmp_path):
         (["--burner-row", 48], "burner_row must lie within"),
         (["--depth-mm", -400, "--camera", "CAMERA"], "main lens"),
         (["--slope", 1e308], "shifted by more than the image"),
-        (["--out", "SOURCE"], "frames' own folder"),
+        (["--out", "SOURCE"], "exists; name another folder"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(still, camera_file, tmp_path, words, message):
@@ -415,7 +414,7 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
         heights = 20 + 5 * np.sin(2 * np.pi * 12 * shown / 100)
         write_video(tmp_path / folder, [f"f{n}" for n in range(40)], heights)
     np.savetxt(tmp_path / "times.txt", np.array(shown) / 100 + 1e-4 * np.arange(40))
-    words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
+    words = ["--frames-per-second", 100, "--out", tmp_path / "out", "--overwrite"]
     result = run("flicker", tmp_path / "one", *words)
     assert "1 of 40 frames, first f20.npy: The picture is the same as the one" in result.output
     assert record_of(tmp_path / "out")["repeated"] == ["f20.npy"]
@@ -426,7 +425,7 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
     assert "4 of 40 frames repeat the one before" in result.output
     assert "flickers at" not in result.output
     assert record_of(tmp_path / "out")["flicker"] is None
-    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "out"]
+    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "out", "--overwrite"]
     result = run("flicker", tmp_path / "some", *words)
     found = record_of(tmp_path / "out")["flicker"]["frequency_hz"]
     assert found == pytest.approx(12, abs=0.2)
@@ -468,16 +467,20 @@ def test_a_black_level_is_told_by_its_share_of_the_peak(tmp_path):
     assert told.endswith("It is at up to 20 % of the flame's peak.")
 
 
-def test_pictures_that_are_likely_coded_get_a_note(tmp_path):
+@pytest.mark.parametrize(("suffix", "kind"), [("png", "PNG"), ("tif", "TIFF")])
+def test_pictures_that_are_likely_coded_get_a_note(tmp_path, suffix, kind):
     (tmp_path / "video").mkdir()
     for number in range(16):
         grey = np.zeros((30, 30), np.uint8)
         grey[12 + number % 3 :, 12:18] = 200
-        imsave(tmp_path / "video" / f"{number}.png", grey, check_contrast=False)
+        imsave(tmp_path / "video" / f"{number}.{suffix}", grey, check_contrast=False)
     words = ["--frames-per-second", 50, "--views", 3, "--out", tmp_path / "out"]
     result = run("flicker", tmp_path / "video", *words)
     assert result.exit_code == 0, result.output
-    assert "0.png is a PNG file of 8 bits. Such files usually hold gamma-coded" in result.output
+    assert (
+        f"0.{suffix} is a {kind} file of 8 bits. Such files usually hold gamma-coded"
+        in result.output
+    )
     assert "gamma-coded" in record_of(tmp_path / "out")["notes"][0]
 
 

@@ -8,31 +8,17 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from experiments.command_parts import PlainName
 from lf_flame._common import progress
 from lf_flame.commands.cli import commands
 from lf_flame.commands.options import FILE, FOLDER, PATH, Program
 
 
 @click.command()
-@click.option("--name", type=PlainName(), default="a")
 @click.option("--out", type=FOLDER)
 @click.option("--file", type=FILE)
 @click.option("--path", type=PATH)
 def command(**options):
     click.echo({k: v for k, v in options.items() if v is not None})
-
-
-@pytest.mark.parametrize("name", ["", "../x", "a/b", "/x", ".", "..", " ", "...", "a/"])
-def test_a_name_leads_nowhere_else(name):
-    result = CliRunner().invoke(command, ["--name", name])
-    assert result.exit_code == 2
-    assert f"{name!r} is no plain name of a file" in result.output
-
-
-@pytest.mark.parametrize("name", ["figure7", "a.b", "ä 1", ".hidden"])
-def test_plain_names_are_taken(name):
-    assert f"'name': '{name}'" in CliRunner().invoke(command, ["--name", name]).output
 
 
 @pytest.mark.parametrize("option", ["--out", "--file", "--path"])

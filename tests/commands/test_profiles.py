@@ -1,7 +1,6 @@
 """lf-flame profiles."""
 
 import csv
-import hashlib
 import json
 
 import numpy as np
@@ -26,9 +25,8 @@ def folder(tmp_path):
 
 
 def sign(path, **changes):
-    """Write the record as reconstruct does, for the files as they are now."""
-    files = {one.name: hashlib.sha256(one.read_bytes()).hexdigest() for one in path.glob("*.tif")}
-    record = {"depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5], "files": files, **changes}
+    """Write what is read of the record of reconstruct."""
+    record = {"depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5], **changes}
     (path / "reconstruct.json").write_text(json.dumps(record))
 
 
@@ -56,15 +54,11 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
     across = [row for row in rows_of(out / "radial.csv") if row["depth_mm"] == "-2.0"]
     assert [float(row["emission"]) for row in across] == list(range(72, 80))
     assert (out / "profiles.png").read_bytes().startswith(b"\x89PNG")
-    assert run("verify", out).exit_code == 0
 
 
 @pytest.mark.slow
 def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
     (folder / "draws.tif").unlink()
-    missing = run("profiles", folder, "--out", tmp_path / "out")
-    assert "draws.tif cannot be read: there is no such file" in str(missing.exception)
-    sign(folder)
     result = run("profiles", folder, "--out", tmp_path / "out")
     assert result.exit_code == 0
     assert "no bands" in result.output
@@ -72,20 +66,14 @@ def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
     assert {row["standard_deviation"] for row in rows} == {row["low_95"] for row in rows} == {""}
 
 
-def flip(path):
-    content = bytearray(path.read_bytes())
-    content[-7] ^= 1
-    path.write_bytes(content)
-
-
 FILES = ("emission.tif", "draws.tif")
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_flipped_bit_is_found(folder, tmp_path, name):
-    flip(folder / name)
+def test_a_file_that_was_cut_is_named(folder, tmp_path, name):
+    (folder / name).write_bytes((folder / name).read_bytes()[:100])
     result = run("profiles", folder, "--out", tmp_path / "out")
-    assert f"{name} is not the file that reconstruct.json was written for" in str(result.exception)
+    assert f"{name} cannot be read: it is damaged" in str(result.exception)
     assert not (tmp_path / "out").exists()
 
 
@@ -112,7 +100,6 @@ def test_files_that_a_record_vouches_for_are_checked_all_the_same(
         (folder / name).write_bytes(content)
     else:
         tifffile.imwrite(folder / name, content)
-    sign(folder)
     result = run("profiles", folder, "--out", tmp_path / "out")
     assert isinstance(result.exception, InputError)
     assert says in str(result.exception)
@@ -123,7 +110,6 @@ def test_a_bomb_is_refused_before_it_is_inflated(folder, tmp_path, monkeypatch):
     bomb = np.zeros((2, 4000, 4000), np.float32)
     tifffile.imwrite(folder / "draws.tif", bomb, compression="zlib")
     assert (folder / "draws.tif").stat().st_size < 1e6
-    sign(folder)
     monkeypatch.setenv("LF_FLAME_MEMORY_GB", "0.1")
     result = run("profiles", folder, "--out", tmp_path / "out")
     assert "draws.tif would need 0.256 GB" in str(result.exception)
@@ -143,7 +129,6 @@ def test_no_file_is_opened_that_a_file_names(folder, tmp_path):
         options = {"description": said, "metadata": None, "compression": "zlib"}
         tifffile.imwrite(folder / name, level * PLANES, **options)
     assert tifffile.imread(folder / "emission.tif").max() == 9  # the library's own way
-    sign(folder)
     result = run("profiles", folder, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert {float(row["emission"]) for row in rows_of(tmp_path / "out" / "axial.csv")} == {1.0}
@@ -172,8 +157,6 @@ def test_one_plane_is_read_back_as_one(tmp_path, count):
         ({"depths_mm": [], "cell_mm": []}, "must hold a number for each plane"),
         ({"cell_mm": [1.0, 0.0]}, "cell_mm must hold lengths from"),
         ({"cell_mm": [1.0, 1e308]}, "cell_mm must hold lengths from"),
-        ({"files": ["emission.tif"]}, "has no hashes of its files"),
-        ({"files": {}}, "names no emission.tif"),
     ],
 )
 def test_a_record_that_does_not_fit_is_refused(folder, tmp_path, changes, says):

@@ -26,6 +26,12 @@ def test_a_number_of_threads_that_numba_cannot_start_is_one_sentence(threads):
     assert result.stderr == f"show: {told}"
 
 
+@pytest.mark.parametrize("date", ["x", ""])
+def test_a_date_that_numpy_cannot_read_does_no_harm(date):
+    result = ended("import numpy.f2py", SOURCE_DATE_EPOCH=date)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
 @pytest.mark.slow
 def test_a_backend_for_screens_is_not_asked_for():
     result = ended("from lf_flame._common import figures; figures.subplots()", MPLBACKEND="bogus")

@@ -12,9 +12,7 @@ from skimage.data import camera as camera_picture
 from skimage.io import imread
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
-from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.locks import exclusive
-from lf_flame._common.output_folders import verify_outputs
 from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.refocus_options import SLOPE_CONVENTIONS
 from lf_flame.formats import (
@@ -182,7 +180,7 @@ def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path)
 def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
     for brightness in (1e-3, 50.0):
         np.save(tmp_path / "views.npy", light_field.views * np.float32(brightness))
-        run(tmp_path / "views.npy", "--slope", 0.5, "--out", tmp_path / "out")
+        run(tmp_path / "views.npy", "--slope", 0.5, "--out", tmp_path / "out", "--overwrite")
         assert imread(tmp_path / "out" / "refocused_1_slope+0.500.png").max() > 120
         written = json.loads((tmp_path / "out" / "refocus.json").read_text())
         white = written["radiance_of_white_in_png"]
@@ -312,43 +310,22 @@ def test_a_light_field_too_small_for_a_network_is_refused_before_the_search(syst
     assert not (tmp_path / "out").exists()
 
 
-def test_pictures_of_another_light_field_stay(folder, tmp_path):
-    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
-    np.save(tmp_path / "other.npy", np.ones((3, 3, 8, 8)))
-    with pytest.raises(InputError, match="holds the pictures of .*views; for those of .*other"):
-        run(tmp_path / "other.npy", "--slope", 0.5, "--out", tmp_path / "out")
-    assert (tmp_path / "out" / "refocused_1_slope+0.500.png").exists()
-    run(folder / ".." / folder.name, "--slope", 0.25, "--out", tmp_path / "out")  # the same
-    assert (tmp_path / "out" / "refocused_1_slope+0.250.png").exists()
-
-
-@pytest.mark.slow
-def test_pictures_of_earlier_calls_stay_and_the_record_says_whose_they_are(folder, tmp_path):
-    out = tmp_path / "out"
-    run(folder, "--slope", -0.4, "--map", -1, 1, "--out", out)
-    first = {path.name: path.read_bytes() for path in out.iterdir()}
-    (out / "mine.png").touch()
-    second = run(folder, "--slope", 0.5, "--sweep", 0, 1, "--out", out)
-    assert "beside those of earlier calls: all_in_focus.png" in second.output
-    run(folder, "--slope", 0.5, "--gamma", 2, "--out", out)
-    maps = ["all_in_focus.png", "slope_map.png", "slope_map.tif"]
-    kept = [*maps[:1], "refocused_1_slope-0.400.png", *maps[1:]]
-    assert {name: (out / name).read_bytes() for name in kept} == {x: first[x] for x in kept}
-    new = ["focal_stack.tif", "refocused_1_slope+0.500.png"]
-    assert sorted(path.name for path in out.iterdir()) == sorted(
-        ["mine.png", "refocus.json", "sweep.gif", *kept, *new]
-    )
-    record = json.loads((out / "refocus.json").read_text())
-    assert verify_outputs(out, "refocus.json") == len(record["files"]) == 7
-    assert record["slopes"] == [0.5]
-    assert "sweep" not in record
-    calls = record["earlier"]
-    assert [sorted(call["files"]) for call in calls] == [kept, ["sweep.gif"]]
-    assert [(call.get("slope_map"), call.get("sweep")) for call in calls] == [
-        ([-1, 1], None), (None, [0, 1])
-    ]  # fmt: skip
-    with pytest.raises(InputError, match="own folder"):
+def test_calls_for_other_slopes_get_other_folders_by_default(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for words in ([], ["--slope", 0.5, "--slope", -1], ["--sweep", 0, 1], ["--map", "auto"]):
+        said = run(folder, *words).output
+    assert "are in refocused/views_map" in said
+    names = ["views", "views_map", "views_slope+0.5-1", "views_sweep+0+1"]
+    assert sorted(path.name for path in (tmp_path / "refocused").iterdir()) == names
+    with pytest.raises(InputError, match="refocused/views exists; .* replace it with --overwrite"):
+        run(folder)
+    run(folder, "--gamma", 2, "--overwrite")
+    record = json.loads((tmp_path / "refocused" / "views" / "refocus.json").read_text())
+    assert record["source"] == "../../views"
+    with pytest.raises(InputError, match="views exists"):
         run(folder, "--out", folder)
+    with pytest.raises(InputError, match="views is not replaced, as it is no result"):
+        run(folder, "--out", folder, "--overwrite")
 
 
 def test_the_program_knows_all_conventions():
@@ -358,7 +335,8 @@ def test_the_program_knows_all_conventions():
 
 def test_a_missing_view_is_named(folder, tmp_path):
     (folder / "view_02_03.png").unlink()
-    assert "1 view is missing and has weight 0: 02_03" in run(folder, "--out", tmp_path).stderr
+    said = run(folder, "--out", tmp_path / "a").stderr
+    assert "1 view is missing and has weight 0: 02_03" in said
     with pytest.raises(InputError, match="no such file or folder"):
         run(tmp_path / "nothing", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -403,20 +381,6 @@ def test_two_ranges_of_a_slope_map_are_refused(folder, tmp_path):
         run(folder, "--map=auto", "--map", -1, 1, "--out", tmp_path / "out")
 
 
-def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_path):
-    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
-    record = json.loads((tmp_path / "out" / "refocus.json").read_text())
-    thesis = tmp_path / "thesis.txt"
-    thesis.write_text("mine")
-    record["files"] |= dict.fromkeys(["../thesis.txt", str(thesis)], file_sha256(thesis))
-    (tmp_path / "out" / "refocus.json").write_text(json.dumps(sealed(record)))
-    run(folder, "--slope", 0.25, "--out", tmp_path / "out")
-    assert thesis.read_text() == "mine"
-    files = json.loads((tmp_path / "out" / "refocus.json").read_text())["files"]
-    assert set(files) == {"focal_stack.tif", "refocused_1_slope+0.250.png",
-                          "refocused_1_slope+0.500.png"}  # fmt: skip
-
-
 def test_a_second_call_that_fails_leaves_the_pictures_of_the_first(folder, tmp_path, monkeypatch):
     """The disk is full after the stack and before the movie."""
     out = tmp_path / "out"
@@ -428,7 +392,7 @@ def test_a_second_call_that_fails_leaves_the_pictures_of_the_first(folder, tmp_p
 
     monkeypatch.setattr(refocus_output, "write_movie", full)
     with pytest.raises(OSError, match="No space left"):
-        run(folder, "--slope", 0.25, "--sweep", 0, 1, "--out", out)
+        run(folder, "--slope", 0.25, "--sweep", 0, 1, "--out", out, "--overwrite")
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
@@ -452,33 +416,14 @@ def test_what_is_read_is_not_converted_over(folder, tmp_path):
         run(folder, tmp_path / "x.tif", "--white", tmp_path / "x.tif", command="convert")
 
 
-def test_a_folder_is_known_by_its_source_from_wherever_it_is_called(folder, tmp_path, monkeypatch):
-    """Records name the source from their own folder, older ones from the working folder."""
-    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
-    path = tmp_path / "out" / "refocus.json"
-    source = json.loads(path.read_text())["source"]
-    assert source.startswith("..")
-    assert (path.parent / source).resolve() == folder.resolve()
-    monkeypatch.chdir(folder.parent)
-    run(folder.name, "--slope", 0.25, "--out", tmp_path / "out")
-    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | {"source": folder.name})))
-    run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
-    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | {"source": "other"})))
-    with pytest.raises(InputError, match="holds the pictures of other"):
-        run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
-
-
-def test_a_folder_behind_a_link_is_known_by_its_source(folder, tmp_path, monkeypatch):
+def test_a_record_leads_to_its_source_through_links(folder, tmp_path, monkeypatch):
     """The system follows the link before it goes up; so do records."""
     (tmp_path / "deep" / "er" / "store").mkdir(parents=True)
     (tmp_path / "results").symlink_to("deep/er/store")
     monkeypatch.chdir(folder.parent)
-    for slope in (0.5, 0.25):
-        run(folder.name, "--slope", slope, "--out", tmp_path / "results" / "out")
+    run(folder.name, "--slope", 0.5, "--out", tmp_path / "results" / "out")
     out = tmp_path / "deep" / "er" / "store" / "out"
-    source = json.loads((out / "refocus.json").read_text())["source"]
-    assert (out / source).samefile(folder)
-    run(folder.name, "--slope", 0.5, "--out", out)  # by its other name
+    assert (out / json.loads((out / "refocus.json").read_text())["source"]).samefile(folder)
 
 
 def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, capsys):
@@ -548,8 +493,8 @@ def test_the_count_of_views_follows_from_the_camera(light_field, camera, tmp_pat
     write_lenslet_image(light_field, tmp_path / "raw.tif")
     known = ["--camera", written_camera(camera, tmp_path)]
     for source in (["raw.tif"], ["raw.tif", "--pitch", 5]):
-        words = [tmp_path / source[0], *source[1:], *known, "--slope", 0, "--out", tmp_path / "o"]
-        result = run(*words)
+        words = [tmp_path / source[0], *source[1:], *known, "--slope", 0]
+        result = run(*words, "--out", tmp_path / f"out{len(source)}")
         assert "5 x 5 views of 40 x 48" in result.output
     assert "rotation and the position of the array were not searched for" in result.output
 
@@ -587,7 +532,8 @@ def test_a_camera_s_pixels_narrower_than_the_steps_of_decoded_views_are_refused(
 def test_a_camera_of_other_pixels_is_noted(folder, camera, tmp_path):
     for lenslets, noted in ((camera.lenslets, False), ((30, 48), True)):
         file = written_camera(camera, tmp_path, lenslets=lenslets)
-        result = run(folder, "--depth-mm", DEPTH, "--camera", file, "--out", tmp_path / "out")
+        out = tmp_path / f"out-{noted}"
+        result = run(folder, "--depth-mm", DEPTH, "--camera", file, "--out", out)
         assert ("for views of 30 x 48 pixels, got 40 x 48" in result.output) is noted
 
 
@@ -646,7 +592,7 @@ def test_a_light_field_larger_than_memory_gives_the_same_files(name, rng, tmp_pa
     said = run(*choices, "--out", tmp_path / "bands").output
     assert "GB are allowed: bands of rows are read from" in said
     for file in ("focal_stack.tif", "slope_map.tif", "all_in_focus.png"):
-        assert file_sha256(tmp_path / "bands" / file) == file_sha256(tmp_path / "whole" / file)
+        assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
     run(source, tmp_path / "copy.npy", command="convert")
     np.testing.assert_array_equal(np.load(tmp_path / "copy.npy"), read_views(source))
     with pytest.raises(InputError, match="needs the whole light field in memory"):
@@ -689,7 +635,7 @@ def test_an_array_whose_views_move_otherwise_is_told(tmp_path, stored, order):
     axes = {"uvts": (1, 0, 2, 3), "vust": (0, 1, 3, 2)}.get(stored, range(4))
     views = views[::-1] if stored == "backwards" else views.transpose(*axes)
     np.save(tmp_path / "a.npy", views)
-    args = [str(tmp_path / "a.npy"), "--slope", "0", "--out", str(tmp_path / "o")]
+    args = [tmp_path / "a.npy", "--slope", 0, "--overwrite", "--out", tmp_path / "o"]
     said = run(*args).output
     assert ("do not move" in said) == bool(order)
     assert f"they are stored as {order}" in said or not order

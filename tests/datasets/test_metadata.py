@@ -73,7 +73,6 @@ def change(path, keys, value):
         ("", ["attributes", "config", "template"], [], "template: "),
         ("", ["attributes", "slopes"], ["1.0"], "slopes #1: input should be a valid number"),
         ("", ["attributes", "slopes"], [1.0, 2.0], "slopes or objects are not as many as depths"),
-        ("", ["attributes", "sha256"], None, "does not say what of"),
         ("", ["attributes"], {}, "does not say what of"),
         ("", ["node_type"], "array", "node_type: "),
         ("input", ["shape"], [3, 4, 7, 1], "chunk_shape must be those of whole samples"),

@@ -27,7 +27,7 @@ def test_the_page_does_what_it_says(tmp_path, monkeypatch, capsys):
     (settings,) = blocks(text, "toml")
     (tmp_path / "two_flames.toml").write_text(settings)
     commands = [line.split() for block in blocks(text, "sh") for line in block.splitlines()]
-    assert len(commands) == 3
+    assert len(commands) == 2
     for program, *arguments in commands:
         assert program == "lf-flame"
         done = run_here(*arguments, cwd=tmp_path)

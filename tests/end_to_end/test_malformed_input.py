@@ -127,7 +127,7 @@ def write_odd_tiff(path):
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
-        ("bomb.png", write_bomb, "would need 24 GB of memory, and 1 GB are allowed"),
+        ("bomb.png", write_bomb, "would need 10.4 GB of memory, and 1 GB are allowed"),
         ("cut.png", lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "it is damaged"),
         ("zero.ppm", lambda path: path.write_bytes(b"P6 0 0 255\n"), "it is damaged"),
         ("more.ppm", lambda path: path.write_bytes(b"P6 5 5 0\n" + bytes(75)), "it is damaged"),
@@ -237,15 +237,10 @@ def test_configurations(refuse, tmp_path, command, name):
     [
         ("[" * 100_000, "nest deeper than 64"),
         ('{"source": "a\\u0000b"}', "holds a null byte"),
-        (
-            '{"versions": {}, "source": 7}',
-            "refocus.json: source: input should be a valid string, got 7",
-        ),
-        ('{"versions": {}, "files": "all"}', "refocus.json: files."),
-        ('{"versions": {}, "files": [["a"]]}', "refocus.json: files."),
-        ('{"source": "mine"}', "is no whole record of this program"),
+        ('{"versions": {}, "files": "all"}', "lists no files of a result"),
+        ('{"versions": {}, "files": [["a"]]}', "does not list mine in it"),
+        ('{"source": "mine"}', "lists no files of a result"),
         ("\0", "is not a JSON file"),
-        ('{"versions": {}, "source": "elsewhere.npy"}', "holds the pictures of elsewhere.npy"),
     ],
     ids=lambda value: str(value)[:30],
 )
@@ -254,8 +249,9 @@ def test_records_of_pictures(refuse, tmp_path, command, text, words):
     np.save(tmp_path / "views.npy", np.zeros((3, 3, 16, 18), np.float32))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "refocus.json").write_text(text)
+    (tmp_path / "out" / "mine").touch()
     options = ["--region", 2, 8, 2, 8, "--slopes", -1, 1] if command == "refocus-regions" else []
-    assert words in refuse(command, "views.npy", "--out", "out", *options)
+    assert words in refuse(command, "views.npy", "--out", "out", "--overwrite", *options)
 
 
 @pytest.mark.parametrize(
@@ -269,8 +265,7 @@ def test_records_of_pictures(refuse, tmp_path, command, text, words):
         ({"camera": {**CAMERA, "views": 0}}, "card.json: camera"),
         ({"camera": 3}, "card.json: camera"),
         ({"input": {"kind": "all"}}, "card.json: input"),
-        ({"x" * 5000: 1}, "is not a known key"),
-        ({}, "is not the file that card.json was written for"),
+        ({}, "card.keras is not a Keras file"),
     ],
     ids=lambda value: str(value)[:40],
 )
@@ -295,11 +290,6 @@ def test_names_and_links(refuse, tmp_path):
         assert "must be a folder" in refuse(*command, "--out", "/dev/null")
     assert "symbolic links" in refuse("refocus", "loop")
     assert "symbolic links" in refuse("convert", "views.npy", "loop")
-    (tmp_path / "run").mkdir()
-    for figure in ("", "../../x", "a/b", ".."):
-        evaluate = ["evaluate", "run", "--table", "table1", "--figure", figure, "--out", "o"]
-        told = refuse(*evaluate, gathered=__main__.commands)
-        assert f"{figure!r} is no plain name of a file" in told
 
 
 def test_apertures_and_slopes_of_any_size(refuse, tmp_path):
@@ -329,14 +319,12 @@ def damage_table(name, change):
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
-        ("table1.csv", lambda x: x[:-3], "table1.csv is damaged"),
         ("table1_history.csv", lambda x: x[:-3], "table1_history.csv is damaged"),
-        ("table1.md", lambda x: x[:-3], "table1.md is damaged"),
         ("table1.json", lambda x: x[:-3], "table1.json is not a JSON file"),
         ("table1.json", lambda x: b"[" * 10_000, "nest deeper than 64"),
         ("table1.json", lambda x: x.replace(b'"seed": 1', b'"seed": "1"'), "seed: input should be"),
         ("table1.json", lambda x: x.replace(b'"ssim": 0', b'"ssim": null, "x": 0', 1), "#1.ssim"),
-        ("table1.json", lambda x: x.replace(b'mm": 20.0', b'mm": 21.0'), "lacks a depth"),
+        ("table1.json", lambda x: x.replace(b'mm": 20.0', b'mm": 21.0'), "must have the depths"),
     ],
     ids=lambda value: str(value)[:20],
 )
@@ -345,22 +333,6 @@ def test_tables(refuse, tmp_path, name, change, words):
     damage_table(name, change)
     for folders in (["results"], ["results", str(RESULTS / "paper")]):
         assert words in refuse("tables", *folders, "--out", "t.md", gathered=__main__.commands)
-
-
-def test_printed_values(refuse, tmp_path):
-    whole = (ROOT / "experiments" / "paper_values.toml").read_text()
-    for old, new, words in (
-        ("ssim = [0.96, 0.96, 0.97, 0.96]", "ssim = [0.96]", "all columns need a value"),
-        ("psnr_db =", "psnr =", "table1: psnr is not a known key"),
-        ("[table1]", "[table3]", "has no table 'table1'"),
-        ('object = ["rectangle", ', "object = [1, ", "table1: object #1: "),
-    ):
-        assert old in whole
-        (tmp_path / "p.toml").write_text(whole.replace(old, new, 1))
-        told = refuse(
-            "tables", str(RESULTS / "closed-form"), "--paper", "p.toml", gathered=__main__.commands
-        )
-        assert words in told
 
 
 VALUES = st.recursive(

@@ -1,45 +1,60 @@
-"""Times of calls in turn: their order, what counts of them, and ratios within a round."""
+"""Times of calls in turn: their order, which of them count, and ratios within a round."""
 
+import numba
 import numpy as np
 import pytest
 
-from experiments.timing import Times, in_turn
+from experiments import timing
+from experiments.timing import in_turn
 
 
-def test_calls_are_made_in_turn_and_the_first_round_does_not_count():
-    made = []
-    ticks = {"a": iter([9.0, 1.0, 2.0, 4.0]), "b": iter([9.0, 3.0, 4.0, 2.0])}
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands still but where a call advances it."""
+    now = [0.0]
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: now[0])
 
-    def call(name):
+    def call(name, made, ticks):
         made.append(name)
-        return next(ticks[name])
+        now[0] += next(ticks)
+        return len(made)
 
-    times = in_turn(lambda: call("a"), lambda: call("b"), rounds=3, timed=True)
+    return call
+
+
+def test_calls_are_made_in_turn_and_the_first_round_does_not_count(clock):
+    made, ticks = [], {"a": iter([9.0, 1.0, 2.0, 4.0]), "b": iter([9.0, 3.0, 4.0, 2.0])}
+    times = in_turn(*(lambda n=n: clock(n, made, ticks[n]) for n in "ab"), rounds=3)
     assert "".join(made) == "abababab"
     np.testing.assert_array_equal(times.seconds, [[1, 2, 4], [3, 4, 2]])
     np.testing.assert_array_equal(times.best, [1, 2])
     assert times.ratio(1, 0) == (2.0, 1.25, 2.5)  # the median of 3, 2 and 1/2, not 2 / 1
-    np.testing.assert_array_equal(times.spread, [0.5, 0.5])
+    assert times.results == [7, 8]
 
 
-def test_a_short_call_is_repeated_in_its_turn_and_its_shortest_time_counts():
-    ticks = iter([0.4, 0.2, 0.5, 0.3, 0.4, 0.35])
-    times = in_turn(lambda: next(ticks), rounds=2, warm_up=False, turn_s=1.0, timed=True)
-    np.testing.assert_array_equal(times.seconds, [[0.2, 0.3]])
-    assert times.every == [[0.4, 0.2, 0.5, 0.3, 0.4, 0.35]]
+@pytest.mark.parametrize(
+    ("seconds", "options", "rounds"),
+    [(0.01, {}, 30), (1.0, {}, 3), (4.0, {}, 2), (4.0, {"rounds": 3}, 3), (1.0, {"least_s": 9}, 9)],
+)
+def test_rounds_go_on_for_as_long_as_asked(clock, seconds, options, rounds):
+    times = in_turn(
+        lambda: clock("a", [], iter([seconds])), **{"rounds": 1} | options if "least_s" in options
+        else options,
+    )  # fmt: skip
+    assert times.seconds.shape[1] == rounds
 
 
-def test_results_are_those_of_the_last_round():
-    calls = iter(range(10))
-    assert in_turn(lambda: next(calls), rounds=2).results == [2]
+@pytest.mark.slow
+def test_the_floor_reads_every_word(rng):
+    words = rng.integers(0, 2**60, 64 * 9, np.uint64)
+    sums = np.empty(64, np.uint64)
+    timing._sum_parts(words, sums)
+    assert sums.sum() == words.sum()
+    timing.read_once(np.ones((3, 5, 7), np.uint16))
 
 
-def test_rounds_go_on_for_as_long_as_asked():
-    times = in_turn(lambda: None, rounds=1, least_s=0.01)
-    assert times.seconds.shape[1] > 10
-    assert times.seconds.sum() == pytest.approx(0.01, abs=0.01)
-
-
-def test_spread_is_from_the_best_to_the_lower_quartile():
-    times = Times(np.array([[1.0, 1.5, 2.0, 9.0, 9.0]]), [], [])
-    assert times.spread.tolist() == [0.5]
+def test_threads_are_put_back():
+    before = numba.get_num_threads()
+    with timing.on_threads(1):
+        assert numba.get_num_threads() == 1
+    assert numba.get_num_threads() == before

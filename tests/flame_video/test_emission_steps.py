@@ -83,7 +83,7 @@ def test_temperatures_of_two_planes_come_back_and_faint_cells_have_none(folder):
             assert 0.3 < np.sqrt(np.mean(apart**2)) < 2
             assert np.isnan(kelvin[number, plane, :3]).mean() > 0.9
     assert np.isnan(kelvin[1]).all()
-    assert "3 frames: 3 whole" in run("verify", out).output
+    assert "3 frames: 3 whole" in run("status", out).output
     other = run("process", folder / "video", *steps, "--soot-exponent", 1.2, *words)
     assert "was made by other steps" in str(other.exception)
 

@@ -6,12 +6,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageCms
 from tifffile import imwrite
 
 from lf_flame import LightField, read_light_field
 from lf_flame.formats import write_light_field
-from lf_flame.formats.coding import notes_on_coding, notes_on_values
+from lf_flame.formats.coding import CODED, notes_on_coding, notes_on_values
 
 
 def chunk(kind, data):
@@ -50,28 +50,76 @@ def test_png_files_are_coded_by_depth_or_by_what_they_say(tmp_path, bits, chunks
         assert "not linear in light" in notes[0]
 
 
-def test_own_views_say_that_they_are_linear(tmp_path):
+PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+GREY = np.arange(12).reshape(3, 4)
+
+
+def by_tifffile(dtype="u1", **form):
+    return lambda path: imwrite(path, GREY.astype(dtype), **form)
+
+
+def by_pillow(**form):
+    return lambda path: Image.fromarray(GREY.astype(np.uint8)).save(path, **form)
+
+
+def curve(exponent):
+    """TransferFunction by TIFF 6.0: the light of each level, 65535 for white."""
+    light = np.rint(65535 * (np.arange(256) / 255) ** exponent).astype(int)
+    return {"extratags": [(301, "H", 256, light.tolist(), True)]}
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "kind"),
+    [
+        ("a.tif", by_tifffile(), "a TIFF file of 8 bits"),
+        ("a.tif", by_tifffile(**curve(2.2)), "a TIFF file of 8 bits"),
+        ("a.tif", by_tifffile(**curve(1)), None),
+        ("a.tif", by_tifffile("u2"), None),
+        ("a.tif", by_tifffile("f4"), None),
+        ("a.tif", by_tifffile("u2", iccprofile=PROFILE), "a TIFF file of 16 bits with a colour"),
+        ("a.tif", by_tifffile("f4", iccprofile=PROFILE), "a TIFF file of 32 bits with a colour"),
+        ("a.tif", by_pillow(icc_profile=PROFILE), "a TIFF file of 8 bits with a colour profile"),
+        ("a.png", by_pillow(icc_profile=PROFILE), "a PNG file of 8 bits with a colour profile"),
+        ("a.jpg", by_pillow(icc_profile=PROFILE), "a JPEG file"),
+        ("a.JPG", lambda path: by_pillow()(path), "a JPEG file"),
+        ("a.webp", by_pillow(), "a WebP file"),
+        ("a.bmp", by_pillow(), "a BMP file"),
+        ("a.pgm", by_pillow(), "a Netpbm file of 8 bits"),
+        ("a.pgm", lambda path: path.write_bytes(b"P5 1 1 1023 ab"), None),
+        ("a.pgm", lambda path: path.write_bytes(b"P5 1 1 65535 ab"), None),
+        ("a.npy", lambda path: np.save(path, GREY.astype(np.uint8)), None),
+        ("a.png", lambda path: path.write_bytes(b"no picture"), None),
+        ("a.tif", lambda path: path.write_bytes(b"no picture"), None),
+        ("a.png", lambda path: None, None),
+    ],
+)
+def test_images_are_coded_by_depth_profile_or_what_they_say(tmp_path, name, write, kind):
+    write(tmp_path / name)
+    notes = notes_on_coding(tmp_path / name)
+    assert len(notes) == (kind is not None)
+    if kind:
+        assert f"{name} is {kind}" in notes[0]
+        assert notes[0].endswith(CODED)
+
+
+def test_own_images_say_that_they_are_linear(tmp_path):
     field = LightField(np.full((2, 2, 3, 3), 0.5, np.float32))
     for linear in (True, False):
-        write_light_field(field, tmp_path / f"{linear}", 8, linear=linear)
-        write_light_field(field, tmp_path / f"{linear}.png", 8, linear=linear)
-        for path in (tmp_path / f"{linear}", tmp_path / f"{linear}.png"):
+        for suffix in ("", ".png", ".tif"):
+            path = tmp_path / f"{linear}{suffix}"
+            write_light_field(field, path, 8, linear=linear)
             assert len(notes_on_coding(path)) == (not linear)
-            assert read_light_field(path, views=2 if path.suffix else None).views[0, 0, 0, 0] == (
+            assert read_light_field(path, views=2 if suffix else None).views[0, 0, 0, 0] == (
                 pytest.approx(128 / 255)
             )
 
 
-def test_of_a_folder_the_first_picture_tells(tmp_path):
+def test_the_first_picture_of_a_folder_counts(tmp_path):
     assert notes_on_coding(tmp_path) == []
-    grey = Image.fromarray(np.zeros((4, 4), np.uint8))
-    for name in ("b.tif", "a.JPG"):
-        grey.save(tmp_path / name)
-    assert "a.JPG is a JPEG file." in notes_on_coding(tmp_path)[0]
-    assert notes_on_coding(tmp_path / "b.tif") == []
-    assert notes_on_coding(tmp_path / "none.png") == []
-    (tmp_path / "broken.png").write_bytes(b"no picture")
-    assert notes_on_coding(tmp_path / "broken.png") == []
+    by_tifffile("u2")(tmp_path / "b.tif")
+    assert notes_on_coding(tmp_path) == []
+    by_pillow()(tmp_path / "a.jpg")
+    assert "a.jpg is a JPEG file." in notes_on_coding(tmp_path)[0]
 
 
 @pytest.mark.parametrize(("bits", "suffix"), [(10, ".png"), (12, ".tif"), (14, ".npy")])

@@ -129,6 +129,16 @@ def test_what_cannot_be_opened_is_refused_in_a_sentence(views, tmp_path, monkeyp
         open_light_field(tmp_path / "views")
 
 
+def test_a_zarr_folder_without_one_of_its_chunks_is_refused(views, tmp_path):
+    """Also chunks of zeros are written, as a missing one would be read as zeros."""
+    write_light_field(LightField(0 * views), tmp_path / "a.zarr")
+    assert read_light_field(tmp_path / "a.zarr").shape == views.shape
+    next(file for file in (tmp_path / "a.zarr/views/c").rglob("*") if file.is_file()).unlink()
+    for read in (read_light_field, open_light_field):
+        with pytest.raises(InputError, match=r"read: 1 of its \d+ chunk files are missing"):
+            read(tmp_path / "a.zarr")
+
+
 def test_damaged_and_dangerous_zarr_folders_are_refused(views, tmp_path):
     write_light_field(LightField(views), tmp_path / "a.zarr")
     for chunk in (tmp_path / "a.zarr/views/c").rglob("*"):

@@ -73,14 +73,14 @@ def test_pictures_of_an_archive_are_decoded_like_files(tmp_path, rng, kind):
             tifffile.imwrite(path, deep[at], photometric="rgb")
         else:
             Image.fromarray((deep[at] >> 8).astype(np.uint8)).save(path)
-        if kind == "packed.tif":  # by Pillow's own libtiff, for want of another
+        if kind == "packed.tif":
             Image.fromarray((deep[at] >> 8).astype(np.uint8)).save(path, compression="tiff_lzw")
     files = {path.name: path.read_bytes() for path in (tmp_path / "views").iterdir()}
     path = pack(tmp_path / "views.zip", files)
     expected = read_light_field(tmp_path / "views").views
     np.testing.assert_array_equal(read_light_field(path).views, expected)
     coded = [len(notes_on_coding(one)) for one in (path, tmp_path / "views")]
-    assert coded == ([1, 1] if kind in ("jpg", "deep.png") else [0, 0])
+    assert coded == ([1, 1] if kind in ("jpg", "deep.png", "packed.tif") else [0, 0])
 
 
 def test_dark_images_and_gaps_of_an_archive(tmp_path, rng):
@@ -117,9 +117,8 @@ def test_archives_that_cannot_be_trusted_are_refused(tmp_path, rng, monkeypatch)
     with pytest.raises(InputError, match=r"a\.zip cannot be read: it is damaged"):
         read_light_field(path)
     for field, value, told in (
-        ("flags", 1, "view_1_1.png in it is encrypted"),
+        ("flags", 1, "view_1_1.png.* is encrypted"),
         ("method", 14, "view_1_1.png in it is packed by method 14; only stored"),
-        ("size", 2**31, "hold 2,147,483,648, more than DEFLATE can pack"),
     ):
         path.write_bytes(whole)
         patched(path, "view_1_1.png", field, value)
@@ -130,7 +129,7 @@ def test_archives_that_cannot_be_trusted_are_refused(tmp_path, rng, monkeypatch)
     with pytest.raises(InputError, match=r"a\.zip would need 0\.009 GB"):
         read_light_field(path)
     monkeypatch.delenv(LIMIT)
-    monkeypatch.setattr("lf_flame._common.zip_files.MOST_FILES", 8)
+    monkeypatch.setattr("lf_flame._common.input_files.MOST_FILES", 8)
     with pytest.raises(InputError, match="it holds 9 files, and 8 are the most"):
         read_light_field(path)
     pack(path, files | {name.replace("view", "depth"): png for name, png in files.items()})

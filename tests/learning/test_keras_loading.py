@@ -15,7 +15,7 @@ from sentences import sentence_of
 from lf_flame import InputError
 from lf_flame._common.memory import LIMIT
 from lf_flame.learning.keras_loading import CLASSES, load_model
-from lf_flame.systems.registry import NETWORKS
+from lf_flame.systems.training import NETWORKS
 
 START = "from lf_flame.commands import program; import click\n@click.command()\ndef x():\n"
 
@@ -56,7 +56,7 @@ def configured(saved, change):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_networks_of_this_package_are_made_of_known_classes(name, tmp_path):
-    model = NETWORKS[name].build(3).model
+    model = NETWORKS[name].model(3)
     model.save(tmp_path / "model.keras")
     assert load_model(tmp_path / "model.keras").count_params() == model.count_params()
 

@@ -1,6 +1,5 @@
 """`lf-flame export` and `lf-flame predict`: a trained network in other hands, on other pictures."""
 
-import hashlib
 import json
 import shutil
 import subprocess
@@ -16,7 +15,6 @@ from skimage.io import imread
 
 from lf_flame import InputError, LightField
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.checksums import sealed
 from lf_flame._common.config import build, to_json
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
@@ -75,14 +73,10 @@ def run(*args):
     return result
 
 
-def sha256_of(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def write_network(path, card, network):
-    """Write a network beside a card that says that it belongs to it."""
+    """Write a network beside its card."""
     network.save(path)
-    write_json(path.with_suffix(".json"), sealed(to_json(replace(card, sha256=sha256_of(path)))))
+    write_json(path.with_suffix(".json"), to_json(card))
     return path
 
 
@@ -117,7 +111,7 @@ def test_the_card_tells_a_stranger_what_the_network_is(run_folder, exported):
     )
     assert {"command", "versions", "git_revision"} <= set(card["exported"])
     ours, theirs = read_card(run_folder), read_card(exported)
-    assert replace(theirs, sha256=ours.sha256, exported={}, record_sha256=None) == ours
+    assert replace(theirs, exported={}) == ours
 
 
 @pytest.mark.slow
@@ -134,9 +128,6 @@ def test_a_picture_is_refocused_as_in_the_evaluation(where, sample, tmp_path, re
     for k, name in enumerate(["refocused_1_+10mm.png", "refocused_2_-10mm.png"]):
         np.testing.assert_allclose(imread(out / name) / 255, stack[k], atol=0.003)
     record = json.loads((out / "prediction.json").read_text())
-    assert record["network"]["sha256"] == sha256_of(
-        model / "model.keras" if model.is_dir() else model
-    )
     assert record["notes"] == []
     assert f"card.png: refocused in {record['ms']:.0f} ms" in result.output
     height, width = imread(out / "prediction.png").shape[:2]
@@ -211,22 +202,20 @@ def test_pictures_that_cannot_be_used_are_one_sentence(run_folder, tmp_path):
 
 def test_pictures_do_not_go_among_the_views(run_folder, tmp_path):
     (tmp_path / "views").mkdir()
-    with pytest.raises(InputError, match="own folder"):
+    (tmp_path / "views" / "view.png").touch()
+    with pytest.raises(InputError, match="views exists; name another folder"):
         run("predict", tmp_path / "views", "--model", run_folder, "--out", tmp_path)
 
 
 def test_networks_that_are_not_there_are_one_sentence(run_folder, exported, tmp_path):
     shutil.copy(exported, tmp_path / "alone.keras")
-    shutil.copy(exported.with_suffix(".json"), tmp_path / "swapped.json")
-    (tmp_path / "swapped.keras").write_bytes(b"another file")
-    shutil.copy(tmp_path / "swapped.keras", tmp_path / "edited.keras")
+    shutil.copy(exported, tmp_path / "edited.keras")
     (tmp_path / "edited.json").write_text('{"title": "mine"}')
     for path, message in (
         (tmp_path / "none.keras", "There is no trained network .*none.keras"),
         (tmp_path, "There is no finished run in"),
         (run_folder / "model.keras", "has no model.json beside it, .* name the run folder"),
         (tmp_path / "alone.keras", "has no alone.json beside it"),
-        (tmp_path / "swapped.keras", "is not the file that .*swapped.json was written for"),
         (tmp_path / "edited.keras", "edited.json: preset, .* are missing"),
     ):
         with pytest.raises(InputError, match=message) as caught:
@@ -302,32 +291,18 @@ def test_a_file_that_is_no_card_is_not_replaced_by_one(run_folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_verify_knows_runs_and_exported_networks(run_folder, exported, tmp_path):
-    shutil.copytree(run_folder, tmp_path / "shapes")
-    for path in (exported, exported.with_suffix(".json")):
-        shutil.copy(path, tmp_path)
-    lines = run("verify", tmp_path).output.splitlines()
-    assert [line.split()[0] for line in lines] == ["whole", "whole"]
-    assert "exported.keras: exported network" in lines[0]
-    assert "shapes: trained network and its checkpoint" in lines[1]
-    best = next((tmp_path / "shapes").glob("checkpoint-*")) / "best.npz"
-    for path in (tmp_path / "shapes" / "model.keras", best, tmp_path / "exported.keras"):
-        content = path.read_bytes()
-        path.write_bytes(content[:1000] + bytes([content[1000] ^ 1]) + content[1001:])
-        with pytest.raises(InputError, match="Of 2 results, 1 is damaged"):
-            run("verify", tmp_path)
-        path.write_bytes(content)
-    (tmp_path / "shapes" / "model.keras").unlink()
-    assert "not finished: its checkpoint" in run("verify", tmp_path / "shapes").output
-
-
-@pytest.mark.slow
-def test_a_network_that_is_not_the_runs_is_not_used(run_folder, tmp_path):
-    folder = shutil.copytree(run_folder, tmp_path / "run")
-    network = keras.saving.load_model(folder / "model.keras", compile=False)
-    network.save(folder / "model.keras")  # another file, if the same weights
-    with pytest.raises(InputError, match=r"not the network that run.json was written for"):
-        run("export", folder, "--out", tmp_path / "a.keras")
+def test_a_network_with_a_flipped_bit_is_refused(exported, tmp_path):
+    """By the checksums of the archive, and not by an image that is slightly off."""
+    content = exported.read_bytes()
+    shutil.copy(exported.with_suffix(".json"), tmp_path / "exported.json")
+    (tmp_path / "exported.keras").write_bytes(
+        content[: len(content) // 2]
+        + bytes([content[len(content) // 2] ^ 1])
+        + content[len(content) // 2 + 1 :]
+    )
+    card = read_card(tmp_path / "exported.keras")
+    with pytest.raises(InputError, match="is damaged, as model.weights.h5 in it does not fit"):
+        load_network(tmp_path / "exported.keras", card)
 
 
 def test_help_says_what_a_prediction_is():
@@ -374,7 +349,8 @@ def test_records_hold_no_path_but_relative_ones(run_folder, sample, tmp_path):
 def test_scores_of_another_data_set_are_refused(run_folder, tmp_path):
     shutil.copytree(run_folder, tmp_path / "run", ignore=shutil.ignore_patterns("checkpoint-*"))
     record = json.loads((run_folder / "run.json").read_text())
-    changed = record | {"data": str(run_folder.parent / "shapes.zarr"), "data_sha256": "0"}
-    write_json(tmp_path / "run" / "run.json", sealed(changed))
+    record["dataset"]["slopes"] = [0.5, -0.5]
+    changed = record | {"data": str(run_folder.parent / "shapes.zarr")}
+    write_json(tmp_path / "run" / "run.json", changed)
     with pytest.raises(InputError, match="shapes.zarr is not the data set that .*run was trained"):
         predict_test_split(tmp_path / "run")

@@ -67,23 +67,3 @@ def test_layouts_in_memory_give_the_same(rng):
     np.testing.assert_array_equal(align_views(LightField(views), 0.7, [(2, 0)]), expected)
     turned = views.transpose(3, 2, 1, 0).copy().transpose(3, 2, 1, 0)
     np.testing.assert_array_equal(align_views(turned, 0.7, [(2, 0)]), expected)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"view_indices": [(0, 3)]}, r"no view \(0, 3\) in a light field of 3 x 3 views"),
-        ({"view_indices": [(0, -1)]}, r"no view \(0, -1\)"),
-        ({"view_indices": []}, "pairs of row and column"),
-        ({"view_indices": [(0.5, 1)]}, "pairs of row and column"),
-        ({"view_indices": [(0, 1, 1)]}, "pairs of row and column"),
-        ({"view_indices": [0, 1]}, "pairs of row and column"),
-        ({"block": (3, 3)}, "Blocks of 3 x 3 lenslets do not divide an image of 8 x 9"),
-        ({"block": (0, 1)}, "Blocks of 0 x 1"),
-        ({"slopes": np.nan}, "slopes must be"),
-    ],
-)
-def test_bad_input_is_one_sentence(options, words):
-    arguments = {"slopes": 0.5, "view_indices": [(1, 1)], **options}
-    with pytest.raises(InputError, match=words):
-        align_views(np.zeros((3, 3, 8, 9)), **arguments)

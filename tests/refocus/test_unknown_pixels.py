@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.refocus import (
     align_views,
     all_in_focus,
@@ -141,20 +141,3 @@ def test_a_light_field_carries_what_is_known():
     mean = np.array([[9.0, 10, 11], [12, 13, 14]])
     mean[0, 1] = (1 + 13 + 19 + (6 + 8 + 10 + 0.5 * (9 + 11)) / 4) / 4  # filled from around
     np.testing.assert_allclose(LightField(held, valid=valid).photograph, mean, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("valid", "message"),
-    [
-        (
-            np.ones((2, 2, 2, 2)),
-            r"valid must have the shape .* \(2, 2, 2, 3\), got .* \(2, 2, 2, 2\)",
-        ),
-        (np.full((2, 2, 2, 3), 0.5), r"valid must be True \(1\)"),
-        (np.full((2, 2, 2, 3), np.nan), r"valid must be True \(1\)"),
-        (np.full((2, 2, 2, 3), "yes"), r"valid must be True \(1\)"),
-    ],
-)
-def test_odd_masks_are_refused(valid, message):
-    with pytest.raises(InputError, match=message):
-        LightField(np.ones((2, 2, 2, 3)), valid=valid)

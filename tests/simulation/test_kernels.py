@@ -9,7 +9,7 @@ import pytest
 from numba.core.caching import NullCache
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame._common.threads import shared
+from lf_flame._common.threads import Kernel
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _exact_kernels, _ray_kernels
@@ -65,7 +65,7 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
         _ray_kernels.trace_apart,
         _exact_kernels.integrate_columns,
         _exact_kernels.integrate_rows,
-        refocus_kernels.shift_and_sum,
+        refocus_kernels.sum_groups,
     ]
 
     def use(cells, layout, rays):
@@ -83,8 +83,9 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
     kernels = {
-        "trace_apart": shared(_ray_kernels._trace_apart),
-        "trace_lenslets": shared(_ray_kernels._trace_lenslets),
+        name: Kernel(kernel.count, kernel.body)
+        for name in ("trace_apart", "trace_lenslets")
+        for kernel in [getattr(_ray_kernels, name)]
     }
     for kernel in kernels.values():
         kernel.compiled._cache = NullCache()  # Numba shows no code that it loaded from its files

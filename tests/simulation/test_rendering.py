@@ -3,12 +3,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import reference
 from builders import OPTICS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from experiments.effects.tracer import flat_views
 from lf_flame import (
     PAPER_CAMERA,
     InputError,
@@ -22,7 +22,6 @@ from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation import rendering
 from lf_flame.simulation.planning import ray_counts
-from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render_plan
 
 
@@ -31,16 +30,14 @@ def random_layer(rng, depth, cells=(7, 5)):
 
 
 @pytest.mark.parametrize("depth", [20.0, 10.0, 0.0, -10.0])
-def test_ray_integrator_equals_rays_pushed_one_by_one(small_camera, rng, depth):
+def test_both_integrators_equal_the_reference(small_camera, rng, depth):
     """A lenslet pitch wrong by 1 % changes some of these pixels by 0.008 to 0.09."""
     layer = random_layer(rng, depth)
-    image = render(Scene([layer]), small_camera, integrator="rays", rays=89).views
-    lit = np.argwhere(image > 0.1)
-    for v, u, t, s in [(0, 4, 8, 14), (2, 2, 12, 12), (4, 1, 14, 16), *rng.permutation(lit)[:20]]:
-        # 400 rays of a lenslet by 400 of a pixel along each axis. In focus those of a pixel fall
-        # together, and an edge is missed by up to half of 1/400 along each axis.
-        twin = reference.trace_one_pixel(layer, small_camera, v, u, t, s, rays=400)
-        assert image[v, u, t, s] == pytest.approx(twin, abs=3e-4 if depth else 2e-3)
+    truth = flat_views(Scene([layer]), small_camera)
+    exact = render(Scene([layer]), small_camera, effects={"defocus": True}).views
+    np.testing.assert_allclose(exact, truth, rtol=3e-7, atol=1e-9)
+    rays = render(Scene([layer]), small_camera, integrator="rays", rays=89).views
+    np.testing.assert_allclose(rays, truth, atol=3e-4 if depth else 6e-3)
 
 
 @given(
@@ -82,7 +79,7 @@ def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
     camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
     integrator = "auto" if hidden else "rays"
     image = render(scene, camera, tolerance, integrator).views
-    truth = closed_form(scene, camera)
+    truth = flat_views(scene, camera)
     assert np.sqrt(np.mean((image - truth) ** 2)) <= tolerance * truth.max()
 
 
@@ -93,7 +90,7 @@ def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
     texture, card = rng.uniform(size=(60, 60)), Layer([[0.1]], near, (0.8, 0.9), opaque=True)
     scene = Scene([Layer(texture, 20.0, (2.4, 2.4)), card])
     camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
-    truth = closed_form(scene, camera)
+    truth = flat_views(scene, camera)
     for tolerance in (1e-3, 1e-6):
         image = render(scene, camera, tolerance)
         assert image.plan.integrator == "exact"

@@ -1,27 +1,24 @@
 """What all refocusing systems must do, and the classical ones; networks are untrained here."""
 
-import subprocess
-import sys
-from functools import partial
-
 import keras
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.refocus import shift_and_sum, sparse_aperture
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
-from lf_flame.systems.formulas import FourierSlice, ShiftAndSum
-from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
-from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
-from lf_flame.systems.sparse_unet import SparseUNet, build_unet
-from lf_flame.systems.view_selection import (
+from lf_flame.systems.formulas import (
+    FourierSlice,
+    ShiftAndSum,
     cross_of_views,
+    diamond_of_views,
     every_view,
     lattice_of_views,
     outer_square_of_views,
     square_of_views,
 )
+from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
+from lf_flame.systems.sparse_unet import NineViewUNet, SparseUNet, build_unet
 
 SYSTEMS = {
     "shift-and-sum": ShiftAndSum,
@@ -30,6 +27,7 @@ SYSTEMS = {
     "refocusnet": lambda: RefocusNet(build_refocusnet()),
     "refnet": lambda: RefNet(build_refnet()),
     "unet": lambda: SparseUNet(build_unet()),
+    "nine views": lambda: NineViewUNet(build_unet()),
     "aperturenet": lambda: ApertureNet(build_aperturenet()),
 }
 
@@ -55,6 +53,8 @@ def test_images_are_float32_from_0_to_1_for_every_slope(system, views):
     assert stack.dtype == np.float32
     assert stack.shape == (3, 100, 108)
     assert 0 <= stack.min() <= stack.max() <= 1
+    assert system.refocus(views, 0.5, (2, 2)).shape == (1, 50, 54)
+    assert system.refocus(views[..., :49, :53], 0.0).shape == (1, 49, 53)
     np.testing.assert_allclose(system.refocus(views, 0.3)[0], stack[2], atol=2e-6)
 
 
@@ -66,29 +66,6 @@ def test_colours_come_out_as_they_went_in(system, views):
     np.testing.assert_allclose(stack[..., 2], system.refocus(views * 0.5, 0.25), atol=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("block", "words"),
-    [
-        ((3, 3), "Blocks of 3 x 3 lenslets do not divide an image of 100 x 108"),
-        ((0, 1), "Blocks of 0 x 1"),
-        (3, "two whole numbers, got 3"),
-        ((1.5, 1), "two whole numbers"),
-    ],
-)
-def test_blocks_must_divide_the_image(system, views, block, words):
-    with pytest.raises(InputError, match=words):
-        system.refocus(views, 0.0, block)
-
-
-def test_whole_numbers_are_refused(system, views):
-    with pytest.raises(InputError, match=r"from 0 to 1, got whole numbers \(uint8\)"):
-        system.refocus((255 * views).astype(np.uint8), 0.0)
-
-
-def test_blocks_give_smaller_images(system, views):
-    assert system.refocus(views, 0.5, (2, 2)).shape == (1, 50, 54)
-
-
 def test_views_that_are_not_chosen_do_not_count(system, views):
     used = np.zeros((9, 9), bool)
     used[tuple(np.transpose(system.view_indices(9, 9)))] = True
@@ -96,71 +73,41 @@ def test_views_that_are_not_chosen_do_not_count(system, views):
     np.testing.assert_array_equal(system.refocus(other, 0.3), system.refocus(views, 0.3))
 
 
-@pytest.mark.slow
-def test_images_too_small_are_refused(network):
-    side = network.smallest
-    with pytest.raises(InputError, match=f"{side} pixels or more .* got {side - 1} x 60"):
-        network.refocus(np.zeros((9, 9, side - 1, 60)), 0.0)
-    assert network.refocus(np.zeros((9, 9, side, side)), 0.0).shape == (1, side, side)
-
-
-def test_all_views_are_shift_and_sum_itself(views):
-    expected = shift_and_sum(views, [0.7, -0.2])
-    np.testing.assert_array_equal(ShiftAndSum().refocus(views, [0.7, -0.2]), expected)
-
-
-def test_some_views_are_shift_and_sum_with_the_others_left_out(views):
-    weights = sparse_aperture((9, 9), square_of_views(9, 9))
-    expected = shift_and_sum(views, [0.7, -0.2], weights=weights)
-    found = ShiftAndSum("few", square_of_views).refocus(views, [0.7, -0.2])
-    np.testing.assert_array_equal(found, expected)
+@pytest.mark.parametrize("selection", [every_view, square_of_views, cross_of_views])
+def test_formulas_are_shift_and_sum_of_their_views(views, selection):
+    weights = sparse_aperture((9, 9), selection(9, 9))
+    stack, few = shift_and_sum(views, [0.7, -0.4], weights=weights), ShiftAndSum("few", selection)
+    np.testing.assert_allclose(few.refocus(views, [0.7, -0.4]), stack, atol=1e-6)
+    blocks = stack.reshape(2, 50, 2, 36, 3).mean(axis=(2, 4))
+    np.testing.assert_allclose(few.refocus(views, [0.7, -0.4], (2, 3)), blocks, atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [9, 11, 15, 17, 27])
 def test_lattice_shares_no_row_and_no_column(count):
     indices = np.array(lattice_of_views(count, count))
-    assert len(indices) == 9
-    for axis in (0, 1):
-        steps = np.diff(np.sort(indices[:, axis]))
-        assert steps.min() >= 1
-        assert np.ptp(steps) <= 1
+    steps = np.diff(np.sort(indices, axis=0), axis=0)
+    assert len(steps) == 8
+    assert steps.min() >= 1
+    assert np.all(np.ptp(steps, axis=0) <= 1)
     assert [count // 2, count // 2] in indices.tolist()
-    np.testing.assert_allclose(indices.mean(axis=0), (count - 1) / 2, atol=0.5)
-
-
-def test_some_views_are_averaged_over_blocks_as_all_are(views):
-    few = ShiftAndSum("few", square_of_views)
-    weights = sparse_aperture((9, 9), square_of_views(9, 9))
-    stack = shift_and_sum(views, [0.7, -0.4], weights=weights)
-    np.testing.assert_allclose(
-        few.refocus(views, [0.7, -0.4], (2, 3)),
-        stack.reshape(2, 50, 2, 36, 3).mean(axis=(2, 4)),
-        atol=1e-6,
-    )
 
 
 def test_other_choices_of_views():
     assert len(every_view(3, 4)) == 12
     assert outer_square_of_views(15, 15, 3)[:4] == [(0, 0), (0, 7), (0, 14), (7, 0)]
-    assert square_of_views(15, 15)[:4] == [(2, 2), (2, 7), (2, 12), (7, 2)]
+    for count, rows in ((3, (0, 1, 2)), (7, (1, 3, 5)), (9, (1, 4, 7)), (15, (2, 7, 12))):
+        assert square_of_views(count, count) == [(v, u) for v in rows for u in rows]
     assert set(square_of_views(7, 7, 7)) == set(every_view(7, 7))
+    # RefocusNet's are the authors' on 9 x 9 views, and as far out on others.
+    assert diamond_of_views(9, 9) == [(4, 2), (2, 4), (4, 6), (6, 4)]
+    for count in range(3, 20):
+        indices = np.array(diamond_of_views(count, count))
+        assert 0 <= np.ptp(indices) - (count - 1) / 2 < 2
+        assert 0 <= indices.min() < indices.max() < count
+        assert len(np.unique(indices, axis=0)) == 4
     cross = cross_of_views(9, 9)
     assert len(set(cross)) == 17
     assert all(4 in place for place in cross)
-
-
-@pytest.mark.parametrize(
-    "choose",
-    [
-        partial(square_of_views, side=7),
-        partial(outer_square_of_views, side=7),
-        cross_of_views,
-        lattice_of_views,
-    ],
-)
-def test_missing_views_are_one_sentence(choose):
-    with pytest.raises(InputError, match="needed, got 5 x 9|needs 9 x 9 views or more, got 5 x 9"):
-        choose(5, 9)
 
 
 @pytest.mark.slow
@@ -174,28 +121,9 @@ def test_refnet_draws_its_sixteen_slopes_and_mixes_between(views):
     averaged = system.refocus(views, 2 * SLOPES[5], (2, 2))[0]
     shown = system.show(views, np.zeros(1), (2, 2))
     np.testing.assert_allclose(averaged, system.predict(shown)[0, ..., 5], atol=1e-6)
-
-
-def test_refnet_is_told_how_far_apart_its_views_stand(views):
-    system = RefNet(build_refnet())
-    for some, apart in ((views, 8 / 6 / 2), (views[:7, :7], 0.5)):
+    for some, apart in ((views, 8 / 6 / 2), (views[:7, :7], 0.5)):  # its last channel
         np.testing.assert_allclose(system.show(some, np.zeros(1), (1, 1))[..., 49], apart)
-
-
-@pytest.mark.slow
-def test_refnet_refuses_slopes_beyond_its_own(views):
-    with pytest.raises(InputError, match="does slopes from -1 to 0.875 pixels .* got 0.9"):
-        RefNet(build_refnet()).refocus(views, [0.2, 0.9])
-
-
-@pytest.mark.slow
-def test_unet_works_on_any_size(views):
-    """What is filled up at the edges is cut off again."""
-    system = SparseUNet(build_unet(seed=1))
-    shown = system.show(views, np.array([0.3]), (1, 1))
-    cut = system.predict(shown[:, :33, :30])
-    assert cut.shape == (1, 33, 30, 1)
-    np.testing.assert_allclose(cut[:, :8, :8], system.predict(shown)[:, :8, :8], atol=1e-5)
+    np.testing.assert_allclose(system.slopes_to_learn(np.zeros(3), (3, 3)), 3 * SLOPES)
 
 
 @pytest.mark.slow
@@ -214,12 +142,3 @@ def test_smallest_is_the_receptive_field(network):
         changed = np.flatnonzero(np.any(system.predict(other) != before, axis=(0, 2, 3)))
         reaches += [at - changed.min(), changed.max() - at]
     assert 2 * max(reaches) + 1 == network.smallest
-
-
-def test_importing_the_systems_leaves_the_environment_alone():
-    code = (
-        "import os; before = dict(os.environ); import lf_flame.systems.view_selection; "
-        "print(before == dict(os.environ))"
-    )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "True"

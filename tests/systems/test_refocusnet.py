@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from lf_flame import InputError, read_light_field
+from lf_flame import read_light_field
 from lf_flame.learning.scores import psnr
-from lf_flame.refocus import align_views, shift_and_sum
-from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
+from lf_flame.refocus import align_views
+from lf_flame.systems.formulas import ShiftAndSum, diamond_of_views
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
 
 SHARED = Path(__file__).parents[3] / "shared"
 WEIGHTS = SHARED / "weights/refocusnet_weights.npz"
@@ -52,85 +53,21 @@ def test_layers_are_the_published_ones(model, rng):
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_views_are_the_authors_on_nine_by_nine_and_as_far_out_on_others(model):
-    system = RefocusNet(model)
-    assert system.view_indices(9, 9) == [(4, 2), (2, 4), (4, 6), (6, 4)]
-    assert system.view_indices(15, 15) == [(7, 3), (3, 7), (7, 11), (11, 7)]
-    for count in range(3, 20):
-        indices = np.array(system.view_indices(count, count))
-        assert 0 <= np.ptp(indices) - (count - 1) / 2 < 2
-        assert indices.min() >= 0
-        assert indices.max() < count
-        assert len(np.unique(indices, axis=0)) == 4
-
-
-def test_colours_are_mixed_only_by_weights_that_have_seen_them(model, rng):
-    views = rng.uniform(size=(3, 3, 20, 18, 3)).astype(np.float32)
-    apart = RefocusNet(model).refocus(views, 0.3)
-    np.testing.assert_allclose(apart[..., 1], RefocusNet(model).refocus(views[..., 1], 0.3))
-    assert np.abs(RefocusNet(model, colours=3).refocus(views, 0.3) - apart).max() > 1e-3
-
-
-def test_colours_of_one_view_stand_side_by_side(model, rng):
-    """The network sees red, green and blue of one aligned view after the other."""
+def test_views_are_aligned_and_shown_colour_by_colour(model, rng):
+    """Red, green and blue of one view after the other; grey is three equal colours, then a mean."""
     views = rng.uniform(size=(5, 5, 20, 18, 3)).astype(np.float32)
     system = RefocusNet(model, colours=3)
-    aligned = align_views(views, 0.6, system.view_indices(5, 5))
-    shown = np.concatenate(list(aligned), axis=-1)
-    expected = np.clip(model.predict_on_batch(shown[None])[0], 0, 1)
-    np.testing.assert_allclose(system.refocus(views, 0.6)[0], expected, atol=1e-6)
 
+    def drawn(views):
+        aligned = align_views(views, 0.6, system.view_indices(5, 5))
+        return model.predict_on_batch(np.concatenate(list(aligned), axis=-1)[None])[0]
 
-def test_grey_is_shown_as_three_equal_colours(model, rng):
-    views = rng.uniform(size=(3, 3, 20, 18)).astype(np.float32)
-    system = RefocusNet(model)
-    coloured = np.repeat(views[..., None], 3, axis=-1)
-    grey = system.refocus(views, [0.4, -1.0])
-    assert grey.shape == (2, 20, 18)
-    whole = system.model.predict_on_batch  # not clipped, so that means can be compared
-    aligned = align_views(coloured, 0.4, system.view_indices(3, 3))
-    image = whole(np.concatenate(list(aligned), axis=-1)[None])[0]
-    np.testing.assert_allclose(grey[0], np.clip(image.mean(axis=-1), 0, 1), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("shape", "slope", "words"),
-    [
-        ((3, 4, 20, 20), 0.5, "RefocusNet needs a square of 3 x 3 views or more, got 3 x 4"),
-        ((1, 1, 20, 20), 0.5, "got 1 x 1"),
-        ((3, 3, 16, 20), 0.5, "needs images of 17 pixels or more along each side, got 16 x 20"),
-        ((3, 3, 20, 20), np.inf, "slopes must be one or more finite numbers"),
-        ((3, 3, 20, 20, 2), 0.5, "takes grey light fields and those of 3 channels, got 2"),
-    ],
-)
-def test_bad_input_is_one_sentence(model, shape, slope, words):
-    with pytest.raises(InputError, match=words):
-        RefocusNet(model).refocus(np.zeros(shape, np.float32), slope)
-
-
-def test_images_smaller_than_the_receptive_field_after_averaging_are_refused(model):
-    with pytest.raises(InputError, match="got 15 x 20"):
-        RefocusNet(model).refocus(np.zeros((3, 3, 30, 40), np.float32), 0.5, (2, 2))
-
-
-@pytest.mark.parametrize(
-    ("arrays", "words"),
-    [
-        (None, "there is no such file"),
-        (b"no zip", "is no NumPy file of plain arrays"),
-        ({"w1": np.array([None])}, "w1 is no plain array of numbers"),
-        ({"b1": np.zeros(64)}, "w1 and b1 must have shapes .* got missing and"),
-        ({"w1": np.zeros((3, 3, 3, 64)), "b1": np.zeros(64)}, r"got \(3, 3, 3, 64\)"),
-    ],
-)
-def test_a_file_without_the_weights_is_refused(model, tmp_path, arrays, words):
-    path = tmp_path / "weights.npz"
-    if isinstance(arrays, bytes):
-        path.write_bytes(arrays)
-    elif arrays is not None:
-        np.savez(path, **arrays)
-    with pytest.raises(InputError, match=words):
-        load_official_weights(model, path)
+    mixed = np.clip(drawn(views), 0, 1)
+    np.testing.assert_allclose(system.refocus(views, 0.6)[0], mixed, atol=1e-6)
+    grey = np.repeat(views[..., 1:2], 3, axis=-1)
+    apart = np.clip(drawn(grey).mean(axis=-1), 0, 1)
+    np.testing.assert_allclose(RefocusNet(model).refocus(views, 0.6)[0, ..., 1], apart, atol=1e-6)
+    assert np.abs(mixed[..., 1] - apart).max() > 1e-3
 
 
 # PSNR of four-view shift-and-sum and of RefocusNet against all 81 views, and SSIM of both
@@ -150,24 +87,12 @@ OFFICIAL = {
 )
 @pytest.mark.parametrize("slope", OFFICIAL)
 def test_authors_weights_give_the_authors_figures(slope):
-    network = build_refocusnet()
-    load_official_weights(network, WEIGHTS)
-    system = RefocusNet(network, colours=3)
+    system = RefocusNet.of_weights(WEIGHTS)
     views = read_light_field(LYTRO, order="row,col").views
-    weights = np.zeros((9, 9))
-    weights[tuple(np.transpose(system.view_indices(9, 9)))] = 1
-    every, four, drawn = (
-        stack[0, 12:-12, 12:-12]
-        for stack in (
-            shift_and_sum(views, [slope]),
-            shift_and_sum(views, [slope], weights=weights),
-            system.refocus(views, slope),
-        )
+    four = ShiftAndSum("four", diamond_of_views)
+    every, *found = (
+        one.refocus(views, slope)[0, 12:-12, 12:-12] for one in (ShiftAndSum(), four, system)
     )
-    found = [psnr(every, x) for x in (four, drawn)]
-    found += [
-        structural_similarity(every, x, data_range=1.0, channel_axis=-1) for x in (four, drawn)
-    ]
-    expected = OFFICIAL[slope]
-    assert found[:2] == pytest.approx(expected[:2], abs=0.1)
-    assert found[2:] == pytest.approx(expected[2:], abs=1e-3)
+    np.testing.assert_allclose([psnr(every, x) for x in found], OFFICIAL[slope][:2], atol=0.1)
+    likeness = [structural_similarity(every, x, data_range=1.0, channel_axis=-1) for x in found]
+    np.testing.assert_allclose(likeness, OFFICIAL[slope][2:], atol=1e-3)

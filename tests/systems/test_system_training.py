@@ -1,10 +1,7 @@
 import json
-import shutil
-import zipfile
 from dataclasses import replace
 from functools import cache
 
-import keras
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,16 +12,18 @@ from lf_flame.learning import training_run
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.simulation import rendering
 from lf_flame.systems import training_scenes
-from lf_flame.systems.refnet import SLOPES
-from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.training import PatchTrainer, load_system, train_system
-from lf_flame.systems.training_config import (
+from lf_flame.systems.training import (
+    NETWORKS,
+    PatchTrainer,
     SystemRecipe,
     SystemsConfig,
-    SystemsPreset,
+    load_system,
     read_systems_config,
+    train_system,
 )
 from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
+
+SMOKE = {"training_samples": 4, "held_out": 2, "epochs": 2, "steps_per_epoch": 3}
 
 
 @pytest.fixture(scope="module")
@@ -33,20 +32,15 @@ def config(coarse_data):
         "seed": 3,
         "checkpoint_s": 0,
         "training_samples": {"data": [str(path) for path in coarse_data], "slopes": 3},
-        "presets": {
-            "smoke": {"training_samples": 4, "held_out": 2, "epochs": 2, "steps_per_epoch": 3}
-        },
-        "systems": {
-            "aperturenet": {"epochs": 50, "patch": 20},
-            "refocusnet": {"epochs": 50, "patch": 20, "learning_rate": 1e-3},
-            "aperturenet-low-light": {"epochs": 50, "patch": 20, "low_light": 1.0},
-            "aperturenet-round": {"epochs": 50, "patch": 20},
-            "refnet": {"epochs": 50, "patch": 24},
-            "refnet-fourier": {"epochs": 50, "patch": 24},
-            "volumetric": {"epochs": 50, "patch": 24, "optimizer": "rmsprop"},
-        },
+        "presets": {"smoke": SMOKE},
+        "systems": {name: {"epochs": 50, "patch": 24} for name in NETWORKS},
     }
+    values["systems"]["volumetric"]["optimizer"] = "rmsprop"
     return build(SystemsConfig, values, "test")
+
+
+def system_of(name, seed=0):
+    return NETWORKS[name].system(NETWORKS[name].model(seed))
 
 
 def test_samples_depend_on_seed_and_index_alone(config):
@@ -54,16 +48,8 @@ def test_samples_depend_on_seed_and_index_alone(config):
     np.testing.assert_array_equal(first.views, again.views)
     np.testing.assert_array_equal(first.slopes, again.slopes)
     assert first.views.shape != other.views.shape or np.any(first.views != other.views)
-
-
-@pytest.mark.slow
-def test_samples_show_leaves_and_scenes_at_new_depths(config):
-    drawn = [config.training_samples.draw(1, k) for k in range(30)]
-    kinds = {sample.block for sample in drawn}
-    assert kinds == {(1, 1), (2, 2)}
-    slopes = np.concatenate([sample.slopes / sample.block[0] for sample in drawn])
-    assert slopes.min() < -0.1
-    assert slopes.max() > 0.1
+    blocks = {config.training_samples.draw(1, k).block for k in range(8)}
+    assert blocks == {(1, 1), (2, 2)}  # leaves and scenes
 
 
 @pytest.mark.slow
@@ -87,36 +73,10 @@ def test_something_is_sharp_at_the_first_half_of_a_scenes_slopes(config):
 
 
 @pytest.mark.slow
-def test_every_network_gets_what_it_sees_and_the_truth_for_it(config):
-    for name, network in NETWORKS.items():
-        system = network.build(0)
-        shown, truth = draw_arrays(config.training_samples, system, 1, range(2))
-        assert shown.shape[:3] == truth.shape[:3] == (2 if name.startswith("refnet") else 6, 24, 48)
-        assert shown.dtype == truth.dtype == np.float32
-        assert system.model.input_shape[3] == shown.shape[3]
-        assert system.model.output_shape[3] == truth.shape[3]
-
-
-@pytest.mark.slow
-def test_samples_in_low_light_are_noisy_and_their_truth_is_not(config):
-    """Shot noise: over many pixels its variance is the mean over the electrons."""
-    training_samples = replace(config.training_samples, electrons=(20.0, 20.0))
-    clean, dark = (training_samples.draw(1, 5, share) for share in (0.0, 1.0))
-    np.testing.assert_array_equal(dark.views, clean.views)
-    np.testing.assert_array_equal(clean.seen, clean.views)
-    assert np.var(dark.seen - dark.views) == pytest.approx(dark.views.mean() / 20, rel=0.02)
-    np.testing.assert_array_equal(dark.truth(dark.slopes), clean.truth(clean.slopes))
-    assert (
-        sum(np.any(x.seen != x.views) for x in (training_samples.draw(1, k, 0.5) for k in range(9)))
-        > 1
-    )
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_training_needs_no_light_fields(config, name, monkeypatch):
     """What is shown, and the truth, as through the light field; but for the Fourier slice."""
-    scenes, system = replace(config.training_samples, leaves=0), NETWORKS[name].build(0)
+    scenes, system = replace(config.training_samples, leaves=0), system_of(name)
     rendered = []
 
     def render_plan(*arguments, **options):
@@ -128,15 +88,13 @@ def test_training_needs_no_light_fields(config, name, monkeypatch):
     assert len(rendered) == (0 if NETWORKS[name].truth == "shift-and-sum" else 3)
     monkeypatch.setattr(training_scenes, "PROJECTED", None)
     long = draw_arrays(scenes, system, 1, range(3), NETWORKS[name].truth)
-    for some, other in zip(short, long, strict=True):
+    model = system.model
+    for some, other, shape in zip(
+        short, long, (model.input_shape, model.output_shape), strict=True
+    ):
         np.testing.assert_allclose(some, other, rtol=0, atol=2e-6)
-
-
-def test_noise_does_not_depend_on_which_views_are_looked_at(config):
-    """It is drawn for every view, so in low light all are there."""
-    scenes = replace(config.training_samples, leaves=0)
-    some, whole = (scenes.draw(1, 0, 1.0, x) for x in (lambda rows, columns: [(0, 0)], None))
-    np.testing.assert_array_equal(some.seen, whole.seen)
+        assert some.shape == (3 if name.startswith("refnet") else 9, 24, 48, shape[3])
+        assert some.dtype == np.float32
 
 
 def test_a_sample_without_its_light_field_has_no_fourier_slice(config):
@@ -145,21 +103,11 @@ def test_a_sample_without_its_light_field_has_no_fourier_slice(config):
     seen = np.argwhere(sample.views.any(axis=(2, 3))).tolist()
     assert seen == [[0, 0], [8, 2]]
     whole = scenes.draw(1, 0)
+    a, b = (whole.truth(whole.slopes, name) for name in ("shift-and-sum", "Fourier slice"))
+    assert 1e-4 < np.abs(a - b).mean() < 0.05
     np.testing.assert_allclose(sample.views[0, 0], whole.views[0, 0], rtol=0, atol=1e-6)
     with pytest.raises(InputError, match="knows no 'Fourier slice'; draw all views"):
         sample.truth(sample.slopes, "Fourier slice")
-
-
-def test_what_is_right_may_be_the_fourier_slice(config):
-    sample = config.training_samples.draw(1, 0)
-    a, b = (sample.truth(sample.slopes, right) for right in ("shift-and-sum", "Fourier slice"))
-    assert 1e-4 < np.abs(a - b).mean() < 0.05
-
-
-def test_refnet_learns_its_own_slopes(config):
-    sample = config.training_samples.draw(1, 0)
-    slopes = NETWORKS["refnet"].build(0).slopes_to_learn(sample.slopes, (3, 3))
-    np.testing.assert_allclose(slopes, 3 * SLOPES)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +123,7 @@ def trained(config, tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["aperturenet-low-light", "refocusnet", "refnet", "volumetric"])
+@pytest.mark.parametrize("name", ["aperturenet", "refocusnet", "refnet", "volumetric"])
 def test_training_writes_a_run_that_can_be_used(config, trained, name):
     run = trained(name)
     record = json.loads((run / "run.json").read_text())
@@ -189,7 +137,7 @@ def test_training_writes_a_run_that_can_be_used(config, trained, name):
     # The best weights of the run are those in the file.
     arrays = draw_arrays(
         config.training_samples, system, config.seed, range(1_000_000, 1_000_002),
-        NETWORKS[name].truth,        config.recipe(name, "smoke").low_light,
+        NETWORKS[name].truth,
     )  # fmt: skip
     images = np.clip(system.predict(arrays[0]), 0, 1)
     assert np.square(images - arrays[1]).mean() == pytest.approx(history.val_loss.min(), rel=1e-3)
@@ -214,117 +162,32 @@ def test_interrupted_training_goes_on_to_the_same_result(config, trained, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_network_learns(config):
-    """From one sample, by the trainer, RefocusNet's error falls to a third."""
-    system = NETWORKS["refocusnet"].build(1)
-    pair = draw_arrays(config.training_samples, system, 1, range(1))
-    recipe = SystemRecipe(epochs=1, steps_per_epoch=24, patch=20, batch_size=2, schedule="constant")
-    trainer = PatchTrainer(
-        system, "mean_squared_error", recipe, {"train": pair, "validation": pair}
-    )
-    start = trainer.evaluate("validation")
-    trainer.train_epoch(np.random.default_rng(0))
-    assert trainer.evaluate("validation") < start / 3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["refnet", "volumetric"])
-def test_every_network_takes_the_steps_of_the_recipe(config, name):
+@pytest.mark.parametrize("name", ["refocusnet", "refnet", "volumetric"])
+def test_a_network_learns_in_the_steps_of_the_recipe(config, name):
     """However many images it sees of a light field; down the cosine, the last step's rate is 0."""
-    system = NETWORKS[name].build(1)
-    pair = draw_arrays(config.training_samples, system, 1, range(2))
-    recipe = SystemRecipe(epochs=2, steps_per_epoch=3, patch=24, batch_size=3)
+    system, again, other = (system_of(name, seed) for seed in (1, 1, 2))
+    first, same, different = (x.model.get_weights()[0] for x in (system, again, other))
+    np.testing.assert_array_equal(first, same)
+    assert np.any(first != different)
+    pair = draw_arrays(config.training_samples, system, 1, range(1))
+    recipe = SystemRecipe(epochs=2, steps_per_epoch=12, patch=24, batch_size=2)
     trainer = PatchTrainer(system, NETWORKS[name].loss, recipe, {"train": pair, "validation": pair})
-    rates = [float(trainer.optimizer.learning_rate)]
+    rates, start = [float(trainer.optimizer.learning_rate)], trainer.evaluate("validation")
     for epoch in range(2):
         trainer.train_epoch(np.random.default_rng(epoch))
         rates.append(float(trainer.optimizer.learning_rate))
-    assert int(trainer.optimizer.iterations) == 6
+    assert int(trainer.optimizer.iterations) == 24
     np.testing.assert_allclose(rates, [1e-3, 0.5e-3, 0], rtol=1e-5, atol=1e-9)
-
-
-def test_a_preset_may_say_how_long_all_systems_train(config):
-    assert config.recipe("refnet", "smoke").steps_per_epoch == 3
-    assert config.recipe("refnet", "smoke").epochs == 2
-    wanted = "epochs and steps_per_epoch must be from 1 to 999999, got 1, 1, 0."
-    with pytest.raises(InputError, match=wanted):
-        SystemsPreset(training_samples=1, held_out=1, steps_per_epoch=0)
-
-
-@pytest.mark.slow
-def test_weights_come_from_the_seed(config):
-    first, again, other = (NETWORKS["refnet"].build(seed).model.get_weights() for seed in (1, 1, 2))
-    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
-    assert not np.array_equal(first[0], other[0])
-
-
-@pytest.mark.slow
-def test_another_run_in_the_folder_is_refused(config, trained):
-    with pytest.raises(InputError, match="holds a run with another system"):
-        train_system(config, "refnet", "smoke", trained("volumetric"))
-
-
-@pytest.mark.parametrize(
-    ("name", "preset", "words"),
-    [
-        (
-            "refocus",
-            "smoke",
-            "system must be one of aperturenet, .*volumetric, got 'refocus'",
-        ),
-        ("refnet", "slow", "preset must be one of smoke, got 'slow'"),
-    ],
-)
-def test_unknown_names_are_one_sentence(config, tmp_path, name, preset, words):
-    with pytest.raises(InputError, match=words):
-        train_system(config, name, preset, tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("model.keras", b"", "model.keras is not the network that run.json was written for"),
-        ("model.keras", None, "model.keras is not the network that run.json was written for"),
-        ("run.json", b"{", "run.json is not a JSON file"),
-    ],
-)
-def test_a_damaged_run_is_one_sentence(system_runs, tmp_path, name, content, words):
-    shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
-    if content is None:
-        with zipfile.ZipFile(tmp_path / "run" / name, "w") as file:
-            file.writestr("config.json", "{}")
-    else:
-        (tmp_path / "run" / name).write_bytes(content)
-    with pytest.raises(InputError, match=words) as caught:
-        load_system(tmp_path / "run")
-    assert "\n" not in str(caught.value)
-
-
-def test_training_into_a_damaged_run_is_one_sentence(config, system_runs, tmp_path):
-    shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
-    (tmp_path / "run" / "run.json").write_text("{")
-    with pytest.raises(InputError, match=r"run\.json is not a JSON file"):
-        train_system(config, "refocusnet", "smoke", tmp_path / "run")
-
-
-def test_a_folder_without_a_system_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no finished run"):
-        load_system(tmp_path)
-    keras.Sequential([keras.layers.Input((1,)), keras.layers.Dense(1)]).save(
-        tmp_path / "model.keras"
-    )
-    for record, words in (
-        ("{}", "holds no run of a refocusing system"),
-        ('{"system": "other"}', "holds no run of a refocusing system"),
-        ('{"system": ["refocusnet"]}', "run.json: system: input should be a valid string"),
-        ('{"system": "refocusnet"}', "hold no keras.Sequential"),
-    ):
-        (tmp_path / "run.json").write_text(record)
-        with pytest.raises(InputError, match=words):
-            load_system(tmp_path)
+    images = np.clip(system.predict(pair[0]), 0, 1)
+    end = trainer.evaluate("validation")
+    assert end == pytest.approx(np.square(images - pair[1]).mean(), rel=1e-5)
+    if name == "refocusnet":  # the others need more steps
+        assert end < start / 2
 
 
 def test_the_experiment_names_every_network():
     config = read_systems_config("experiments/systems.toml")
     assert set(config.systems) == set(NETWORKS)
     assert config.training_samples.configs[0].image == (90, 180)
+    recipe = config.recipe("refnet", "smoke")  # a preset may replace the duration of all
+    assert (recipe.epochs, recipe.steps_per_epoch) == (1, 4)

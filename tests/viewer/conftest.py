@@ -1,21 +1,32 @@
 """A real browser, and light fields to look at in it."""
 
+import shutil
+
 import numpy as np
 import pytest
 
-from experiments.browser import BROWSERS, find_browser, headless_browser
 from lf_flame import LightField
 from lf_flame.viewer.exhibit import Exhibit
+
+BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
+
+FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""Software WebGL is off in headless Chromium unless it is asked for."""
 
 
 @pytest.fixture(scope="session")
 def chromium():
     """A headless browser."""
-    pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
-    if find_browser() is None:
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="browser tests need playwright"
+    ).sync_playwright
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
         pytest.skip(f"browser tests need one of {', '.join(BROWSERS)}")
-    with headless_browser() as browser:
+    with playwright() as started:
+        browser = started.chromium.launch(executable_path=found, args=list(FLAGS))
         yield browser
+        browser.close()
 
 
 OF_READING = "GPU stall due to ReadPixels"

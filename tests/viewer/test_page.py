@@ -4,7 +4,6 @@ import html
 import io
 import json
 import shlex
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from PIL import Image
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame._common.output_folders import output_folder
 from lf_flame.commands.cli import commands
-from lf_flame.formats import write_light_field
 from lf_flame.formats.images import read_image
 from lf_flame.refocus import f_number_aperture, refocus
 from lf_flame.viewer.exhibit import Exhibit
@@ -165,52 +163,6 @@ def test_emission_is_looked_at_plane_by_plane(tab, reconstructed, tmp_path):
     assert tab.page.locator(".lf-scale span").all_inner_texts() == ["0", "0.02"]
     refused = CliRunner().invoke(commands, [*call[:2], "--slopes", "0", "1"])
     assert "--slopes does not apply" in str(refused.exception)
-
-
-def test_a_report_holds_the_viewer_of_its_planes(tab, reconstructed, tmp_path):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe")
-    page = tmp_path / "report.html"
-    call = ["report", str(reconstructed), "--out", str(page)]
-    assert CliRunner().invoke(commands, call).exit_code == 0
-    assert b"<script" not in page.read_bytes()  # the report itself has none
-    tab.page.context.set_offline(True)
-    tab.page.goto(page.as_uri())
-    found = axe.Axe().run(tab.page).response["violations"]
-    assert [x["id"] for x in found if x["impact"] in ("serious", "critical")] == []
-    tab.page.get_by_text("Drag through the depths").click()
-    frame = tab.page.locator("iframe").element_handle().content_frame()
-    frame.wait_for_function("() => globalThis.lfViewer")
-    frame.evaluate("() => lfViewer.ready")
-    frame.get_by_role("slider", name="Depth").fill("-4")
-    frame.wait_for_function("() => lfViewer.state.slope === -4")
-    assert frame.locator(".lf-scale span").all_inner_texts() == ["0", "0.02"]
-    frame.get_by_role("img", name=f"plane at {MINUS}4.00 mm").wait_for()
-    assert all(url.startswith(("file:", "data:", "blob:")) for url in tab.requests)
-    tab.page.set_viewport_size({"width": 390, "height": 844})
-    assert tab.page.evaluate("() => document.documentElement.scrollWidth") == 390
-
-
-def test_a_report_holds_the_viewer_of_a_simulated_light_field(tab, tmp_path):
-    folder = tmp_path / "simulated"
-    views = np.zeros((3, 3, 12, 16), np.float32)
-    for v, u in np.ndindex(3, 3):
-        views[v, u, 6 + v, 8 + u] = 1  # a point at slope 1
-    with output_folder(folder, "simulation.json") as out:
-        write_light_field(LightField(views), out.path("light_field.npz"), 32)
-        out.facts |= {"camera": asdict(replace(PAPER_CAMERA, views=3, lenslets=(12, 16)))}
-        out.facts |= {"slopes": [1.0, -0.5]}
-    page = tmp_path / "report.html"
-    assert CliRunner().invoke(commands, ["report", str(folder), "--out", str(page)]).exit_code == 0
-    tab.page.goto(page.as_uri())
-    tab.page.get_by_text("Drag through the depths").click()
-    frame = tab.page.locator("iframe").element_handle().content_frame()
-    frame.wait_for_function("() => globalThis.lfViewer")
-    frame.evaluate("() => lfViewer.ready")
-    assert frame.evaluate("() => lfViewer.metadata.slopes") == [-1.5, 2]
-    frame.evaluate("() => lfViewer.drawn()")
-    sums = frame.evaluate("() => Array.from(lfViewer.renderer.read())")
-    assert np.unravel_index(np.argmax(sums), (12, 16)) == (7, 9)
-    assert max(sums) == pytest.approx(1)
 
 
 def test_keys_move_the_place_and_focus(tab, two_planes, tmp_path):

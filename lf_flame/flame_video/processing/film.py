@@ -7,7 +7,7 @@ import numpy as np
 import zarr
 from skimage.draw import polygon_perimeter
 
-from lf_flame.datasets.hashes import open_array
+from lf_flame._common.zarr_files import open_array
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing import result
 from lf_flame.flame_video.processing.emission_steps import Emission
@@ -54,7 +54,7 @@ def write_film(video: str | Path, path: str | Path) -> None:
     """
     video = Path(video)
     group = result.open_video(video)
-    frames = len(result.read_states(group, video))
+    frames = result.count_frames(group, video).frames
     picked = np.unique(np.linspace(0, frames - 1, min(frames, LONGEST)).round().astype(int))
     with result.reading(video):
         names = sorted(name for name in group if name.startswith("refocus_"))[-1:]

@@ -5,8 +5,6 @@ own. Therefore the bytes do not depend on the workers, and a run that was interr
 the tasks that are missing.
 """
 
-import hashlib
-import json
 import math
 import pickle
 import re
@@ -20,10 +18,10 @@ import zarr
 
 from lf_flame._common import progress as bars
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.atomic_files import atomic_folder, remove_leftovers
 from lf_flame._common.locks import exclusive
 from lf_flame._common.workers import carry_out
-from lf_flame.datasets.hashes import ATTRIBUTES_SHA256, set_attributes
+from lf_flame._common.zarr_files import open_array
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing import result
 from lf_flame.flame_video.processing.jobs import Done, Job, Task
@@ -114,23 +112,24 @@ def process_frames(
     out, steps = Path(out), tuple(steps)
     times = _checked(paths, steps, times_s)
     together = max(LEAST_TOGETHER, math.ceil(len(paths) / MOST_TASKS))
-    request = _request(paths, steps, times, read, camera)
+    request = _request(paths, steps, read, camera)
     part = out.with_name(out.name + ".part")
     with exclusive(out):
         if out.is_symlink() or out.exists():
             group = result.open_video(out)
-            _check_same(group, request, out)
+            _check_same(group, request, times, out)
             return result.count_frames(group, out)
         if not part.exists():
             with bars.stage("Processing the first frame"):
                 first, values = _try_out(paths, steps, read, camera)
-            facts = {"names": [path and path.name for path in paths], "model": first}
             when = Values(times, (), {"units": time_unit})
-            _lay_out(part, request | facts, when, values, together)
+            _lay_out(part, request | {"model": first}, when, values, together)
         group = result.open_video(part)
-        _check_same(group, request, part)
-        model = paths[dict[str, Any](group.attrs)["model"]]
-        assert model is not None
+        _check_same(group, request, times, part)
+        number: Any = group.attrs.get("model")
+        model = paths[number] if number in range(len(paths)) else None
+        if model is None:
+            raise InputError(f"{part} is damaged: its zarr.json names no frame; remove it.")
         job = Job(steps, read, model)
         tasks = _tasks_to_do(job, paths, result.read_states(group, part), part, together)
         missing = sum(len(task.paths) for task in tasks)
@@ -152,30 +151,30 @@ def _checked(
     return times
 
 
-def _request(
-    paths: Sequence[Path | None], steps: tuple[Step, ...], times: np.ndarray, read, camera
-) -> dict[str, Any]:
-    """State what decides about the result, in words that can be compared."""
-    names = json.dumps([path and path.name for path in paths])
+def _request(paths: Sequence[Path | None], steps: tuple[Step, ...], read, camera) -> dict[str, Any]:
+    """State what decides about the result, beside the times, in words that can be compared."""
     return {
         "kind": KIND,
         "steps": [repr(step) for step in steps],
         "camera": repr(camera),
         "reading": getattr(read, "description", re.sub(" at 0x[0-9a-f]+", "", repr(read))),
-        "frames_sha256": hashlib.sha256(names.encode() + times.tobytes()).hexdigest(),
+        "names": [path and path.name for path in paths],
     }
 
 
 WHAT = {
     "steps": "by other steps", "camera": "with another camera", "reading": "by another reading",
-    "frames_sha256": "of other frames or times",
+    "names": "of other frames",
 }  # fmt: skip
 """Words for the entries of a request that differ."""
 
 
-def _check_same(group: zarr.Group, request: dict[str, Any], place: Path) -> None:
+def _check_same(group: zarr.Group, request: dict[str, Any], times: np.ndarray, place: Path) -> None:
     """Refuse a group that was made of something else."""
     other = [words for key, words in WHAT.items() if group.attrs.get(key) != request[key]]
+    with result.reading(place):
+        if not np.array_equal(open_array(group, "time")[:], times):
+            other.append("with other times")
     if other:
         raise InputError(
             f"{place} was made {', '.join(other)}; remove it, or choose another folder."
@@ -208,6 +207,7 @@ def _lay_out(
 ) -> None:
     """Create the group with empty arrays; it appears as a whole."""
     frames = len(times.values)
+    remove_leftovers(part)
     with atomic_folder(part) as aside:
         group = zarr.open_group(aside, mode="w", zarr_format=3)
         result.create_coordinate(group, "time", times)
@@ -220,7 +220,7 @@ def _lay_out(
         flags = {"flag_values": numbers, "flag_meanings": " ".join(result.STATES)}
         state = Values(np.uint8(result.TO_DO), (), flags)
         result.create_array(group, "state", frames, state, together)
-        set_attributes(group, facts)
+        group.update_attributes(facts)
 
 
 def _tasks_to_do(
@@ -242,19 +242,19 @@ def _finish(part: Path, out: Path) -> Progress:
     group = zarr.open_group(part, mode="r+")
     states = result.read_states(group, part)
     counts = result.count_frames(group, part)
-    facts: dict[str, Any] = {k: x for k, x in group.attrs.items() if k != ATTRIBUTES_SHA256}
-    names = facts["names"]
+    names = dict[str, Any](group.attrs)["names"]
     skipped = {
         word: [names[k] or f"frame {k}" for k in np.flatnonzero(states == state)]
         for state, word in enumerate(result.STATES)
         if state > result.WHOLE and (states == state).any()
     }
-    facts |= {
-        "counts": counts.counts,
-        "skipped": skipped,
-        "repeated": counts.repeated,
-        "provenance": provenance.environment(),
-    }
-    set_attributes(group, facts)
+    group.update_attributes(
+        {
+            "counts": counts.counts,
+            "skipped": skipped,
+            "repeated": counts.repeated,
+            "provenance": provenance.environment(),
+        }
+    )
     part.rename(out)
     return counts

@@ -16,11 +16,17 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 from lf_flame._common.config import build_record, load_record
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.zarr_files import ZARR_ERRORS
-from lf_flame.datasets.hashes import check_attributes, describe_arrays, open_array
-from lf_flame.datasets.metadata import METADATA, ArrayFile, GroupFile
+from lf_flame._common.zarr_files import (
+    ZARR_ERRORS,
+    ArrayFile,
+    GroupFile,
+    array_records,
+    open_array,
+)
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing.steps import Values
+
+METADATA = "zarr.json"
 
 KIND = "processed video of light fields"
 """Value of the attribute ``kind``, by which such a group is known."""
@@ -111,11 +117,10 @@ def open_video(path: Path) -> zarr.Group:
         raise InputError(f"{path} is no {KIND}.")
     with readable(path / METADATA, ZARR_ERRORS):
         group = zarr.open_group(path, mode="r")
-    for name, record in describe_arrays(group).items():
+    for name, record in array_records(path).items():
         shape = build_record(ArrayFile, record, f"{path / name / METADATA}").shape
         if len(shape) == 1:
             check_memory(8 * shape[0], path / name)
-    check_attributes(group, path)
     return group
 
 
@@ -150,10 +155,30 @@ def read_states(group: zarr.Group, path: Path) -> np.ndarray:
 
 
 def count_frames(group: zarr.Group, path: Path) -> Progress:
-    """Count the frames in each state, and those that repeat the frame before."""
-    counts = np.bincount(read_states(group, path), minlength=len(STATES))
+    """Count the frames in each state, and those that repeat the frame before.
+
+    Raises
+    ------
+    InputError
+        If the file of a whole frame is missing, which Zarr would read as NaN.
+    """
+    states = read_states(group, path)
+    _refuse_lost_frames(group, states, path)
+    counts = np.bincount(states, minlength=len(STATES))
     named = {name: int(n) for name, n in zip(STATES, counts, strict=True)}
     return Progress(named, _count_repeated(group, path))
+
+
+def _refuse_lost_frames(group: zarr.Group, states: np.ndarray, path: Path) -> None:
+    for name in array_records(path):
+        array = open_array(group, name)
+        if array.ndim == 1 or name in MAY_BE_EMPTY:
+            continue
+        chunks, rest = path / name / "c", ["0"] * (array.ndim - 1)
+        whole = np.flatnonzero(states == WHOLE)
+        lost = [row for row in whole if not chunks.joinpath(str(row), *rest).is_file()]
+        if lost:
+            raise InputError(f"{path} is damaged: {name} of frame {lost[0]} is lost.")
 
 
 def _count_repeated(group: zarr.Group, path: Path) -> int:
@@ -189,27 +214,3 @@ def look_at(path: str | Path) -> Progress:
     """
     place = find_video(Path(path))
     return count_frames(open_video(place), place)
-
-
-def verify_video(path: Path) -> Progress:
-    """Read every chunk of a processed video, each with a checksum, and look for lost ones.
-
-    Raises
-    ------
-    InputError
-        If a chunk is damaged, or a whole frame's is lost.
-    """
-    group = open_video(path)
-    states = read_states(group, path)
-    for name in describe_arrays(group):
-        array = open_array(group, name)
-        if array.ndim == 1:
-            with reading(path):
-                array[:]
-            continue
-        for row in np.flatnonzero(states == WHOLE):
-            with reading(path):
-                image = np.asarray(array[int(row)])
-            if name not in MAY_BE_EMPTY and not np.isfinite(image).any():
-                raise InputError(f"{path} is damaged: {name} of frame {row} is lost.")
-    return count_frames(group, path)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 FARTHEST, FEWEST = 1.6, 12
 """Largest displacement, in radii, of micro-images that are compared; fewest places in both."""
@@ -15,7 +15,8 @@ FAR = 1e-6
 """Weight of a lenslet that does not see a place, in case none does."""
 
 
-def _between(image, y, x, channel):
+@njit
+def between(image, y, x, channel):
     """Value between the pixels of an image by linear interpolation; edges are continued."""
     y = min(max(y, 0.0), image.shape[0] - 1.001)
     x = min(max(x, 0.0), image.shape[1] - 1.001)
@@ -27,36 +28,34 @@ def _between(image, y, x, channel):
     return (1 - down) * upper + down * lower
 
 
-between = njit(_between)
-
-
-def _level(queue, image, lattice, gain, out):
+@parallel(lambda image: len(image))
+def level(k, image, lattice, gain, out):
     """Multiply each pixel by a gain that depends on its distance from the nearest lenslet's centre.
 
     image, out: shape (rows, columns, channels). gain: shape (n, channels), at distances of whole
     pixels.
     """
-    for k in pieces(queue, image.shape[0]):
-        for x in range(image.shape[1]):
-            down = lattice.cos * (k - lattice.y0) - lattice.sin * (x - lattice.x0)
-            along = lattice.sin * (k - lattice.y0) + lattice.cos * (x - lattice.x0)
-            nearest = np.inf
-            first = int(np.floor(down / lattice.row_pitch))
-            for row in range(first, first + 2):
-                column = along / lattice.pitch - lattice.offset * (row % 2)
-                aside = lattice.pitch * (column - np.floor(column + 0.5))
-                across = down - lattice.row_pitch * row
-                nearest = min(nearest, aside * aside + across * across)
-            place = min(np.sqrt(nearest), gain.shape[0] - 1.001)
-            low = int(place)
-            for channel in range(image.shape[2]):
-                rise = gain[low + 1, channel] - gain[low, channel]
-                factor = gain[low, channel] + (place - low) * rise
-                out[k, x, channel] = factor * image[k, x, channel]
+    for x in range(image.shape[1]):
+        down = lattice.cos * (k - lattice.y0) - lattice.sin * (x - lattice.x0)
+        along = lattice.sin * (k - lattice.y0) + lattice.cos * (x - lattice.x0)
+        nearest = np.inf
+        first = int(np.floor(down / lattice.row_pitch))
+        for row in range(first, first + 2):
+            column = along / lattice.pitch - lattice.offset * (row % 2)
+            aside = lattice.pitch * (column - np.floor(column + 0.5))
+            across = down - lattice.row_pitch * row
+            nearest = min(nearest, aside * aside + across * across)
+        place = min(np.sqrt(nearest), gain.shape[0] - 1.001)
+        low = int(place)
+        for channel in range(image.shape[2]):
+            rise = gain[low + 1, channel] - gain[low, channel]
+            factor = gain[low, channel] + (place - low) * rise
+            out[k, x, channel] = factor * image[k, x, channel]
 
 
-def _match(
-    queue, image, centres, whole, kinds, odd, around, spots, radius, start, steps, likeness
+@parallel(lambda whole: whole.size)
+def match(
+    piece, image, centres, whole, kinds, odd, around, spots, radius, start, steps, likeness
 ):  # fmt: skip
     """Likeness of each micro-image to its neighbours', displaced as at inverse virtual depths.
 
@@ -70,57 +69,53 @@ def _match(
     start: (i, j) and steps: (k,), inverse depths, which are added. likeness: (i, j, k), filled.
     """
     rows, columns = whole.shape
-    for piece in pieces(queue, rows * columns):
-        i, j = piece // columns, piece % columns
-        if not whole[i, j]:
-            continue
-        own = np.empty(len(spots))
-        for n in range(len(spots)):
-            own[n] = between(
-                image, centres[i, j, 0] + spots[n, 0], centres[i, j, 1] + spots[n, 1], 0
-            )
-        for k in range(len(steps)):
-            inverse = start[i, j] + steps[k]
-            common, total = 0.0, 0.0
-            for neighbour in range(around.shape[1]):
-                row = i + around[odd[i], neighbour, 0]
-                column = j + around[odd[i], neighbour, 1]
-                if not (0 <= row < rows and 0 <= column < columns):
+    i, j = piece // columns, piece % columns
+    if not whole[i, j]:
+        return
+    own = np.empty(len(spots))
+    for n in range(len(spots)):
+        own[n] = between(image, centres[i, j, 0] + spots[n, 0], centres[i, j, 1] + spots[n, 1], 0)
+    for k in range(len(steps)):
+        inverse = start[i, j] + steps[k]
+        common, total = 0.0, 0.0
+        for neighbour in range(around.shape[1]):
+            row = i + around[odd[i], neighbour, 0]
+            column = j + around[odd[i], neighbour, 1]
+            if not (0 <= row < rows and 0 <= column < columns):
+                continue
+            if not whole[row, column]:
+                continue
+            down = inverse * (centres[row, column, 0] - centres[i, j, 0])
+            right = inverse * (centres[row, column, 1] - centres[i, j, 1])
+            # Weights fall to 0 with the part that both see, so that the likeness has no steps
+            # where neighbours begin to count.
+            both = 1 - (down * down + right * right) / (FARTHEST * radius) ** 2
+            if both <= 0:
+                continue
+            count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for n in range(len(spots)):
+                y, x = spots[n, 0] - down, spots[n, 1] - right
+                if y * y + x * x > radius * radius:
                     continue
-                if not whole[row, column]:
-                    continue
-                down = inverse * (centres[row, column, 0] - centres[i, j, 0])
-                right = inverse * (centres[row, column, 1] - centres[i, j, 1])
-                # Weights fall to 0 with the part that both see, so that the likeness has no steps
-                # where neighbours begin to count.
-                both = 1 - (down * down + right * right) / (FARTHEST * radius) ** 2
-                if both <= 0:
-                    continue
-                count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for n in range(len(spots)):
-                    y, x = spots[n, 0] - down, spots[n, 1] - right
-                    if y * y + x * x > radius * radius:
-                        continue
-                    other = between(
-                        image, centres[row, column, 0] + y, centres[row, column, 1] + x, 0
-                    )
-                    count += 1
-                    a += own[n]
-                    b += other
-                    aa += own[n] * own[n]
-                    bb += other * other
-                    ab += own[n] * other
-                if count >= FEWEST:
-                    weight = both
-                    if kinds[row, column] != kinds[i, j]:
-                        weight *= OTHER_KIND
-                    common += weight * (ab - a * b / count)
-                    here, there = aa - a * a / count, bb - b * b / count
-                    total += weight * np.sqrt(max(here, 0.0) * max(there, 0.0))
-            likeness[i, j, k] = common / total if total > 0 else 0.0
+                other = between(image, centres[row, column, 0] + y, centres[row, column, 1] + x, 0)
+                count += 1
+                a += own[n]
+                b += other
+                aa += own[n] * own[n]
+                bb += other * other
+                ab += own[n] * other
+            if count >= FEWEST:
+                weight = both
+                if kinds[row, column] != kinds[i, j]:
+                    weight *= OTHER_KIND
+                common += weight * (ab - a * b / count)
+                here, there = aa - a * a / count, bb - b * b / count
+                total += weight * np.sqrt(max(here, 0.0) * max(there, 0.0))
+        likeness[i, j, k] = common / total if total > 0 else 0.0
 
 
-def _render(queue, image, lattice, first, inverse, weights, offsets, view, reach, radius, views):
+@parallel(lambda views: views.shape[0] * views.shape[1])
+def render(piece, image, lattice, first, inverse, weights, offsets, view, reach, radius, views):
     """Put views together from patches of the micro-images.
 
     A place of a view belongs to the lenslets near it. Each gives the part of its micro-image around
@@ -134,47 +129,41 @@ def _render(queue, image, lattice, first, inverse, weights, offsets, view, reach
     """
     top, left, step, reference = view
     height = views.shape[1]
-    for piece in pieces(queue, views.shape[0] * height):
-        n, t = piece // height, piece % height
-        sums = np.empty(image.shape[2])
-        for s in range(views.shape[2]):
-            y = top + step * t - reference * offsets[n, 0] - lattice.y0
-            x = left + step * s - reference * offsets[n, 1] - lattice.x0
-            down, along = lattice.cos * y - lattice.sin * x, lattice.sin * y + lattice.cos * x
-            total = 0.0
-            sums[:] = 0.0
-            middle = int(np.floor(down / lattice.row_pitch + 0.5))
-            for row in range(middle - 2, middle + 3):
-                across = down - lattice.row_pitch * row
-                i = row - first[0]
-                if not 0 <= i < inverse.shape[0]:
+    n, t = piece // height, piece % height
+    sums = np.empty(image.shape[2])
+    for s in range(views.shape[2]):
+        y = top + step * t - reference * offsets[n, 0] - lattice.y0
+        x = left + step * s - reference * offsets[n, 1] - lattice.x0
+        down, along = lattice.cos * y - lattice.sin * x, lattice.sin * y + lattice.cos * x
+        total = 0.0
+        sums[:] = 0.0
+        middle = int(np.floor(down / lattice.row_pitch + 0.5))
+        for row in range(middle - 2, middle + 3):
+            across = down - lattice.row_pitch * row
+            i = row - first[0]
+            if not 0 <= i < inverse.shape[0]:
+                continue
+            place = along / lattice.pitch - lattice.offset * (row % 2)
+            nearest = int(np.floor(place + 0.5))
+            for column in range(nearest - 2, nearest + 3):
+                aside = lattice.pitch * (place - column)
+                distance = np.sqrt(across * across + aside * aside)
+                j = column - first[1]
+                if distance >= reach or not 0 <= j < inverse.shape[1]:
                     continue
-                place = along / lattice.pitch - lattice.offset * (row % 2)
-                nearest = int(np.floor(place + 0.5))
-                for column in range(nearest - 2, nearest + 3):
-                    aside = lattice.pitch * (place - column)
-                    distance = np.sqrt(across * across + aside * aside)
-                    j = column - first[1]
-                    if distance >= reach or not 0 <= j < inverse.shape[1]:
-                        continue
-                    weight = weights[i, j] * (1 - distance / reach) ** 2
-                    to_y = lattice.sin * aside + lattice.cos * across
-                    to_x = lattice.cos * aside - lattice.sin * across
-                    at_y = offsets[n, 0] + to_y * inverse[i, j]
-                    at_x = offsets[n, 1] + to_x * inverse[i, j]
-                    away = np.sqrt(at_y * at_y + at_x * at_x)
-                    if away > radius:
-                        at_y, at_x = at_y * radius / away, at_x * radius / away
-                        weight *= FAR
-                    # The micro-image's centre is the place less the way from it.
-                    at_y, at_x = at_y + lattice.y0 + y - to_y, at_x + lattice.x0 + x - to_x
-                    total += weight
-                    for channel in range(image.shape[2]):
-                        sums[channel] += weight * between(image, at_y, at_x, channel)
-            for channel in range(image.shape[2]):
-                views[n, t, s, channel] = sums[channel] / total if total > 0 else 0.0
-
-
-level = shared(_level)
-match = shared(_match)
-render = shared(_render)
+                weight = weights[i, j] * (1 - distance / reach) ** 2
+                to_y = lattice.sin * aside + lattice.cos * across
+                to_x = lattice.cos * aside - lattice.sin * across
+                at_y = offsets[n, 0] + to_y * inverse[i, j]
+                at_x = offsets[n, 1] + to_x * inverse[i, j]
+                away = np.sqrt(at_y * at_y + at_x * at_x)
+                if away > radius:
+                    at_y, at_x = at_y * radius / away, at_x * radius / away
+                    weight *= FAR
+                # The micro-image's centre is the place less the way from it.
+                at_y, at_x = at_y + lattice.y0 + y - to_y, at_x + lattice.x0 + x - to_x
+                total += weight
+                for channel in range(image.shape[2]):
+                    sums[channel] += weight * between(image, at_y, at_x, channel)
+        for channel in range(image.shape[2]):
+            views[n, t, s, channel] = sums[channel] / total if total > 0 else 0.0

@@ -17,9 +17,9 @@ from typing import Any, BinaryIO
 
 from PIL import Image
 
+from lf_flame._common.images import PILLOW_ERRORS
 from lf_flame._common.input_files import check_regular, parse_json, readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.pixels import PILLOW_ERRORS
 from lf_flame.errors import InputError
 
 CONTAINER_SUFFIXES = (".lfp", ".lfr", ".lfx")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from lf_flame._common.images import PILLOW_ERRORS
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.pixels import PILLOW_ERRORS
 from lf_flame.errors import InputError
 from lf_flame.formats.lytro.container import LytroContainer, open_container
 from lf_flame.formats.nested_values import NestedValues, tables

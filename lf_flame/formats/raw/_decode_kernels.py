@@ -7,7 +7,7 @@ corner. All loops gather: each element is written by one thread.
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import parallel
 
 MARGIN = 16
 """Number of repeated edge pixels around a lattice; a spline's end effect falls by 0.27 for each."""
@@ -22,7 +22,8 @@ LANES = 256
 """Number of columns that one thread filters at a time."""
 
 
-def _read_row(image, black, y, first, step, line):
+@njit
+def read_row(image, black, y, first, step, line):
     """Read the pixels of a row of a lattice less their black level, and repeat those at its ends.
 
     y: row of the image. first, step: column of the lattice's first pixel, and distance to the next.
@@ -37,7 +38,8 @@ def _read_row(image, black, y, first, step, line):
     line[MARGIN + width :] = line[MARGIN + width - 1]
 
 
-def _filter_four(p, q, r, s):
+@njit
+def filter_four(p, q, r, s):
     """Filter four rows; the processor waits for one's sums while it makes those of the others.
 
     Two passes, forward and backward, invert the spline's values at the pixels (Unser 1999).
@@ -60,7 +62,8 @@ def _filter_four(p, q, r, s):
         s[x] = d = POLE * (d - s[x])
 
 
-def _filter_rows(queue, image, black, first, step, filtered, out):
+@parallel(lambda out: -(-len(out) // 4))
+def filter_rows(k, image, black, first, step, filtered, out):
     """Read the pixels of a lattice less their black level, and perhaps filter them along rows.
 
     image: shape (rows, columns). black: the same, or None. first, step: row and column of the
@@ -68,40 +71,40 @@ def _filter_rows(queue, image, black, first, step, filtered, out):
     """
     rows, columns = out.shape
     spare = np.zeros(columns, np.float32)  # in place of rows beyond the last
-    for k in pieces(queue, (rows + 3) // 4):
-        begin = 4 * k
-        for row in range(begin, min(begin + 4, rows)):
-            y = first[0] + step[0] * min(max(row - MARGIN, 0), rows - 2 * MARGIN - 1)
-            read_row(image, black, y, first[1], step[1], out[row])
-        if filtered:
-            filter_four(
-                out[begin],
-                out[begin + 1] if begin + 1 < rows else spare,
-                out[begin + 2] if begin + 2 < rows else spare,
-                out[begin + 3] if begin + 3 < rows else spare,
-            )
+    begin = 4 * k
+    for row in range(begin, min(begin + 4, rows)):
+        y = first[0] + step[0] * min(max(row - MARGIN, 0), rows - 2 * MARGIN - 1)
+        read_row(image, black, y, first[1], step[1], out[row])
+    if filtered:
+        filter_four(
+            out[begin],
+            out[begin + 1] if begin + 1 < rows else spare,
+            out[begin + 2] if begin + 2 < rows else spare,
+            out[begin + 3] if begin + 3 < rows else spare,
+        )
 
 
-def _filter_columns(queue, out):
+@parallel(lambda out: -(-out.shape[1] // LANES))
+def filter_columns(k, out):
     """Filter along the columns, many side by side."""
     rows, columns = out.shape
-    for k in pieces(queue, (columns + LANES - 1) // LANES):
-        lanes = slice(k * LANES, min((k + 1) * LANES, columns))
-        last = out[rows - 1, lanes].copy()
-        out[0, lanes] *= GAIN / (1 - POLE)
-        for y in range(1, rows):
-            here, before = out[y, lanes], out[y - 1, lanes]
-            for x in range(here.size):
-                here[x] = GAIN * here[x] + POLE * before[x]
-        for x in range(last.size):
-            out[rows - 1, lanes][x] = POLE * (last[x] - out[rows - 1, lanes][x])
-        for y in range(rows - 2, -1, -1):
-            here, after = out[y, lanes], out[y + 1, lanes]
-            for x in range(here.size):
-                here[x] = POLE * (after[x] - here[x])
+    lanes = slice(k * LANES, min((k + 1) * LANES, columns))
+    last = out[rows - 1, lanes].copy()
+    out[0, lanes] *= GAIN / (1 - POLE)
+    for y in range(1, rows):
+        here, before = out[y, lanes], out[y - 1, lanes]
+        for x in range(here.size):
+            here[x] = GAIN * here[x] + POLE * before[x]
+    for x in range(last.size):
+        out[rows - 1, lanes][x] = POLE * (last[x] - out[rows - 1, lanes][x])
+    for y in range(rows - 2, -1, -1):
+        here, after = out[y, lanes], out[y + 1, lanes]
+        for x in range(here.size):
+            here[x] = POLE * (after[x] - here[x])
 
 
-def _find_weights(positions, first, table, weights, slopes):
+@njit
+def find_weights(positions, first, table, weights, slopes):
     """Weights of the coefficients beside many positions, and their changes with the position.
 
     positions: shape (n,). first: shape (n,), index of the coefficient of the first weight.
@@ -117,7 +120,8 @@ def _find_weights(positions, first, table, weights, slopes):
             slopes[i, c] = rise * np.float32(table.steps)
 
 
-def _along_rows(coefficients, base, line, first, weights, slopes, taps, move, out):
+@njit
+def along_rows(coefficients, base, line, first, weights, slopes, taps, move, out):
     """Sum coefficients of the pixel row base[c] + line from first[c] on, for each c.
 
     move: distance of the positions from those of the weights.
@@ -131,7 +135,8 @@ def _along_rows(coefficients, base, line, first, weights, slopes, taps, move, ou
         out[c] = total
 
 
-def _down_columns(lines, weights, slopes, taps, move, share, out):
+@njit
+def down_columns(lines, weights, slopes, taps, move, share, out):
     """Add the sum of lines[:, c], times a share, for each c."""
     for c in range(out.size):
         total = np.float32(0.0)
@@ -140,11 +145,12 @@ def _down_columns(lines, weights, slopes, taps, move, share, out):
         out[c] += share * total
 
 
-def _write_row(light, gain, joined, parity, r, out):
+@njit
+def write_row(light, gain, joined, parity, r, out):
     """Write a row of lenslets, divided by the white image, interpolated in a hexagonal array.
 
     light: shape (channel, v, u, lenslet), changed. parity: that of the row in the array. gain,
-    joined, out: as for `_resample`; r: row of gain and out.
+    joined, out: as for `resample`; r: row of gain and out.
     """
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
@@ -162,7 +168,8 @@ def _write_row(light, gain, joined, parity, r, out):
                         out[v, u, r, c, channel] = line[near] + far
 
 
-def _resample(queue, lattices, places, array, across, along, taps, taps_down, gain, joined, out):
+@parallel(lambda array: array.rows.size)
+def resample(r, lattices, places, array, across, along, taps, taps_down, gain, joined, out):
     """Resample each row of lenslets into its views: first along the pixel rows, then down.
 
     lattices: coefficients, shape (n, rows, columns). places, array, across, along, joined: named
@@ -172,66 +179,52 @@ def _resample(queue, lattices, places, array, across, along, taps, taps_down, ga
     """
     views, size = array.part_down.size, array.columns.size
     cos, sin, tan = array.cos, array.sin, array.sin / array.cos
-    for r in pieces(queue, array.rows.size):
-        place, position = np.empty(size), np.empty(size)
-        base, first = np.empty(size, np.int64), np.empty(size, np.int64)
-        weights = np.empty((len(taps_down), size), np.float32)
-        slopes = np.empty((len(taps_down), size), np.float32)
-        lines = np.empty((min(array.block, views), array.lines, size), np.float32)
-        light = np.zeros((out.shape[4], views, views, size), np.float32)
-        shifted = array.row_pitch * array.rows[r] + array.part_down[0]
-        for c in range(size):
-            place[c] = array.pitch * (array.columns[c] + array.offset * (array.rows[r] % 2))
-        for n in range(lattices.shape[0]):
-            left, top = places.left[n], places.top[n]
-            for start in range(0, views, array.block):
-                block = array.part_along[start : start + array.block]
-                middle = block[0] / 2 + block[-1] / 2
-                # The first pixel row that the block's views of each lenslet need.
-                for c in range(size):
-                    position[c] = top + sin * (place[c] + middle) + cos * shifted
-                    base[c] = int(position[c] + across.start - array.slack)
-                # Pass 1: the needed pixel rows, a position in a row moves by `tan` from one to the
-                # next.
-                for u in range(block.size):
-                    for begin in range(0, array.lines, array.together):
-                        end = min(begin + array.together, array.lines)
-                        centre = (begin + end - 1) / 2
-                        for c in range(size):
-                            beyond = base[c] + centre - top
-                            position[c] = left + (place[c] + block[u]) / cos - tan * beyond
-                            first[c] = int(position[c] + along.start)
-                        find_weights(position, first, along, weights, slopes)
-                        for k in range(begin, end):
-                            move = np.float32(tan * (centre - k))
-                            along_rows(
-                                lattices[n], base, k, first, weights, slopes, taps, move,
-                                lines[u, k],
-                            )  # fmt: skip
-                # Pass 2: down the lines, from a whole number of them after the first.
-                for v in range(views):
-                    down = cos * (array.part_down[v] - array.part_down[0])
-                    skip = int(down)
+    place, position = np.empty(size), np.empty(size)
+    base, first = np.empty(size, np.int64), np.empty(size, np.int64)
+    weights = np.empty((len(taps_down), size), np.float32)
+    slopes = np.empty((len(taps_down), size), np.float32)
+    lines = np.empty((min(array.block, views), array.lines, size), np.float32)
+    light = np.zeros((out.shape[4], views, views, size), np.float32)
+    shifted = array.row_pitch * array.rows[r] + array.part_down[0]
+    for c in range(size):
+        place[c] = array.pitch * (array.columns[c] + array.offset * (array.rows[r] % 2))
+    for n in range(lattices.shape[0]):
+        left, top = places.left[n], places.top[n]
+        for start in range(0, views, array.block):
+            block = array.part_along[start : start + array.block]
+            middle = block[0] / 2 + block[-1] / 2
+            # The first pixel row that the block's views of each lenslet need.
+            for c in range(size):
+                position[c] = top + sin * (place[c] + middle) + cos * shifted
+                base[c] = int(position[c] + across.start - array.slack)
+            # Pass 1: the needed pixel rows, a position in a row moves by `tan` from one to the
+            # next.
+            for u in range(block.size):
+                for begin in range(0, array.lines, array.together):
+                    end = min(begin + array.together, array.lines)
+                    centre = (begin + end - 1) / 2
                     for c in range(size):
-                        position[c] = top + sin * (place[c] + middle) + cos * shifted + down - skip
-                    find_weights(position, base, across, weights, slopes)
-                    for u in range(block.size):
-                        move = np.float32(sin * (block[u] - middle))
-                        down_columns(
-                            lines[u, skip : skip + len(taps_down)], weights, slopes, taps_down,
-                            move, places.share[n], light[places.channel[n], v, start + u]
+                        beyond = base[c] + centre - top
+                        position[c] = left + (place[c] + block[u]) / cos - tan * beyond
+                        first[c] = int(position[c] + along.start)
+                    find_weights(position, first, along, weights, slopes)
+                    for k in range(begin, end):
+                        move = np.float32(tan * (centre - k))
+                        along_rows(
+                            lattices[n], base, k, first, weights, slopes, taps, move,
+                            lines[u, k],
                         )  # fmt: skip
-        write_row(light, gain, joined, array.rows[r] % 2, r, out)
-
-
-find_weights = njit(_find_weights)
-along_rows = njit(_along_rows)
-down_columns = njit(_down_columns)
-write_row = njit(_write_row)
-
-read_row = njit(_read_row)
-filter_four = njit(_filter_four)
-
-filter_rows = shared(_filter_rows)
-filter_columns = shared(_filter_columns)
-resample = shared(_resample)
+            # Pass 2: down the lines, from a whole number of them after the first.
+            for v in range(views):
+                down = cos * (array.part_down[v] - array.part_down[0])
+                skip = int(down)
+                for c in range(size):
+                    position[c] = top + sin * (place[c] + middle) + cos * shifted + down - skip
+                find_weights(position, base, across, weights, slopes)
+                for u in range(block.size):
+                    move = np.float32(sin * (block[u] - middle))
+                    down_columns(
+                        lines[u, skip : skip + len(taps_down)], weights, slopes, taps_down,
+                        move, places.share[n], light[places.channel[n], v, start + u]
+                    )  # fmt: skip
+    write_row(light, gain, joined, array.rows[r] % 2, r, out)

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common import progress
-from lf_flame._common.array_files import MappedArray
+from lf_flame._common.arrays_in_files import MappedArray
+from lf_flame._common.images import FLOAT, read_shape
 from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
-from lf_flame._common.pixels import read_shape
 from lf_flame._common.printable import printable
 from lf_flame._common.scratch import Scratch
-from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.names import name_some

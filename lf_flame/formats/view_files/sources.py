@@ -5,9 +5,8 @@ import re
 from decimal import Decimal
 from pathlib import Path
 
-from lf_flame._common.input_files import File, read_text
+from lf_flame._common.input_files import File, list_zip, read_text, read_zip
 from lf_flame._common.zarr_files import is_zarr
-from lf_flame._common.zip_files import list_zip, read_zip
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.view_files.names import Count, largest_set

@@ -20,7 +20,11 @@ RECORD = "abel.json"
 
 
 def write_flame(
-    found: "AxisymmetricFlame", axis: FlameAxis, folder: OutputFolder | str | Path
+    found: "AxisymmetricFlame",
+    axis: FlameAxis,
+    folder: OutputFolder | str | Path,
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Write the half section as tables and images.
 
@@ -35,15 +39,17 @@ def write_flame(
     axis : FlameAxis
         Axis as found in the light field.
     folder : str, Path or OutputFolder
-        Folder to fill, as `lf-flame abel` does, for `lf-flame temperature` to read.
+        Folder to make, as `lf-flame abel` does, for `lf-flame temperature` to read.
+    overwrite : bool, optional
+        Whether to replace a folder of an earlier call, if it holds nothing else.
 
     Raises
     ------
     InputError
-        If a file that no earlier call wrote would be replaced, or another process writes there.
+        If the folder exists and may not be replaced, or another process writes there.
     """
     if not isinstance(folder, OutputFolder):
-        with output_folder(folder, RECORD) as opened:
+        with output_folder(folder, RECORD, overwrite=overwrite) as opened:
             write_flame(found, axis, opened)
         return
     grid, sigma, bar = found.grid, found.sigma, found.bar

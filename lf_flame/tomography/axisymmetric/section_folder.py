@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
-from lf_flame._common.tiff_files import read_tiff
+from lf_flame._common.images import read_tiff
 from lf_flame.errors import InputError
 from lf_flame.tomography.emission_folder import Colours, Place
 
@@ -25,8 +24,6 @@ class SectionRecord:
         Position and depth of the axis, and radius that contains all emission, in mm.
     step_mm : float
         Distance of nodes in mm.
-    files : dict of str
-        SHA-256 of each file by its name.
     burner_mm : float, optional
         Height of the burner in mm.
     top_mm : float, optional
@@ -37,7 +34,6 @@ class SectionRecord:
     axis_depth_mm: float
     radius_mm: float
     step_mm: float
-    files: dict[str, str]
     burner_mm: float | None = None
     top_mm: float | None = None
 
@@ -85,9 +81,8 @@ def read_sections(*folders: Path) -> tuple[Colours, Colours, list[Place]]:
                 f"{folders[0]} and {folder} must have the same axis, radius, burner and cells; "
                 f"call lf-flame abel for the second colour with the first one's numbers, {place}."
             )
-    pairs = list(zip(folders, records, strict=True))
-    emissions = tuple(_read(folder, SECTION, record) for folder, record in pairs)
-    sigmas = tuple(_read(folder, SIGMA, record) for folder, record in pairs)
+    emissions = tuple(_read(folder, SECTION) for folder in folders)
+    sigmas = tuple(_read(folder, SIGMA) for folder in folders)
     shapes = {stack.shape for stack in (*emissions, *sigmas)}
     if len(shapes) > 1:
         raise InputError(
@@ -112,21 +107,17 @@ def read_draws(*folders: Path) -> Colours | None:
     Raises
     ------
     InputError
-        If a file was changed, or holds anything but finite numbers.
+        If a file holds anything but finite numbers.
     """
-    records = [load_record(SectionRecord, folder / RECORD) for folder in folders]
-    if not all(DRAWS in record.files for record in records):
+    if not all((folder / DRAWS).is_file() for folder in folders):
         return None
-    pairs = zip(folders, records, strict=True)
-    return tuple(_read(folder, DRAWS, record, axes=3)[0][:, np.newaxis] for folder, record in pairs)
+    return tuple(_read(folder, DRAWS, axes=3)[0][:, np.newaxis] for folder in folders)
 
 
-def _read(folder: Path, name: str, record: SectionRecord, axes: int = 2) -> np.ndarray:
+def _read(folder: Path, name: str, axes: int = 2) -> np.ndarray:
     path = folder / name
-    if name not in record.files:
+    if not path.is_file():
         raise InputError(f"{folder} has no {name}; call lf-flame abel with --bootstrap 20.")
-    if file_sha256(path) != record.files[name]:
-        raise InputError(f"{path} is not the file that {RECORD} was written for.")
     stack = read_tiff(path)
     if stack.ndim != axes or stack.dtype != np.float32 or not np.isfinite(stack).all():
         raise InputError(

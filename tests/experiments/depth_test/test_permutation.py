@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,10 +11,10 @@ from builders import shapes
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.depth_scenarios import make_scenarios
-from experiments.depth_test import permutation
+from experiments.depth_scenarios import draw_scenario, make_scenarios
 from experiments.depth_test.permutation import run_depth_test, share_memorised
-from experiments.systems.entries import variant_entry
+from experiments.held_out import find_scenes
+from experiments.systems.compared import resnet_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
 from lf_flame.commands import cli
@@ -24,8 +23,10 @@ from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
-from lf_flame.learning.training import _Training, train
+from lf_flame.learning.scores import score
+from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
+from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
 
 DATA = shapes(24, sides_mm=(9, 9), off_axis_mm=12.0)
@@ -34,20 +35,10 @@ DATA["template"] |= {"position_mm": 0.4, "size": 0.08, "brightness": [0.85, 1.0]
 for thing, depth in zip(DATA["template"]["objects"], (40.0, -40.0), strict=True):
     thing["depth_mm"] = depth
 TRAINING = {
-    "title": "test",
-    "seed": 1,
-    "split": [0.75, 0.125, 0.125],
-    "model": {"backbone_depth": "none"},
-    "presets": {
-        "smoke": {
-            "epochs": 1,
-            "learning_rate": 1e-9,
-            "neck": "positions",
-            "warm_start": True,
-            "dropout_place": "none",
-        }
-    },
-}
+    "title": "test", "seed": 1, "split": [0.75, 0.125, 0.125], "model": {"backbone_depth": "none"},
+    "presets": {"smoke": {"epochs": 1, "learning_rate": 1e-9, "neck": "positions",
+                          "warm_start": True, "dropout_place": "none"}},
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -83,16 +74,17 @@ def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
     runs, config, tmp_path
 ):
     (tmp_path / "shapes").symlink_to(runs[0])
-    found = [variant_entry(run, [config], tmp_path, 2) for run in runs]
+    tested = [find_scenes(config, tmp_path / "shapes", 2)]
+    found = [resnet_entry(run, tested) for run in runs]
     assert [one.name for one in found] == [
-        "ResNet-50, smoke recipe, raw", "ResNet-50, smoke recipe, views"
+        f"ResNet-50, smoke preset, 1 epochs, {kind}" for kind in ("raw", "views")
     ]  # fmt: skip
     assert {one.only for one in found} == {"shapes"}
     assert len(found[1].load().view_indices(5, 5)) == 3
     with pytest.raises(InputError, match="has seen light fields .* such as 22"):
-        variant_entry(runs[0], [config], tmp_path / "none", 2).load()
+        resnet_entry(runs[0], [find_scenes(config, tmp_path / "none", 2)]).load()
     with pytest.raises(InputError, match="no finished run"):
-        variant_entry(tmp_path / "none", [config], tmp_path, 2).load()
+        resnet_entry(tmp_path / "none", tested).load()
 
 
 def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):
@@ -106,7 +98,7 @@ def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):
         assert middle < 0.3 * corner  # defocus within a view is all that differs in the middle
 
 
-def test_the_cases_exchange_move_and_leave_out(config):
+def test_scenarios_exchange_move_and_leave_out(config):
     own, turned, moved, alone = make_scenarios(config)
     assert own.depths_mm == (40.0, -40.0)
     assert turned.depths_mm == (-40.0, 40.0)
@@ -123,61 +115,65 @@ def test_the_cases_exchange_move_and_leave_out(config):
 
 def test_one_object_cannot_change_places(config):
     one = replace(config, template=replace(config.template, objects=config.template.objects[:1]))
-    with pytest.raises(
-        InputError, match="two depths at least can change places; those of shapes stand at 40 mm"
-    ):
+    with pytest.raises(InputError, match="two depths at least can change places"):
         make_scenarios(one)
 
 
-def test_by_heart_lies_between_what_is_there_and_what_was_learnt(rng):
-    truth, learnt, noise = rng.uniform(size=(3, 2, 2, 8, 8))
-    assert share_memorised(truth, truth, learnt) == 0
-    assert share_memorised(learnt, truth, learnt) == pytest.approx(1)
-    assert share_memorised(0.75 * truth + 0.25 * learnt, truth, learnt) == pytest.approx(0.25)
-    assert np.isnan(share_memorised(noise, truth, truth))
+def test_the_share_memorised_lies_between_both_references(rng):
+    reference, trained, noise = rng.uniform(size=(3, 2, 2, 8, 8))
+    for share in (0, 0.25, 1):
+        predicted = (1 - share) * reference + share * trained
+        assert share_memorised(predicted, reference, trained) == pytest.approx(share)
+        shares = share_memorised(predicted, reference, trained, planes=True)
+        np.testing.assert_allclose(shares, [share, share], atol=1e-12)
+    assert np.isnan(share_memorised(noise, reference, reference))
 
 
 @pytest.mark.slow
-def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
+def test_a_network_that_has_memorised_its_scenes_is_found_out(runs, tmp_path):
+    """Each score, too, is that of images which are drawn here scene by scene."""
     result = CliRunner().invoke(
         commands, ["depth-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]
     )
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "depth_test.csv")
     means = table[table.depth_mm.isna()].set_index(["scenario", "system"])
-    raw = means.xs("raw", level="system")
+    raw_name = "raw: input raw, fixed depths; smoke recipe, no backbone"
+    raw = means.xs(raw_name, level="system")
     assert raw.psnr_db["as trained"] > raw.psnr_db["first and last exchanged"] + 5
     assert raw.share_memorised["first and last exchanged"] > 0.7
     assert raw.share_memorised[["as trained"]].isna().all()
     views = means.xs("shift-and-sum of 9 views", level="system")
     assert views.share_memorised.dropna().abs().max() < 0.2
     assert (views.psnr_db > 25).all()
+    found = open_run(runs[0])
+    exchanged = make_scenarios(found.config)[1]
+    pairs = [
+        (ShiftAndSum().refocus(field, found.slopes, found.config.block),
+         ResNet50.of_run(runs[0]).refocus(field, found.slopes, found.config.block))
+        for field in draw_scenario(found.config, exchanged, 3)
+    ]  # fmt: skip
+    expected = score(*(np.array(images) for images in zip(*pairs, strict=True)))
+    rows = table[(table.system == raw_name) & (table.scenario == exchanged.name)]
+    np.testing.assert_allclose(rows.psnr_db[:2], expected.psnr_db, atol=1e-3)
     record = json.loads((tmp_path / "depth_test.json").read_text())
-    assert set(record["runs"]) == {"raw", "views"}
-    assert record["samples"] == 3
-    pictures = sorted(path.name for path in tmp_path.glob("depth_test_*.png"))
-    assert [name.partition("_test_")[2][0] for name in pictures] == list("0123")
+    assert list(record["runs"])[0] == raw_name
+    assert (tmp_path / "depth_test.png").exists()
     assert "first and last exchanged" in result.output
 
 
-def test_networks_of_other_scenes_are_not_compared(config, tmp_path, monkeypatch):
-    views = {"one": 5, "two": 3}
-
-    def opened(run):
-        camera = replace(config.camera, views=views[run.name])
-        return SimpleNamespace(config=replace(config, camera=camera), record={"preset": "smoke"})
-
-    monkeypatch.setattr(permutation, "open_run", opened)
-    monkeypatch.setattr(permutation, "_network", lambda *_: None)
-    with pytest.raises(InputError, match="trained on other scenes"):
-        run_depth_test([Path("one"), Path("two")], tmp_path / "out", 1)
-
-
-def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
-    with pytest.raises(InputError, match="at least 1 scene for each scenario, got 0"):
-        run_depth_test(runs, tmp_path / "out", 0)
-    with pytest.raises(InputError, match="no finished run"):
-        run_depth_test([tmp_path], tmp_path / "out", 1)
+def test_what_cannot_be_tested_is_one_sentence(runs, config, tmp_path):
+    other = replace(config, camera=replace(config.camera, views=3))
+    make_dataset(other, 24, tmp_path / "other.zarr")
+    train(build(TrainingConfig, TRAINING, "here"), "smoke", tmp_path / "other.zarr",
+          tmp_path / "other")  # fmt: skip
+    for among, samples, words in (
+        (runs, 0, "at least 1 scene for each scenario, got 0"),
+        ([tmp_path], 1, "no finished run"),
+        ([runs[0], tmp_path / "other"], 1, "trained on other scenes"),
+    ):
+        with pytest.raises(InputError, match=words):
+            run_depth_test(among, tmp_path / "out", samples)
     assert not (tmp_path / "out").exists()
 
 
@@ -188,12 +184,3 @@ def test_a_picture_is_no_input_for_a_network_of_views(runs, tmp_path):
     )
     assert isinstance(result.exception, InputError)
     assert "only networks of input kind 'raw' can be shown a picture" in str(result.exception)
-
-
-def test_bands_of_views_side_by_side_are_refused(config):
-    """Before anything is read of the data set but its configuration and its size."""
-    grid = type("Grid", (list,), {"config": replace(config, input=InputEncoding("grid"))})
-    recipe = {**TRAINING["presets"]["smoke"], "bands": 2}
-    training = build(TrainingConfig, {**TRAINING, "presets": {"smoke": recipe}}, "here")
-    with pytest.raises(InputError, match="bands must be 1 with a grid"):
-        _Training(training, "smoke", grid(range(24)))

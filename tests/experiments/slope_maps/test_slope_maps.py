@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
 
-from experiments.slope_maps import report, scenes
-from experiments.slope_maps.measuring import measure, score
-from experiments.slope_maps.rivals import WAYS
+from experiments.slope_maps import scenes
+from experiments.slope_maps.measuring import METHODS, measure, score, write
 from experiments.slope_maps.scenes import Kind, Surface, curved, make_sample, planes
 
 PICTURE = np.add.outer(np.sin(np.arange(200) / 3), np.cos(np.arange(180) / 4)) / 4 + 0.5
@@ -23,17 +22,26 @@ def small(monkeypatch):
 @pytest.mark.parametrize("draw", [planes, curved])
 def test_views_moved_by_the_true_slopes_are_the_central_view(draw):
     """What a corner view shows at p + d(p) (v, u), read here by SciPy, away from outlines."""
-    sample = make_sample(Kind(draw, views=3, noise=0.0), 3, [PICTURE])
-    inside = maximum_filter(sample.slopes, 9) - minimum_filter(sample.slopes, 9) < 0.15
+    views, slopes = make_sample(Kind(draw, views=3, noise=0.0), 3, [PICTURE])
+    inside = maximum_filter(slopes, 9) - minimum_filter(slopes, 9) < 0.15
     inside[[0, 1, 2, -3, -2, -1]] = inside[:, [0, 1, 2, -3, -2, -1]] = False
-    t, s = np.indices(sample.slopes.shape)
-    middle, corner = (sample.views[n, n].astype(float) for n in (1, 2))
+    t, s = np.indices(slopes.shape)
+    middle, corner = (views[n, n].astype(float) for n in (1, 2))
     errors = [
         np.median(np.abs(map_coordinates(corner, [t + d, s + d], order=3) - middle)[inside])
-        for d in (sample.slopes, sample.slopes + 0.1, -sample.slopes)
+        for d in (slopes, slopes + 0.1, -slopes)
     ]
     assert inside.mean() > 0.3
     assert errors[0] < 0.5 < 2 * errors[0] + 0.5 < min(errors[1:])
+
+
+@pytest.mark.parametrize("bumps", [(), [(0.3, 5.0, -4.0, 60.0)]])
+def test_a_place_is_seen_where_its_slope_moves_it(bumps):
+    surface = Surface(PICTURE, 0.7, gradient=(0.02, -0.03), bumps=bumps)
+    y, x = np.mgrid[-20:20:5, -30:30:5].astype(float)
+    places = surface.places(y, x, 2.0, -1.0)
+    np.testing.assert_allclose(places[0] + 2 * surface.slope(*places), y, atol=1e-4)
+    np.testing.assert_allclose(places[1] - surface.slope(*places), x, atol=1e-4)
 
 
 def test_the_nearest_surface_is_seen():
@@ -43,7 +51,7 @@ def test_the_nearest_surface_is_seen():
     truth = np.full((48, 64), 1.0)
     truth[19:29, 24:40] = -1.0
     np.testing.assert_array_equal(scenes.true_slopes([bar, wall]), truth)
-    aside = scenes.render_view([wall, bar], 0.0, 1.0)
+    aside = scenes.render_view([bar, wall], 0.0, 1.0)
     assert aside[19:29, 23:39] == pytest.approx(0.8)
     assert aside.sum() == pytest.approx(0.2 * 48 * 64 + 0.6 * 160)
 
@@ -69,9 +77,9 @@ def test_scores_of_a_map_with_known_errors():
 def test_the_record_has_a_row_for_each_map_and_scene(tmp_path):
     record, shown = measure(kinds={"slanted planes": Kind(planes, views=5)}, seeds=(1,))
     table = pd.DataFrame(record["rows"])
-    assert len(table) == 2 * len(WAYS)
-    path = report.write(tmp_path, record, shown)
-    assert all(f"| {name} " in path.read_text() for name in WAYS)
+    assert len(table) == 2 * len(METHODS)
+    path = write(tmp_path, record, shown)
+    assert all(f"| {name} " in path.read_text() for name in METHODS)
     assert len(json.loads((tmp_path / "slope_maps.json").read_text())["rows"]) == len(table)
     assert (tmp_path / "slope_maps.png").stat().st_size > 1000
     bad = table[table["scene"] == "all"].set_index("map")["bad_07"]

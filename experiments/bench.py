@@ -1,0 +1,383 @@
+"""How fast refocusing, decoding, rendering and training are, beside floors and named rivals.
+
+All calls of a case are timed in turn, so that other load on the machine slows all alike: ratios
+within one run carry over to other machines, milliseconds do not. A floor is a time below which the
+task cannot be done: its inputs and outputs cross once, as fast as a compiled loop on all cores
+reads as many bytes. A rival does the same task by NumPy, SciPy or Keras, and its output is compared
+with ours.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import keras
+import numba
+import numpy as np
+import pandas as pd
+from scipy import ndimage
+
+from experiments.command_parts import step_bar
+from experiments.paths import DATA_SETS
+from experiments.report import markdown, write_report
+from experiments.timing import in_turn, on_threads, read_once
+from lf_flame import render, shift_and_sum
+from lf_flame._common.arrays import centred
+from lf_flame._common.figures import subplots
+from lf_flame.datasets.config import read_config
+from lf_flame.formats import DecodePlan, LensletGrid
+from lf_flame.learning.decoder import build_decoder
+from lf_flame.learning.trainers import make_trainer
+from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
+
+SLOPES = (2.1, 1.15, 0.35, -1.25)
+
+STEPS = 10
+"""Number of training steps that are timed together."""
+
+ROUNDS, LEAST_S = 3, 1.0
+"""Smallest number of rounds of a case, and seconds for which they go on at least."""
+
+
+@dataclass(frozen=True)
+class Other:
+    """A floor or a rival of a case; its time is multiplied by the factor.
+
+    `compare` takes its output and ours, and says how they differ; None for a floor.
+    """
+
+    name: str
+    call: Callable
+    compare: Callable[..., str] | None = None
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A task of ours, and those beside which it is timed; a call does it `repeats` times."""
+
+    task: str
+    what: str
+    ours: Callable
+    others: Sequence[Other]
+    repeats: int = 1
+
+
+def floor(*arrays: np.ndarray) -> Other:
+    """Make the floor of a task that must read and write these arrays."""
+    return Other("floor: input and output read once", lambda: [read_once(x) for x in arrays])
+
+
+def largest_difference(theirs: np.ndarray, ours: np.ndarray) -> str:
+    """Largest difference of a pixel, relative to the brightest."""
+    return f"pixels differ by {np.abs(ours - theirs).max() / np.abs(theirs).max():.0e} at most"
+
+
+# Refocusing
+
+
+def refocusing_cases(small: bool) -> Iterator[Case]:
+    """Yield light fields of noise, on which any error of a shift shows, at four slopes."""
+    sizes = [(5, 5, 12, 18)] if small else [(15, 15, 90, 180), (15, 15, 270, 540)]
+    for shape in sizes:
+        views = np.random.default_rng(0).random(shape, np.float32)
+        ours = partial(shift_and_sum, views, SLOPES)
+        separable = Other("NumPy, separable, matrix products", partial(by_products, views, SLOPES),
+                          largest_difference)  # fmt: skip
+        shifts = Other("SciPy ndimage.shift, one thread", partial(by_shifts, views, SLOPES),
+                       largest_difference)  # fmt: skip
+        what = f"four planes of {' x '.join(map(str, shape))}"
+        others = [floor(views, ours()), separable]
+        if shape is sizes[0]:
+            others.append(shifts)
+            yield Case("refocusing", f"{what}, one thread", on_one_thread(ours), others)
+        yield Case("refocusing", f"{what}, {numba.get_num_threads()} threads", ours, others)
+
+
+def on_one_thread(call: Callable) -> Callable:
+    """Make a call whose compiled loops run on one thread."""
+
+    def alone():
+        with on_threads(1):
+            return call()
+
+    return alone
+
+
+def by_shifts(views: np.ndarray, slopes: Sequence[float]) -> np.ndarray:
+    """Shift and sum view by view."""
+    images, moved = np.zeros((len(slopes), *views.shape[2:])), np.empty(views.shape[2:], np.float32)
+    for image, slope in zip(images, slopes, strict=True):
+        for v, down in enumerate(-slope * centred(len(views))):
+            for u, right in enumerate(-slope * centred(views.shape[1])):
+                ndimage.shift(views[v, u], (down, right), moved, order=1, mode="nearest")
+                image += moved
+    return images / (views.shape[0] * views.shape[1])
+
+
+def by_products(views: np.ndarray, slopes: Sequence[float]) -> np.ndarray:
+    """Shift and sum over v, where the lines gathered are contiguous, then over u."""
+    images = np.empty((len(slopes), *views.shape[2:]), np.float32)
+    for image, slope in zip(images, slopes, strict=True):
+        down, right = (slope * centred(n) for n in views.shape[:2])
+        sums = np.stack([_shifted_sum(views[:, u], down) for u in range(views.shape[1])])
+        image[:] = _shifted_sum(sums.swapaxes(1, 2), right).swapaxes(0, 1)
+    return images / np.float32(views.shape[0] * views.shape[1])
+
+
+def _shifted_sum(lines: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Gather lines[k, line], shifted by whole lines, and weigh and sum them in one product."""
+    whole = np.floor(shifts).astype(int)
+    places = np.clip(whole[:, None] + np.arange(lines.shape[1] + 1), 0, lines.shape[1] - 1)
+    moved, rest = lines[np.arange(len(lines))[:, None], places], (shifts - whole).astype(np.float32)
+    near, far = np.tensordot(np.stack([1 - rest, rest]), moved, axes=1)
+    return near[:-1] + far[1:]
+
+
+# Decoding raw images
+
+
+def decoding_cases(small: bool) -> Iterator[Case]:
+    """Yield raw images of 12 bits, smooth texture seen through lenslets, with a white image."""
+    square = LensletGrid(50.3, 61.2, 10.03, 0.001)
+    illum = LensletGrid(50.3, 61.2, 14.29, -0.0005, "hexagonal")
+    sizes = [("grey", (160, 200), square, 9, None)]
+    if not small:
+        sizes = [
+            ("grey", (1024, 1024), square, 9, None),
+            ("grey", (2048, 2048), square, 9, None),
+            ("Bayer, hexagonal", (5368, 7728), illum, 15, "grbg"),
+        ]
+    for what, shape, grid, views, bayer in sizes:
+        rng = np.random.default_rng(0)
+        coarse = rng.uniform(300, 4000, [n // 16 + 2 for n in shape]).astype(np.float32)
+        raw = np.rint(ndimage.zoom(coarse, 16, order=1)[: shape[0], : shape[1]]).astype(np.uint16)
+        white = np.full(shape, 4000, np.uint16)
+        started = time.perf_counter()
+        plan = DecodePlan(grid, shape=shape, views=views, white=white, bayer=bayer)
+        planned = time.perf_counter() - started
+        found = plan.decode(raw).views
+        others = [floor(raw, found)]
+        if not bayer:
+            places = part_places(grid, shape, views)
+            others.append(Other("SciPy map_coordinates, one thread, without the white image",
+                partial(by_interpolation, raw, places, found.shape), correlation))  # fmt: skip
+        pixels = f"{shape[0]} x {shape[1]} pixels, {what}"
+        what = f"{pixels}, to {views} x {views} views; its plan took {planned:.2g} s"
+        yield Case("decoding", what, lambda plan=plan, raw=raw: plan.decode(raw).views, others)
+
+
+def part_places(grid: LensletGrid, shape: tuple[int, int], views: int) -> np.ndarray:
+    """Middles of the parts of all micro-images, shape (2, v, u, t, s)."""
+    rows, columns = grid.block(shape)
+    down, along = (centred(views) * step / views for step in (grid.row_pitch, grid.pitch))
+    y, x = grid.position(rows[:, None], columns[None, :])
+    dy, dx = grid.turned(down[:, None], along[None, :])
+    return np.stack([y + dy[:, :, None, None], x + dx[:, :, None, None]])
+
+
+def by_interpolation(raw: np.ndarray, places: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Interpolate at the middle of each part of each micro-image, linearly."""
+    found = ndimage.map_coordinates(raw, places, np.float32, order=1, mode="nearest")
+    return found.reshape(shape)
+
+
+def correlation(theirs: np.ndarray, ours: np.ndarray) -> str:
+    """Correlation of the views without their edges."""
+    inner = (slice(1, -1), slice(1, -1), slice(2, -2), slice(2, -2))
+    found = np.corrcoef(theirs[inner].ravel(), ours[inner].ravel())[0, 1]
+    return f"views correlate by {found:.4f}"
+
+
+# Rendering
+
+
+def rendering_cases(small: bool) -> Iterator[Case]:
+    """Yield a scene of each data set as its camera records it, from scene to light field."""
+    for path in DATA_SETS[:1] if small else DATA_SETS:
+        config = read_config(path)
+        scene, camera = config.template.draw(None)[0], config.camera
+        camera = camera.with_views(3) if small else camera
+        dense = Other("NumPy, dense matrices, float64", partial(_dense, scene, camera), error)
+        image = floor(np.ones((camera.views,) * 2 + camera.lenslets, np.float32))
+        for integrator in ("exact", "rays"):
+            call = partial(rendered, scene, camera, 1e-3, integrator)
+            what = f"{config.kind}, {integrator}, tolerance 0.001"
+            yield Case("rendering", what, call, [image, dense])
+        stop = replace(camera, aperture_diameter_mm=camera.aperture_mm)
+        call = partial(rendered, scene, stop, 1e-2, "rays")
+        yield Case("rendering", f"{config.kind}, rays, a round stop, tolerance 0.01", call, [image])
+
+
+def _dense(scene, camera) -> np.ndarray:
+    """Multiply each texture by the share of a pixel's rays in its rows, and in its columns."""
+    image = 0.0
+    for layer in scene.layers:
+        shares = []
+        for axis in (0, 1):
+            seen = trace_footprint(camera, layer.depth_mm, axis)
+            edges = layer.cell_edges_mm(axis) - seen.centres_mm.reshape(-1, 1)
+            widths = abs(seen.lenslet_width_mm), abs(seen.pixel_width_mm)
+            shares.append(np.diff(trapezoid_cdf(edges, *widths), axis=1))
+        image = image + shares[0] @ layer.texture @ shares[1].T
+    n = camera.views
+    return image.reshape(n, camera.lenslets[0], n, camera.lenslets[1]).swapaxes(1, 2)
+
+
+def rendered(scene, camera, tolerance: float, integrator: str) -> np.ndarray:
+    """Render the views of a scene."""
+    return render(scene, camera, tolerance=tolerance, integrator=integrator).views
+
+
+def error(theirs: np.ndarray, ours: np.ndarray) -> str:
+    """Root-mean-square difference relative to the brightest pixel."""
+    return f"rms difference {math.sqrt(np.mean((ours - theirs) ** 2)) / theirs.max():.0e}"
+
+
+# Training
+
+
+def training_cases(small: bool) -> Iterator[Case]:
+    """Yield steps of the paper's recipe: the decoder behind the frozen backbone, by Adam."""
+    sizes = [("conv5", (3, 6, 2048), 2), ("conv4", (6, 12, 1024), 2), ("conv4", (6, 12, 1024), 16)]
+    sizes, image = ([("small", (3, 6, 32), 2)], (9, 18)) if small else (sizes, (90, 180))
+    for depth, shape, batch in sizes:
+        keras.backend.clear_session()
+        rng, count = np.random.default_rng(0), STEPS * batch
+        features = np.maximum(rng.standard_normal((count, *shape), np.float32), 0)
+        targets = rng.random((count, 4, *image, 1), np.float32)
+        decoders = [build_decoder(shape, image, 4, 0.3) for _ in range(3)]
+        trainer = make_trainer(decoders[0], 1e-4, batch, {"train": (features, targets)})
+        bytes_once, products = step_work(decoders[0], batch)
+        moments = np.ones(bytes_once // 4, np.float32)
+        square = np.ones((256 if small else 2048,) * 2, np.float32)
+        others = [
+            Other("floor: Adam's parameters and moments cross once", partial(read_once, moments),
+                  factor=STEPS),
+            Other("estimate: products at the rate of a large one in NumPy",
+                  partial(np.matmul, square, square), factor=STEPS * products / len(square) ** 3),
+            Other("Keras, train_on_batch", by_keras(decoders[1], features, targets, batch, False),
+                  losses),
+            Other("Keras, XLA (its dropout draws other numbers)",
+                  by_keras(decoders[2], features, targets, batch, True)),
+        ]  # fmt: skip
+        call = partial(trainer.train_in_order, np.arange(count))
+        what = f"a step behind {depth}, features of {' x '.join(map(str, shape))}, batch {batch}"
+        yield Case("training", what, call, others, STEPS)
+
+
+def step_work(decoder: keras.Model, batch: int) -> tuple[int, int]:
+    """Bytes that Adam must read and write, and multiply-adds of a step.
+
+    Parameters and both moments are read and written once. Each layer multiplies once forward, once
+    for the gradient of its kernel and, except for the first, once for that of its input.
+    """
+    size = sum(math.prod(x.shape) for x in decoder.trainable_variables)
+    products = [
+        batch * math.prod(layer.output.shape[1:-1]) * math.prod(layer.kernel.shape)
+        for layer in decoder.layers
+        if hasattr(layer, "kernel")
+    ]
+    return 6 * 4 * size, 3 * sum(products) - products[0]
+
+
+def by_keras(decoder: keras.Model, features, targets, batch: int, xla: bool) -> Callable:
+    """Train on all batches as one would with Keras; the mean loss."""
+    decoder.compile(keras.optimizers.Adam(1e-4), "mse", jit_compile=xla)
+
+    def step(some: slice) -> float:
+        decoder.reset_metrics()  # else Keras may give the mean of all steps
+        return float(decoder.train_on_batch(features[some], targets[some]))
+
+    def train() -> float:
+        starts = range(0, len(features), batch)
+        return float(np.mean([step(slice(k, k + batch)) for k in starts]))
+
+    return train
+
+
+def losses(theirs: float, ours: float) -> str:
+    """Relative difference of the mean loss of the first steps."""
+    return f"losses differ by {abs(ours / theirs - 1):.0e}"
+
+
+TASKS = (refocusing_cases, decoding_cases, rendering_cases, training_cases)
+
+COLUMNS = {
+    "what": ("what", ""),
+    "ours_ms": ("ours (ms)", ".4g"),
+    "other": ("beside", ""),
+    "other_ms": ("takes (ms)", ".4g"),
+    "ratio": ("over ours", ".3g"),
+    "q1": ("lower quartile", ".3g"),
+    "q3": ("upper", ".3g"),
+    "outputs": ("outputs", ""),
+}
+
+
+def measure(small: bool = False) -> dict:
+    """Time all cases, or few small ones; returns the record, in ``rows`` the table."""
+    started, rows = time.perf_counter(), []
+    for task in TASKS:
+        for case in step_bar(task(small)):
+            rows += measure_case(case, small)
+    threads = numba.get_num_threads()
+    return {"threads": threads, "wall_s": time.perf_counter() - started, "rows": rows}
+
+
+def measure_case(case: Case, small: bool = False) -> list[dict]:
+    """Compare the outputs of the first calls, then time all in turn; a row for each other."""
+    calls = [case.ours, *(other.call for other in case.others)]
+    first, *theirs = (call() for call in calls)
+    rounds, least_s = (1, 0.0) if small else (ROUNDS, LEAST_S)
+    times, rows = in_turn(*calls, rounds=rounds, least_s=least_s, warm_up=False), []
+    for k, (other, output) in enumerate(zip(case.others, theirs, strict=True), 1):
+        median, low, high = (other.factor * value for value in times.ratio(k, 0))
+        rows.append({
+            "task": case.task,
+            "what": case.what,
+            "ours_ms": 1e3 * float(times.best[0]) / case.repeats,
+            "other": other.name,
+            "other_ms": 1e3 * other.factor * float(times.best[k]) / case.repeats,
+            "ratio": median,
+            "q1": low,
+            "q3": high,
+            "outputs": other.compare(output, first) if other.compare else "",
+        })  # fmt: skip
+    return rows
+
+
+def write(out: Path, record: dict) -> Path:
+    """Write ``bench.*`` from the record of `measure`."""
+    table, body = pd.DataFrame(record["rows"]), []
+    for task, rows in table.groupby("task", sort=False):
+        body += [f"## {task.capitalize()}", markdown(rows, COLUMNS)]
+    note = f"""On {record["threads"]} threads. Milliseconds are the best of some rounds; ratios are
+the time of the other over ours, median and quartiles of the rounds. Nothing can be faster than a
+floor; an estimate is the time of the step's matrix products alone."""
+    return write_report(
+        out, "bench", "Speed beside floors and rivals", record,
+        [note, "![Time of floors and rivals over ours](bench.png)", *body],
+        tables={"bench": table}, pictures={"bench": figure(table)},
+    )  # fmt: skip
+
+
+def figure(table: pd.DataFrame):
+    """Draw the times of floors and rivals over ours, case by case."""
+    picture, axis = subplots(figsize=(11, 1.2 + 0.22 * len(table)), layout="constrained")
+    at = np.arange(len(table))
+    floors = table["other"].str.startswith(("floor", "estimate"))
+    for some, colour in ((floors, "#999999"), (~floors, "#0072B2")):
+        rows = table[some]
+        reach = rows["ratio"] - rows["q1"], rows["q3"] - rows["ratio"]
+        axis.errorbar(rows["ratio"], at[some], xerr=reach, fmt="o", color=colour, capsize=2)
+    axis.set_yticks(at, table["what"].str.split(";").str[0] + " | " + table["other"], fontsize=7)
+    axis.set_xscale("log")
+    axis.axvline(1.0, color="0.3", linewidth=0.8)
+    axis.invert_yaxis()
+    axis.grid(axis="x", alpha=0.25)
+    axis.set_xlabel("time over ours, median and quartiles (grey: floors and estimates)")
+    return picture

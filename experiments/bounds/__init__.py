@@ -1,1 +1,0 @@
-"""The bounds of the effect plan against images of random scenes, recorded."""

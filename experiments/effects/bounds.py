@@ -1,0 +1,185 @@
+"""Bounds of the effect plan against random scenes and cameras with every imperfection."""
+
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+
+import numba
+import numpy as np
+import pandas as pd
+
+from experiments.command_parts import step_bar
+from experiments.report import markdown
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.sensor import STAGES, Sensor
+from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.rendering import render
+
+TOLERANCE = 0.05
+"""Tolerance of the plans whose decisions the images follow."""
+
+RAY_COUNTS = (12, 36, 108)
+"""Rays per pixel and axis that are tried where an effect needs rays: few have an error."""
+
+ROUNDING = 1e-6
+"""Rounding of float32 images, relative to the brightest pixel."""
+
+WITHOUT = {
+    "round_aperture": ("f_number_mismatch",),
+    "occlusion": ("main_lens_diffraction",),
+    "self_absorption": ("main_lens_diffraction",),
+}
+"""Effects left out while another is measured, because they differ without it. Where layers occlude
+or absorb, diffraction at the main lens takes each lenslet's light as a whole."""
+
+
+def draw_scene(rng: np.random.Generator) -> tuple[Scene, PlenopticCamera]:
+    """Draw one to three layers, flames, rough textures or cards, and a small camera.
+
+    Each imperfection of the camera, and each property of matter, is there about every second time.
+    Raises InputError if the scene is impossible, such as two surfaces at one place.
+    """
+    camera = _draw_camera(rng)
+    return Scene([_draw_layer(rng) for _ in range(rng.integers(1, 4))]), camera
+
+
+def _draw_camera(rng: np.random.Generator) -> PlenopticCamera:
+    def maybe(value, otherwise=None):
+        return value if rng.random() < 0.5 else otherwise
+
+    sensors = Sensor(1e4), Sensor(1e4, full_well_e=6e3), Sensor(1e8, 1e10, 16, 0.1)
+    return PlenopticCamera(
+        main_lens_focal_mm=rng.uniform(120, 180),
+        focus_distance_mm=326.0,
+        lenslet_focal_mm=0.4,
+        lenslet_pitch_mm=0.112,
+        views=int(rng.integers(1, 6)),
+        lenslets=(10, 12),
+        aperture_diameter_mm=maybe(rng.uniform(60, 95)),
+        rim_diameter_mm=maybe(rng.uniform(50, 140)),
+        rim_distance_mm=rng.uniform(0, 30),
+        wavelength_nm=maybe(rng.uniform(450, 700)),
+        chromatic_shift=maybe(10 ** rng.uniform(-5, -3), 0.0),
+        lenslet_rotation_rad=maybe(10 ** rng.uniform(-6, -2), 0.0),
+        lenslet_pitch_error=maybe(10 ** rng.uniform(-6, -2), 0.0),
+        falloff_corrected=bool(rng.random() < 0.5),
+        sensor=maybe(sensors[rng.integers(3)]),
+    )
+
+
+def _draw_layer(rng: np.random.Generator) -> Layer:
+    place = {"depth_mm": rng.uniform(-20, 30), "centre_mm": rng.uniform(-0.4, 0.4, 2)}
+    kind = rng.choice(["flame", "noise", "card"])
+    if kind == "card":
+        return Layer(rng.uniform(size=(3, 4)), size_mm=(0.8, 0.9), opaque=True, **place)
+    matter = {"thickness_mm": rng.choice([0.0, 10 ** rng.uniform(-4, 1)])}
+    matter["optical_thickness"] = rng.choice([0.0, 10 ** rng.uniform(-5, 0)])
+    if kind == "noise":
+        cells = rng.integers(1, 16, 2)
+        return Layer(rng.uniform(size=cells), size_mm=(1.2, 1.4), **place, **matter)
+    height, radius = rng.uniform(3, 20), rng.uniform(0.8, 3)
+    texture = flame_texture(height, radius, draw_wrinkles(rng), 0.06 * radius, 0.04)
+    return Layer(texture, size_mm=(height, 2 * HALF_WIDTH * radius), **place, **matter)
+
+
+def measure_scene(seed: int, number: int) -> list[dict] | None:
+    """Plan a random scene, and force each effect that arises against what was decided.
+
+    Returns a row for each effect that has a bound: ``scene``, ``effect``, ``bound``, ``change`` and
+    ``error`` of the rays that showed it; None if the scene was refused.
+    """
+    try:
+        scene, camera = draw_scene(np.random.default_rng([seed, number]))
+        plan = plan_effects(scene, camera, TOLERANCE)
+    except InputError:
+        return None
+    decided = {effect.name: effect.kept for effect in plan.effects} | dict.fromkeys(STAGES, False)
+    rows = []
+    for effect in plan.effects:
+        statistical = effect.name in ("shot_noise", "read_noise", "quantisation")  # bound a mean
+        no_stop = effect.name == "f_number_mismatch" and not decided["round_aperture"]
+        if not np.isfinite(effect.bound) or effect.bound == 0 or statistical or no_stop:
+            continue
+        off = dict.fromkeys(WITHOUT.get(effect.name, ()), False)
+        states = [decided | off | {effect.name: on} for on in (False, True)]
+        try:
+            change, error = _largest_change(scene, camera, states, effect.bound)
+        except InputError:  # the forced image is refused
+            continue
+        row = {"scene": number, "effect": effect.name, "bound": float(effect.bound)}
+        rows.append(row | {"change": change, "error": error})
+    return rows
+
+
+def _largest_change(scene, camera, states, bound: float) -> tuple[float, float]:
+    """Largest change of a pixel between two states, and the error of the rays that showed it.
+
+    Both are relative to the brightest pixel. Where a state needs rays, both images use them: the
+    fewest that show the change to be within the bound and their error, which is how far fewer rays
+    were off in both.
+    """
+    rays = any(plan_effects(scene, camera, TOLERANCE, state).traced for state in states)
+    before: list[np.ndarray] = []
+    for count in RAY_COUNTS if rays else (None,):
+        fixed = {"integrator": "rays", "rays": count} if rays else {}
+        images = [
+            render(scene, camera, TOLERANCE, effects=state, seed=1, **fixed).views.astype(float)
+            for state in states
+        ]
+        peak = max(image.max() for image in images) or 1.0
+        change = float(np.abs(images[0] - images[1]).max() / peak)
+        pairs = zip(images, before, strict=False)
+        error = sum(float(np.abs(one - other).max() / peak) for one, other in pairs)
+        if change <= bound + error + ROUNDING:
+            break
+        before = images
+    return change, error
+
+
+def check_bounds(scenes: int, seed: int) -> dict:
+    """Compare changes with their bounds on random scenes, in a process per core.
+
+    Ratios, bound over change, are those of changes above the rounding and ten times the error of
+    the rays. A violation is a change above the bound and that error.
+    """
+    with ProcessPoolExecutor(
+        mp_context=get_context("spawn"), initializer=numba.set_num_threads, initargs=(1,)
+    ) as pool:
+        found = list(step_bar(pool.map(partial(measure_scene, seed), range(scenes)), scenes))
+    lines = pd.DataFrame([row for rows in found if rows for row in rows])
+    violates = lines.change > lines.bound + lines.error + ROUNDING
+    sure = (lines.change > ROUNDING) & (lines.error < lines.change / 10)
+    lines = lines.assign(ratio=(lines.bound / lines.change).where(sure), violates=violates)
+    table = lines.groupby("effect", sort=False).agg(
+        scenes=("effect", "size"),
+        smallest=("ratio", "min"),
+        median=("ratio", "median"),
+        largest=("ratio", "max"),
+        violations=("violates", "sum"),
+    )
+    return {
+        "scenes": scenes,
+        "refused": sum(rows is None for rows in found),
+        "seed": seed,
+        "tolerance": TOLERANCE,
+        "rows": table.reset_index().to_dict("records"),
+        "violations": lines[violates].to_dict("records"),
+    }
+
+
+def body(found: dict) -> list[str]:
+    """Write the table, and what it means, as Markdown."""
+    ratios = ("smallest", "median", "largest")
+    columns = {name: (name, ".3g" if name in ratios else "") for name in found["rows"][0]}
+    return [
+        "## Bounds on random scenes",
+        f"Bound over the largest change of a pixel in {found['scenes']} random scenes, "
+        f"{found['refused']} of them refused as impossible, before cameras with every imperfection "
+        "at once. Each effect is forced against what the plan decided, all else as decided. Ratios "
+        "are those of changes above the rounding of float32 and ten times the error of the rays; a "
+        "violation is a change above the bound and that error.",
+        markdown(found["rows"], columns, missing="nan"),
+    ]

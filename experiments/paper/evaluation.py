@@ -1,0 +1,134 @@
+"""Scores of a trained network on its test split, and the slopes of sharpest focus."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from experiments.histories import recipe_in_words
+from experiments.paper.figures import result_figure, sharpness_figure
+from experiments.paper.tables import compare_with_paper, read_paper_values, result_markdown
+from experiments.report import markdown, write_report
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.config import to_json
+from lf_flame._common.input_files import read_text
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.sampling import render_sample, search_slopes
+from lf_flame.datasets.store import Dataset
+from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
+from lf_flame.learning.scores import WINDOWS, score
+
+
+def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, list[float]]:
+    """Score SSIM with several windows, because the paper does not state its own.
+
+    For images [n, plane, h, w]; returns the mean over the samples of each plane, by window.
+    """
+    pairs = list(zip(targets, predictions, strict=True))
+    return {
+        window: np.mean(
+            [[measure(a, b) for a, b in zip(*pair, strict=True)] for pair in pairs], axis=0
+        ).tolist()
+        for window, measure in WINDOWS.items()
+    }
+
+
+def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
+    """Score images that need no network: the mean training image, and the input image itself.
+
+    The latter if the input is one image of the targets' size. One row a plane and baseline;
+    columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``, ``psnr_foreground_db``.
+    """
+    targets = dataset.targets[test]
+    mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
+    baselines = {"mean of the training images": mean}
+    if dataset.inputs.shape[1:] == (*targets.shape[2:], 1):
+        copied = np.moveaxis(dataset.inputs[test], 3, 1)
+        baselines["the input image"] = np.broadcast_to(copied, targets.shape)
+    tables = [
+        score(targets, images).assign(baseline=name, depth_mm=dataset.config.depths_mm)
+        for name, images in baselines.items()
+    ]
+    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]]
+
+
+def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
+    """Score a run's test split; write its table, and the figure of its first test sample.
+
+    Writes ``FIGURE.png``, ``TABLE_history.csv``, ``TABLE.md``, ``TABLE.json`` and, last because
+    make looks at it, ``TABLE.csv``.
+    """
+    record = dict(open_run(run).record)
+    paper = read_paper_values(table)
+    tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
+    dataset, indices, predictions = predict_test_split(run)
+    targets = dataset.targets[indices]
+    scores = compare_with_paper(score(targets, predictions), paper)
+    baselines = score_baselines(dataset, training_indices(len(dataset), record), indices)
+    # The model's own entry says which weights were asked for; the record's, which were used.
+    model = {key: value for key, value in record["model"].items() if key != "backbone_weights"}
+    record = {
+        **{key: value for key, value in record.items()
+           if key != "test_indices" and not key.endswith("sha256")},
+        "model": model,
+        "table": scores.to_dict("records"),
+        "baselines": baselines.to_dict("records"),
+        "ssim_by_window": score_windows(targets, predictions),
+        "paper": paper["source"],
+        "evaluation": provenance.environment(),
+    }  # fmt: skip
+    light_field, _ = render_sample(dataset.config, int(indices[0]), dataset.attrs.get("rays"))
+    picture = result_figure(
+        light_field,
+        dataset.inputs[indices[0]].squeeze(),
+        targets[0],
+        predictions[0],
+        dataset.config.depths_mm,
+        f"{record['title']}: sample {indices[0]}, the first of the test split "
+        f"({recipe_in_words(record['preset'])})",
+    )
+    figures.save(picture, out / f"{figure}.png")
+    write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))
+    write_text(out / f"{table}.md", result_markdown(record, paper))
+    write_json(out / f"{table}.json", record)
+    write_text(out / f"{table}.csv", scores.round(6).to_csv(index=False))
+
+
+def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
+    """Search the slopes of data-set templates; return the table, and write it into `out`."""
+    paper = read_paper_values("slopes")
+    printed = dict(zip(paper["depth_mm"], paper["slope"], strict=True))
+    rows, records, panels = [], [], {}
+    for config in configs:
+        searches = search_slopes(config, whole_range=True)
+        records.append({"config": to_json(config), "slopes": [s.slope for s in searches]})
+        layers = panels.setdefault(f"{config.kind}: mean scene", [])
+        for item, search in zip(config.template.objects, searches, strict=True):
+            geometry = config.camera.depth_to_slope(item.depth_mm)
+            there = printed.get(item.depth_mm, math.nan)
+            layers.append((f"{item.name} at {item.depth_mm:g} mm", search, geometry, there))
+            rows.append({
+                "data_set": config.kind, "object": item.name, "depth_mm": item.depth_mm,
+                "slope": search.slope, "geometry": geometry,
+                "difference": search.slope - geometry, "paper": there,
+            })  # fmt: skip
+    table = pd.DataFrame(rows).round(4).replace(-0.0, 0.0)
+    body = [
+        "Slopes in lenslets per view step, found by gradient energy on the mean scene; geometry: "
+        "from the camera's equation; paper: as printed.",
+        markdown(table, {
+            "data_set": ("data set", ""), "object": ("object", ""), "depth_mm": ("depth (mm)", "g"),
+            "slope": ("found", ".4f"), "geometry": ("geometry", ".4f"),
+            "difference": ("found - geometry", "+.4f"), "paper": ("paper", ".2f"),
+        }),
+    ]  # fmt: skip
+    if out is None:
+        return "\n\n".join(body)
+    path = write_report(
+        out, "slopes", paper["title"], {"data_sets": records}, body, tables={"slopes": table},
+        pictures={"slopes": sharpness_figure(panels)},
+    )  # fmt: skip
+    return path.read_text(encoding="utf-8")

@@ -1,1 +1,0 @@
-"""Pictures of the viewer for the documentation, taken in a real browser."""

@@ -1,0 +1,234 @@
+"""What is compared: refocusing systems with their budgets, and light fields with slopes.
+
+The light fields are those of the paper's two data sets that no network was trained on, the same
+scenes with their objects at other depths, the sixteen slopes of RefNet, and photographs.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from experiments.depth_scenarios import draw_scenario, make_scenarios, scene_settings
+from experiments.held_out import HeldOut
+from experiments.histories import read_history
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.sampling import render_sample
+from lf_flame.errors import InputError
+from lf_flame.formats.images import white_level
+from lf_flame.learning.run_folders import load_run, open_run
+from lf_flame.lightfield import LightField
+from lf_flame.refocus._arguments import as_slopes
+from lf_flame.systems import formulas
+from lf_flame.systems.base import RefocusingSystem
+from lf_flame.systems.formulas import REFERENCES, FourierSlice, ShiftAndSum, average
+from lf_flame.systems.refnet import ALPHAS, SLOPES
+from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
+from lf_flame.systems.resnet50 import ResNet50
+from lf_flame.systems.training import NETWORKS, load_system
+
+BORDER = 12
+"""Pixels that are cut off a photograph's images, or more where views end farther inside."""
+
+WINDOW = 11
+"""Side in pixels of the window of the structural similarity."""
+
+SELECTIONS = {
+    "3 x 3 views": formulas.square_of_views,  # ApertureNet's
+    "lattice of 9 views": formulas.lattice_of_views,
+    "RefocusNet's 4 views": formulas.diamond_of_views,
+    "cross of 17 views": formulas.cross_of_views,  # the volumetric system's
+    "7 x 7 views": partial(formulas.square_of_views, side=7),
+    "RefNet's 7 x 7 views": formulas.outer_square_of_views,
+}
+"""Views of plain shift-and-sum: every network is set beside the mean of the views that it uses."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A system that can be loaded, here or in another process, and what its training took.
+
+    The function that loads it takes nothing, can be pickled, and raises InputError where the system
+    is missing. It is for test sets whose name starts with `only`; "": all.
+    """
+
+    name: str
+    load: Callable[[], RefocusingSystem]
+    about: dict
+    only: str = ""
+
+
+def formula_entries() -> list[Entry]:
+    """List the systems that need no training."""
+    names = {f"shift-and-sum, {what}": selection for what, selection in SELECTIONS.items()}
+    return [
+        Entry("shift-and-sum, all views", ShiftAndSum, {}),
+        Entry("Fourier slice, all views", FourierSlice, {}),
+        *(Entry(name, partial(ShiftAndSum, name, views), {}) for name, views in names.items()),
+    ]
+
+
+def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
+    """List the networks of a folder of runs, and RefocusNet with the authors' trained weights."""
+    found = [
+        Entry(network.name, partial(load_system, runs / name), training_of(runs / name))
+        for name, network in NETWORKS.items()
+    ]
+    if official_refocusnet:
+        load = partial(RefocusNet.of_weights, official_refocusnet)
+        found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
+    return found
+
+
+def resnet_entry(folder: Path, tested: Sequence[HeldOut]) -> Entry:
+    """Enter a run of the paper's network, unless it has seen light fields of the test sets."""
+    name = f"{by_recipe(folder)}, {folder.resolve().name.replace('-', ' ')}"
+    try:
+        run = open_run(folder)
+        for held_out in tested:
+            seen = set(held_out.indices) - set(run.record["test_indices"])
+            if seen and scene_settings(held_out.config) == scene_settings(run.config):
+                raise InputError(
+                    f"{folder} has seen light fields that it would be tested on, such as "
+                    f"{min(seen)}."
+                )
+    except InputError as error:
+        return Entry(name, partial(_refuse, str(error)), {})
+    load = partial(ResNet50.of_run, folder)
+    return Entry(name, load, training_of(folder), only=run.config.kind)
+
+
+def by_recipe(folder: Path) -> str:
+    """Name a run of the paper's network by its training."""
+    about = training_of(folder)
+    recipe = "{preset} preset, {epochs:,} epochs".format(**about) if about else "no run"
+    return f"{ResNet50.name}, {recipe}"
+
+
+def _refuse(reason: str) -> None:
+    raise InputError(reason)
+
+
+def training_of(folder: Path) -> dict:
+    """Read steps and seconds of a run's training, and its PSNR on held-out samples meanwhile.
+
+    The seconds are those of the median epoch times the epochs, whatever else the machine did, and
+    without drawing the training samples. Nothing is returned where there is no finished run.
+    """
+    try:
+        record = load_run(folder)
+        history = read_history(folder / "history.csv", record["epochs"])
+        recipe, system = record["recipe"], record.get("system")
+        each = (
+            recipe["steps_per_epoch"]
+            if system  # the paper's network sees every sample once in an epoch
+            else int(np.ceil(record["parts"]["train"] / recipe["batch_size"]))
+        )
+    except (InputError, KeyError):
+        return {}
+    epochs, took = history["epoch"].to_numpy(), np.diff(history["seconds"])
+    seconds = epochs * (float(np.median(took)) if len(took) else 0.0)
+    kept = ("system", "preset", "seed", "counts", "recipe", "epochs", "best_epoch")
+    facts = {key: record[key] for key in (*kept, "date", "git_revision") if key in record}
+    facts |= {"steps": int(each * epochs[-1]), "seconds": float(seconds[-1])}
+    if system:
+        facts["curve"] = {
+            "steps": (each * epochs).tolist(),
+            "seconds": seconds.round(2).tolist(),
+            "psnr_db": history["val_psnr_db"].round(3).tolist(),
+        }
+    return facts
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A light field [v, u, t, s(, channel)] to be refocused at slopes."""
+
+    views: np.ndarray
+    slopes: np.ndarray
+    block: tuple[int, int] = (1, 1)  # number of lenslets in a pixel of the images
+    border: int = 0  # number of these pixels that are not scored
+
+    def truth(self, reference: str = "shift-and-sum") -> np.ndarray:
+        """Refocus with all views, by one of the `REFERENCES`."""
+        return average(REFERENCES[reference](self.views, self.slopes), self.block)
+
+
+@dataclass(frozen=True)
+class TestSet:
+    """Light fields that are refocused at the same planes; a callable gives the scenes.
+
+    The truth is a key of `lf_flame.systems.formulas.REFERENCES`; the origin of the scenes is for
+    the record.
+    """
+
+    __test__ = False  # for pytest, which would collect it
+
+    name: str
+    planes: list[str]
+    scenes: Callable[[], Iterator[Scene]]
+    truth: str = "shift-and-sum"
+    origin: str = ""
+
+
+def paper_sets(config: DatasetConfig, held_out: HeldOut, count: int) -> list[TestSet]:
+    """Make the test sets of a data set from light fields that no network was trained on.
+
+    An InputError says that these are of other scenes, or that all objects of the data set are at
+    one depth.
+    """
+    if scene_settings(held_out.config) != scene_settings(config):
+        raise InputError(
+            f"{held_out.run} was trained on other scenes, or for another camera, than the "
+            f"{config.kind} to compare on; compare with a folder of runs without it."
+        )
+    config, kind = held_out.config, config.kind
+    split = f"test split of {held_out.run}" if held_out.run else f"no network, {held_out.origin}"
+    origin = f"samples {', '.join(map(str, held_out.indices))} ({split})"
+    own, slopes = partial(_own_scenes, config, held_out.indices), np.array(held_out.slopes)
+    sets = [TestSet(kind, _millimetres(config.depths_mm), partial(own, slopes), origin=origin)]
+    every = range(len(config.depths_mm))
+    for scenario in make_scenarios(config)[1:]:  # the first is as trained
+        if scenario.present != tuple(every):
+            continue
+        moved = set(scenario.depths_mm) != set(config.depths_mm)  # else objects change places
+        depths = scenario.depths_mm if moved else config.depths_mm
+        slopes = np.array([config.camera.depth_to_slope(z) for z in depths])
+        placed = partial(_placed_scenes, config, scenario, slopes, count)
+        name, seed = f"{kind}, {scenario.name}", f"drawn by seed {config.seed}"
+        sets.append(TestSet(name, _millimetres(depths), placed, origin=seed))
+    alphas, scenes = [f"alpha {a:g}" for a in ALPHAS], partial(own, SLOPES * config.block[0])
+    return [*sets, TestSet(f"{kind}, RefNet's slopes", alphas, scenes, "Fourier slice", origin)]
+
+
+def _millimetres(depths: Sequence[float]) -> list[str]:
+    return [f"{z:g} mm" for z in depths]
+
+
+def _own_scenes(config, indices, slopes) -> Iterator[Scene]:
+    for index in indices:
+        yield Scene(render_sample(config, index)[0].views, slopes, config.block)
+
+
+def _placed_scenes(config, scenario, slopes, count) -> Iterator[Scene]:
+    for light_field in draw_scenario(config, scenario, count):
+        yield Scene(light_field.views, slopes, config.block)
+
+
+def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
+    """Make the test set of a photographed light field, scaled to values up to 1.
+
+    An InputError says that its images are too small to be scored at these slopes.
+    """
+    slopes, (rows, columns, height, width) = as_slopes(slopes), light_field.views.shape[:4]
+    border = max(BORDER, int(np.ceil(np.abs(slopes).max() * (max(rows, columns) - 1) / 2)))
+    if min(height, width) < 2 * border + WINDOW:
+        raise InputError(
+            f"To be compared on at these slopes {name} needs views of {2 * border + WINDOW} pixels "
+            f"or more along each side, got {height} x {width}."
+        )
+    views = light_field.views / np.float32(white_level(light_field.views))
+    scene, planes = Scene(views, slopes, border=border), [f"slope {slope:g}" for slope in slopes]
+    return TestSet(name, planes, lambda: iter([scene]), origin="a photograph")

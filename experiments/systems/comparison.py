@@ -1,0 +1,270 @@
+"""The comparison: every refocusing system on the same light fields, by the same measures.
+
+All systems refocus from views in memory to images in memory, on all cores. Each is timed in a
+process of its own, and shown with its budget: the views that it uses, steps and seconds of its
+training.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from experiments.command_parts import step_bar
+from experiments.report import markdown, write_report
+from experiments.systems.compared import Entry, Scene, TestSet
+from experiments.systems.cost import measure_cost
+from lf_flame._common.figures import subplots
+from lf_flame.errors import InputError
+from lf_flame.learning.scores import score
+from lf_flame.systems.base import RefocusingSystem
+
+COLUMNS = [
+    "test_set", "truth", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
+    "psnr_foreground_db", "psnr_foreground_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
+]  # fmt: skip
+
+PANELS = {"flames": "flames", "flames, order reversed": "flames at other depths"}
+"""Test sets that are drawn, with their titles, beside the photographs."""
+
+SHOWN_DB = (20.0, 70.0)
+"""Range of PSNR in the picture; what is beyond is a triangle at the edge."""
+
+EQUAL = 0.25
+"""Largest relative difference of training times that are called equal."""
+
+
+def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
+    """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
+
+    A system that refuses the set is missing there, with its own words; so is an InputError in place
+    of a system.
+    """
+    refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
+    truths, drawn = [], {name: [] for name in systems}
+    for scene in test_set.scenes():
+        truths.append(_inner(scene.truth(test_set.truth), scene.border))
+        for name in set(systems) - set(refused):
+            try:
+                images = systems[name].refocus(scene.views, scene.slopes, scene.block)
+                drawn[name].append(_inner(images, scene.border))
+            except InputError as error:
+                refused[name] = str(error)
+    tables = []
+    for name, system in systems.items():
+        if name in refused:
+            table = pd.DataFrame([{"why_missing": refused[name]}])
+        else:
+            table = score(np.stack(truths), np.stack(drawn[name]))
+            table = table.rename(columns={"n_test": "light_fields"}).assign(
+                views=len(set(system.view_indices(*scene.views.shape[:2]))),
+                slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
+            )  # fmt: skip
+        table = table.assign(system=name, test_set=test_set.name, truth=test_set.truth)
+        tables.append(table.reindex(columns=COLUMNS))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _inner(stack: np.ndarray, border: int) -> np.ndarray:
+    return stack[:, border:-border, border:-border] if border else stack
+
+
+def run_comparison(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: Path) -> Path:
+    """Let systems refocus test sets, and write the report.
+
+    The first scene of the first test set is the frame that systems are timed on.
+    """
+    for kind, names in (("test sets", test_sets), ("systems", entries)):
+        names = [one.name for one in names]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"Two {kind} are called {name!r}; compare one at a time.")
+    started, frame = time.perf_counter(), next(test_sets[0].scenes())
+    results = step_bar(_compete(entries, test_sets, frame), len(entries) + len(test_sets))
+    results = list(results)
+    scores = pd.concat([x for x in results if isinstance(x, pd.DataFrame)], ignore_index=True)
+    systems = pd.DataFrame([x for x in results if isinstance(x, dict)])
+    systems = with_equal_effort(systems, {one.name: one.about for one in entries})
+    record = {
+        "systems": {one.name: one.about for one in entries},
+        "test_sets": {one.name: one.origin for one in test_sets},
+        "frame": {
+            "planes": len(frame.slopes),
+            "image": " x ".join(str(n) for n in frame.truth().shape[1:]),
+            "views": " x ".join(str(n) for n in frame.views.shape[:2]),
+        },
+        "wall_s": round(time.perf_counter() - started, 1),
+    }
+    return write_report(
+        out, "compare", "Refocusing systems side by side", record, body(scores, systems, record),
+        tables={"compare": scores.round(5), "systems": systems.round(3)},
+        pictures={"compare": figure(scores, systems)},
+    )  # fmt: skip
+
+
+def _compete(entries, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
+    """Yield budget and cost of each system, then the scores of all on each test set."""
+    loaded = {}
+    for one in entries:
+        try:
+            loaded[one.name] = one.load()
+        except InputError as error:
+            loaded[one.name] = error
+        yield _describe(one, loaded[one.name], frame)
+    for test_set in test_sets:
+        systems = dict(loaded)
+        for one in entries:
+            if not test_set.name.startswith(one.only):
+                systems[one.name] = InputError(f"it was trained on {one.only}.")
+        yield score_systems(systems, test_set)
+
+
+def _describe(entry: Entry, system: RefocusingSystem | InputError, frame: Scene) -> dict:
+    row = {"system": entry.name, "views": np.nan, "parameters": np.nan}
+    row |= {"steps": entry.about.get("steps", np.nan)}
+    row |= {"training_s": entry.about.get("seconds", np.nan)}
+    row |= {"milliseconds": np.nan, "memory_mb": np.nan}
+    if isinstance(system, InputError):
+        return row
+    row["parameters"] = system.parameters
+    try:
+        row["views"] = len(set(system.view_indices(*frame.views.shape[:2])))
+        system.refocus(frame.views, frame.slopes, frame.block)
+    except InputError:
+        return row
+    return row | asdict(measure_cost(entry.load, frame.views, frame.slopes, frame.block))
+
+
+def with_equal_effort(systems: pd.DataFrame, about: dict[str, dict]) -> pd.DataFrame:
+    """Add PSNR on held-out samples after the seconds, and the steps, that all systems had.
+
+    ``at_seconds`` and ``at_steps`` are those of the system that stopped first. The best weights are
+    kept, so a later, worse epoch does not lower the PSNR.
+    """
+    curves = {name: one["curve"] for name, one in about.items() if "curve" in one}
+    table = systems.copy()
+    for axis in ("seconds", "steps"):
+        limit = min((curve[axis][-1] for curve in curves.values()), default=np.nan)
+        reached = {
+            name: max(
+                psnr
+                for at, psnr in zip(curve[axis], curve["psnr_db"], strict=True)
+                if at <= limit + 1e-6
+            )
+            for name, curve in curves.items()
+        }
+        table[f"after_{axis}_db"] = table.system.map(reached)
+        table[f"at_{axis}"] = np.where(table.system.isin(curves), limit, np.nan)
+    return table
+
+
+def body(scores: pd.DataFrame, systems: pd.DataFrame, record: dict) -> list[str]:
+    """Write scores and budgets as Markdown."""
+    frame, known = record["frame"], systems[systems.parameters.notna()]
+    seconds, steps = systems.at_seconds.max(), systems.at_steps.max()
+    budgets = {
+        "system": ("system", ""),
+        "views": ("views", ".0f"),
+        "parameters": ("parameters", ",.0f"),
+        "steps": ("steps", ",.0f"),
+        "training_s": ("training (s)", ",.0f"),
+        "after_seconds_db": (f"dB after {seconds:,.0f} s", ".2f"),
+        "after_steps_db": (f"dB after {steps:,.0f} steps", ".2f"),
+        "milliseconds": ("ms a frame", ".1f"),
+        "memory_mb": ("memory (MB)", ".0f"),
+    }
+    if np.isnan(seconds):  # no network was trained
+        del budgets["after_seconds_db"], budgets["after_steps_db"]
+    return [
+        "PSNR in dB (peak 1) and SSIM against shift-and-sum of all views (at RefNet's slopes: the "
+        "Fourier slice of all views), means over planes and light fields; every plane is in "
+        "compare.csv.",
+        "## What each system gets",
+        "Systems are trained alike for about the same time, not for the same number of steps, and "
+        "each uses the views of its publication. Steps are those of the optimiser; seconds are "
+        "those of the median epoch times the epochs, without drawing the training samples. Beside "
+        "them is the PSNR on whole held-out training samples, best epoch so far, after the seconds "
+        "and the steps that all have had; RefNet's is at its own sixteen slopes, that of the "
+        "others at six random ones, and the rate of learning of each falls towards its own end. "
+        f"Milliseconds and peak memory are for {frame['planes']} planes of {frame['image']} from "
+        f"{frame['views']} views in memory, each system in a process of its own.",
+        markdown(known, budgets),
+        _unequal(systems),
+        "## PSNR (dB)",
+        _table(scores, systems, "psnr_db", "{:.2f}"),
+        "## SSIM",
+        "Of RefNet more than 0.925 is published against the Fourier slice, on other data.",
+        _table(scores, systems, "ssim", "{:.3f}"),
+        "## What is missing",
+        _missing(scores),
+    ]
+
+
+def _unequal(systems: pd.DataFrame) -> str:
+    """Name the systems whose training was shorter or longer than the others'."""
+    trained = systems[systems.training_s > 0]
+    usual = trained.training_s[trained.at_seconds.notna()].median()
+    other = trained[(trained.training_s / usual - 1).abs() > EQUAL]
+    if other.empty:
+        return "All systems had the same training time, within a quarter."
+    names = (f"{row.system} ({row.training_s:,.0f} s)" for row in other.itertuples())
+    return f"Not trained for the same time, within a quarter of {usual:.0f} s: {'; '.join(names)}."
+
+
+def _table(scores: pd.DataFrame, systems: pd.DataFrame, measure: str, form: str) -> str:
+    """Write a table of means, a row for each system with its budget, a column for each test set."""
+    known = scores[scores.groupby("system")[measure].transform("count") > 0]
+    means = known.groupby(["system", "test_set"], sort=False)[measure].mean().unstack("test_set")
+    means = means.loc[known.system.unique(), scores.test_set.unique()]
+
+    def written(value: float) -> str:
+        return "exact" if np.isinf(value) else "-" if np.isnan(value) else form.format(value)
+
+    table = systems.set_index("system")[["views", "steps", "training_s"]].join(means, how="right")
+    columns = {"system": ("system", ""), "views": ("views", ".0f"), "steps": ("steps", ",.0f")}
+    columns |= {"training_s": ("training (s)", ",.0f")}
+    columns |= {name: (name, written) for name in means}
+    return markdown(table.reset_index(), columns)
+
+
+def _missing(scores: pd.DataFrame) -> str:
+    """List reasons for missing scores, once for each system and the first test set."""
+    rows = scores[scores.psnr_db.isna()].drop_duplicates(["system", "why_missing"])
+    groups = rows.groupby(["test_set", "why_missing"], sort=False).system
+    lines = [f"- {name}: {why} ({'; '.join(some)})" for (name, why), some in groups]
+    return "\n".join(lines) or "Nothing."
+
+
+def figure(scores: pd.DataFrame, systems: pd.DataFrame):
+    """Draw PSNR: a row for each system with its budget, the fastest first, a panel a test set."""
+    photographs = scores.test_set[scores.plane.astype(str).str.startswith("slope")].unique()
+    sets = {name: title for name, title in PANELS.items() if name in set(scores.test_set)}
+    sets |= {name: name for name in photographs}
+    sets = sets or {scores.test_set[0]: scores.test_set[0]}
+    rows = systems[systems.milliseconds.notna()].sort_values("milliseconds")
+    drawn, axes = subplots(
+        1, len(sets), figsize=(5.5 + 2.2 * len(sets), 1.2 + 0.42 * len(rows)), sharey=True,
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for axis, (name, title) in zip(axes[0], sets.items(), strict=True):
+        means = scores[scores.test_set == name].groupby("system")["psnr_db"].mean()
+        for place, system in enumerate(rows.system):
+            value = means.get(system, np.nan)
+            marker = "<" if value < SHOWN_DB[0] else ">" if value > SHOWN_DB[1] else "o"
+            colour = "tab:orange" if "(ours)" in system else "tab:blue"
+            axis.plot(np.clip(value, *SHOWN_DB), place, marker, color=colour, clip_on=False)
+        axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB)")
+        axis.set_title(title, fontsize=10)
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_yticks(range(len(rows)), [_label(row) for row in rows.itertuples()], fontsize=8)
+    axes[0, 0].invert_yaxis()
+    return drawn
+
+
+def _label(row) -> str:
+    """Name of a system, its milliseconds, views and training."""
+    training = "" if pd.isna(row.steps) else f"; {row.steps:,.0f} steps in {row.training_s:,.0f} s"
+    return f"{row.system}\n{row.milliseconds:.3g} ms; {row.views:.0f} views{training}"

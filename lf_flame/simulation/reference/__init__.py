@@ -1,1 +1,0 @@
-"""References for the integrators: forward tracing and closed forms."""

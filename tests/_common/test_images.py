@@ -1,0 +1,462 @@
+"""Image files are decoded to the levels that they hold, and nothing else happens."""
+
+import os
+import stat
+import struct
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import EpsImagePlugin, Image
+from sentences import sentence_of
+
+from lf_flame import InputError
+from lf_flame._common.images import read_pixels, read_shape
+from lf_flame._common.memory import LIMIT
+from lf_flame.formats import read_focal_stack
+from lf_flame.formats.images import read_image
+from lf_flame.formats.reading import read_light_field
+from lf_flame.formats.stacks import is_stack
+from lf_flame.scenes.scene_files import read_scene
+
+EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n%%EndComments\n%%EOF\n"
+
+
+@pytest.fixture
+def ghostscript(tmp_path, monkeypatch):
+    """A program in Ghostscript's place that leaves a mark when it is started."""
+    program, mark = tmp_path / "bin" / "gs", tmp_path / "started"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\ntouch {mark}\nexit 1\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", f"{program.parent}:/usr/bin:/bin")
+    monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)
+    return mark
+
+
+def test_a_picture_starts_no_program(tmp_path, ghostscript):
+    """PostScript under the name of a picture, wherever pictures are read."""
+    folder = tmp_path / "views"
+    folder.mkdir()
+    for view in range(4):
+        (folder / f"view_{view}.png").write_bytes(EPS)
+    picture = folder / "view_0.png"
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'[[layers]]\nimage = "{picture}"\ndepth_mm = 1.0\nsize_mm = [1.0, 1.0]\n')
+    for read, path in ((read_pixels, picture), (read_image, picture), (read_scene, scene),
+                       (read_light_field, folder)):  # fmt: skip
+        with pytest.raises(InputError, match=r"view_0\.png cannot be read"):
+            read(path)
+    assert not ghostscript.exists()
+
+
+def test_the_mark_is_left_where_the_program_is_started(tmp_path, ghostscript):
+    (tmp_path / "picture.png").write_bytes(EPS)
+    with pytest.raises(Exception), Image.open(tmp_path / "picture.png") as image:  # noqa: B017
+        image.load()
+    assert ghostscript.exists()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".webp", ".ppm", ".tif"])
+def test_pictures_of_the_usual_formats_are_read(tmp_path, rng, suffix):
+    levels = rng.integers(0, 256, (9, 7, 3)).astype(np.uint8)
+    Image.fromarray(levels).save(
+        tmp_path / f"a{suffix}", **{"lossless": True} if "w" in suffix else {}
+    )
+    found = read_pixels(tmp_path / f"a{suffix}")
+    assert found.shape == levels.shape
+    if suffix != ".jpg":
+        np.testing.assert_array_equal(found, levels)
+
+
+def test_a_palette_keeps_its_transparency(tmp_path):
+    image = Image.new("P", (2, 1))
+    image.putpalette([255, 0, 0, 0, 255, 0])
+    image.putdata([0, 1])
+    image.save(tmp_path / "a.png", transparency=1)
+    found = read_pixels(tmp_path / "a.png")
+    np.testing.assert_array_equal(found, [[[255, 0, 0, 255], [0, 255, 0, 0]]])
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_channels_come_last_however_they_are_stored(tmp_path, rng, planar):
+    levels = rng.integers(0, 256, (9, 7, 3)).astype(np.uint8)
+    stored = levels if planar == "contig" else np.moveaxis(levels, -1, 0)
+    tifffile.imwrite(tmp_path / "a.tif", stored, photometric="rgb", planarconfig=planar)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
+
+
+@pytest.mark.parametrize(
+    ("axes", "form"),
+    [("XY", {"metadata": {}}), ("CYX", {"metadata": {}}), ("YXC", {"metadata": {}}),
+     ("CYX", {"imagej": True}), ("CYX", {"ome": True}), ("CXY", {"metadata": {}})],
+)  # fmt: skip
+def test_axes_are_read_as_a_file_declares_them(tmp_path, rng, axes, form):
+    levels = rng.integers(0, 256, (9, 7, 3)[: len(axes)]).astype(np.uint8)
+    stored = np.einsum(f"{'YXC'[: len(axes)]}->{axes}", levels)
+    form = {**form, "metadata": {"axes": axes}}
+    tifffile.imwrite(tmp_path / "a.tif", stored, photometric="minisblack", **form)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), levels / np.float32(255))
+
+
+@pytest.mark.parametrize(
+    ("axes", "count"), [("QYX", 3), ("ZYX", 3), ("ZYX", 4), ("TYX", 3), ("CYX", 2), ("CYX", 4)]
+)
+def test_pages_and_other_channels_are_no_colours(tmp_path, rng, axes, count):
+    levels = rng.integers(0, 256, (count, 9, 7)).astype(np.uint8)
+    for form in ({"imagej": axes != "QYX", "metadata": {"axes": axes}}, {}):
+        tifffile.imwrite(tmp_path / "a.tif", levels, photometric="minisblack", **form)
+        with pytest.raises(InputError, match=r"a\.tif must have 1 or 3 channels, got an array of"):
+            read_image(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("highest", [100, 1023, 4095, 65535])
+@pytest.mark.parametrize("kind", ["P2", "P3", "P5", "P6"])
+def test_netpbm_keeps_all_levels(tmp_path, rng, highest, kind):
+    shape = (5, 7, 3) if kind in ("P3", "P6") else (5, 7)
+    levels = rng.integers(0, highest + 1, shape)
+    head = f"{kind} # made here\n7 5\n{highest}\n".encode()
+    if kind in ("P2", "P3"):
+        data = b"# more 9\n" + b" ".join(str(n).encode() for n in levels.ravel())
+    else:
+        data = levels.astype(">u2" if highest > 255 else "u1").tobytes()
+    (tmp_path / "a.ppm").write_bytes(head + data)
+    np.testing.assert_allclose(read_image(tmp_path / "a.ppm"), levels / highest, atol=4e-8, rtol=0)
+    (tmp_path / "a.ppm").write_bytes(head + data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"a\.ppm cannot be read: it is damaged"):
+        read_image(tmp_path / "a.ppm")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_that_counts_from_white_is_turned(tmp_path, rng, dtype):
+    top = np.iinfo(dtype).max
+    levels = rng.integers(0, top, (9, 7), dtype, endpoint=True)
+    tifffile.imwrite(tmp_path / "a.tif", levels, photometric="miniswhite")
+    found = np.rint(top * read_image(tmp_path / "a.tif").astype(float))
+    np.testing.assert_array_equal(found, top - levels.astype(float))
+
+
+@pytest.mark.parametrize("compression", ["tiff_lzw", "group3", "group4", "packbits", "jpeg"])
+def test_packed_tiff_is_read(tmp_path, rng, compression):
+    levels = np.repeat(rng.integers(0, 2, (16, 2)) * 255, 8, axis=1).astype(np.uint8)
+    image = Image.fromarray(levels)
+    image = image.convert("1") if compression.startswith("group") else image
+    image.save(tmp_path / "a.tif", compression=compression)
+    np.testing.assert_allclose(read_image(tmp_path / "a.tif"), levels / 255, atol=0.03)
+
+
+def lzw(data):
+    """Pack without packing: each byte as a code of 9 bits, and a new table before it is full."""
+    codes = [c for k in range(0, len(data), 200) for c in (256, *data[k : k + 200])] + [257]
+    bits = "".join(f"{code:09b}" for code in codes)
+    bits += "0" * (-len(bits) % 8)
+    return int(bits, 2).to_bytes(len(bits) // 8)
+
+
+def zstd(data):
+    """One frame of raw blocks (RFC 8878, 3.1.1)."""
+    head = bytes.fromhex("28b52ffd") + b"\xa0" + len(data).to_bytes(4, "little")
+    return head + (len(data) << 3 | 1).to_bytes(3, "little") + data
+
+
+def by_bytes(data, width, samples, itemsize):
+    """Predictor 3 (TIFF Technical Note 3): high bytes of a row first, then their differences."""
+    rows = np.frombuffer(data, np.uint8).reshape(-1, width * samples, itemsize)
+    rows = rows.transpose(0, 2, 1).reshape(len(rows), -1).astype(int)
+    rows[:, samples:] -= rows[:, :-samples].copy()
+    return rows.astype(np.uint8).tobytes()
+
+
+PACKINGS = {1: bytes, 5: lzw, 8: zlib.compress, 50000: zstd}
+
+
+def write_tiff(path, pixels, order="<", packing=1, predictor=1, tags=()):
+    """One strip and one directory, by the words of TIFF 6.0."""
+    samples = pixels.shape[2] if pixels.ndim == 3 else 1
+    data = pixels.astype(pixels.dtype.newbyteorder(order)).tobytes()
+    if predictor == 3:  # the high byte is first, whatever the order of the file
+        whole = pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
+        data = by_bytes(whole, pixels.shape[1], samples, pixels.itemsize)
+    data = PACKINGS[packing](data)
+    depth = (258, 3, samples, (8 * pixels.itemsize,) * samples)
+    kind = {"u": 1, "f": 3}[pixels.dtype.kind]
+    entries = [
+        (256, 4, 1, (pixels.shape[1],)), (257, 4, 1, (pixels.shape[0],)), depth,
+        (259, 3, 1, (packing,)), (262, 3, 1, (2 if samples == 3 else 1,)), (273, 4, 1, (8,)),
+        (277, 3, 1, (samples,)), (278, 4, 1, (pixels.shape[0],)), (279, 4, 1, (len(data),)),
+        (317, 3, 1, (predictor,)), (339, 3, samples, (kind,) * samples), *tags,
+    ]  # fmt: skip
+    content = bytearray(data + b"\0" * (len(data) % 2))
+    table = struct.pack(f"{order}H", len(entries))
+    for tag, form, count, values in sorted(entries):
+        packed = struct.pack(f"{order}{count}{'H' if form == 3 else 'I'}", *values)
+        if len(packed) > 4:
+            at, content = 8 + len(content), content + packed + b"\0" * (len(packed) % 2)
+            packed = struct.pack(f"{order}I", at)
+        table += struct.pack(f"{order}HHI", tag, form, count) + packed.ljust(4, b"\0")
+    start = struct.pack(f"{order}2sHI", b"MM" if order == ">" else b"II", 42, 8 + len(content))
+    path.write_bytes(start + content + table + bytes(4))
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("packing", PACKINGS)
+@pytest.mark.parametrize("colours", [(), (3,)])
+@pytest.mark.parametrize("kind", ["u1", "u2", "f4"])
+def test_packed_levels_keep_all_bits(tmp_path, rng, order, packing, colours, kind):
+    shape = (9, 8, *colours)
+    levels = rng.uniform(size=shape).astype("f4")
+    if kind != "f4":
+        levels = (levels * np.iinfo(kind).max).astype(kind)
+    for predictor in (1, 3) if kind == "f4" and packing != 1 else (1,):
+        write_tiff(tmp_path / "a.tif", levels, order, packing, predictor)
+        np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
+
+
+def test_deep_colours_in_planes_of_their_own_keep_all_bits(tmp_path, rng):
+    levels = rng.integers(0, 2**16, (3, 9, 8)).astype(np.uint16)
+    tifffile.imwrite(
+        tmp_path / "a.tif", iter([lzw(plane.tobytes()) for plane in levels]), shape=levels.shape,
+        dtype="u2", compression="adobe_deflate", photometric="rgb", planarconfig="separate",
+        rowsperstrip=9,
+    )  # fmt: skip
+    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
+        file.pages[0].tags["Compression"].overwrite(5)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), np.moveaxis(levels, 0, -1))
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_levels_of_12_bits_are_fractions_of_the_highest(tmp_path, rng, order):
+    levels = rng.integers(0, 2**12, (9, 8), np.uint16)
+    bits = "".join(f"{level:012b}" for level in levels.ravel())
+    packed = np.frombuffer(int(bits, 2).to_bytes(len(bits) // 8), np.uint8).reshape(9, 12)
+    write_tiff(tmp_path / "a.tif", packed, order)
+    whole = (tmp_path / "a.tif").read_bytes()
+    for tag, old, new in ((256, 12, 8), (258, 8, 12)):
+        form = "HHII" if tag == 256 else "HHIH"
+        kinds = (tag, 4 if tag == 256 else 3, 1)
+        before, after = (struct.pack(order + form, *kinds, x) for x in (old, new))
+        assert before in whole
+        whole = whole.replace(before, after)
+    (tmp_path / "a.tif").write_bytes(whole)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels / np.float32(4095))
+
+
+PICTURE, THUMBNAIL = np.arange(63, dtype=np.uint16).reshape(7, 9), np.full((2, 3), 7, np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("pages", "inside"),
+    [
+        ([(THUMBNAIL, 1), (PICTURE, 0)], 0),
+        ([(PICTURE, 0), (THUMBNAIL, 1)], 0),
+        ([(PICTURE, 0), (THUMBNAIL, 0)], 0),
+        ([(THUMBNAIL, 1), (PICTURE, 0)], 1),  # in a SubIFD, as in DNG
+        ([(PICTURE, 0), (PICTURE[::2, ::2], 1)], 1),  # a pyramid
+        ([(PICTURE, 1)], 0),  # there is no other
+    ],
+)
+def test_the_picture_is_the_page_in_full_resolution(tmp_path, pages, inside):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for number, (page, kind) in enumerate(pages):
+            inner = inside if number == 0 and inside else None
+            file.write(page, subfiletype=kind, subifds=inner, metadata=None)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), PICTURE)
+    assert read_shape(tmp_path / "a.tif") == (7, 9, 1)
+    assert not is_stack(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("thumbnail", [False, True])
+@pytest.mark.parametrize("kind", [0, 2])
+def test_pages_of_one_form_are_a_stack_with_a_thumbnail_or_without(tmp_path, thumbnail, kind):
+    pages = np.stack([PICTURE + k for k in range(4)])
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        if thumbnail:
+            file.write(THUMBNAIL, subfiletype=1, metadata=None)
+        for page in pages:
+            file.write(page, subfiletype=kind, metadata=None)
+    assert is_stack(tmp_path / "a.tif")
+    stack, _ = read_focal_stack(tmp_path / "a.tif")
+    np.testing.assert_array_equal(stack, pages / np.float32(65535))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", "lzw.tif", ".jpg", ".webp"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_are_turned_as_they_are_to_be_seen(tmp_path, rng, orientation, suffix):
+    """By the words of TIFF 6.0: where the first row and the first column are to be seen."""
+    levels = rng.integers(0, 256, (5, 7)).astype(np.uint8)
+    rows, columns = [
+        ("top", "left"), ("top", "right"), ("bottom", "right"), ("bottom", "left"),
+        ("left", "top"), ("right", "top"), ("right", "bottom"), ("left", "bottom"),
+    ][orientation - 1]  # fmt: skip
+    seen = levels if rows in ("top", "bottom") else levels.T
+    seen = seen[::-1] if "bottom" in (rows, columns) else seen
+    seen = seen[:, ::-1] if "right" in (rows, columns) else seen
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".tif":
+        tifffile.imwrite(path, levels, extratags=[(274, "H", 1, orientation, True)])
+    else:
+        exif = Image.Exif()
+        exif[274] = orientation
+        packed = {
+            "lzw.tif": {"compression": "tiff_lzw"}, ".jpg": {"quality": 100},
+            ".webp": {"lossless": True},
+        }.get(suffix, {})  # fmt: skip
+        Image.fromarray(levels).save(path, exif=exif, **packed)
+    found = read_pixels(path)
+    found = found[..., 1] if found.ndim == 3 else found  # WebP knows no grey
+    np.testing.assert_allclose(found.astype(int), seen, atol=3 if suffix == ".jpg" else 0)
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_samples_of_which_the_file_says_nothing_are_refused(tmp_path, samples):
+    """With the tag of the transparency they are read, and without it not."""
+    pixels = np.full((9, 8, samples), 100, np.uint8)
+    tifffile.imwrite(
+        tmp_path / "a.tif", pixels, photometric="rgb" if samples == 4 else "minisblack",
+        planarconfig="contig", extrasamples=["unassalpha"],
+    )  # fmt: skip
+    assert read_image(tmp_path / "a.tif").shape == ((9, 8, 3) if samples == 4 else (9, 8))
+    whole = bytearray((tmp_path / "a.tif").read_bytes())
+    at = whole.index((338).to_bytes(2, "little") + (3).to_bytes(2, "little"))
+    whole[at : at + 2] = (40000).to_bytes(2, "little")  # a tag that nobody knows
+    (tmp_path / "a.tif").write_bytes(whole)
+    with pytest.raises(InputError, match=rf"a\.tif has {samples} samples to a pixel"):
+        read_image(tmp_path / "a.tif")
+
+
+def tiff(pixels, **form):
+    return lambda path: tifffile.imwrite(path, np.asarray(pixels), **form)
+
+
+def pages(*some):
+    def write(path):
+        with tifffile.TiffWriter(path) as file:
+            for page, kind in some:
+                file.write(page, subfiletype=kind, metadata=None)
+
+    return write
+
+
+def film(path):
+    first, *others = (Image.new("RGB", (8, 8), (90 * k, 0, 0)) for k in range(3))
+    first.save(path, save_all=True, append_images=others)
+
+
+def samples(count, photometric, extra=None):
+    return tiff(
+        np.ones((9, 8, count), np.uint8), photometric=photometric, planarconfig="contig",
+        extrasamples=extra,
+    )  # fmt: skip
+
+
+def packed_by_webp(path):
+    tifffile.imwrite(path, np.ones((9, 8), np.uint8), compression="zlib")
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        file.pages[0].tags["Compression"].overwrite(50001)
+
+
+def bomb(path):
+    """A JPEG of 3000 x 3000 pixels in a file that says that it holds 8 x 8."""
+    Image.new("L", (3000, 3000)).save(path, "JPEG")
+    data = path.read_bytes()
+    tifffile.imwrite(
+        path, iter([data]), shape=(8, 8), dtype="u1", compression="jpeg", rowsperstrip=8
+    )
+
+
+REFUSED = {
+    "inks.tif": (samples(4, "separated"), "holds no grey or RGB light but SEPARATED"),
+    "lab.tif": (lambda path: Image.new("LAB", (8, 8)).save(path), "light but CIELAB"),
+    "ycbcr.tif": (lambda path: Image.new("YCbCr", (8, 8)).save(path), "light but YCBCR"),
+    "four.tif": (samples(4, "minisblack"), "has 4 samples to a pixel"),
+    "two.tif": (samples(2, "minisblack"), "has 2 samples to a pixel"),
+    "unsaid.tif": (samples(4, "rgb", ["unspecified"]), "has 4 samples to a pixel"),
+    "multiplied.tif": (samples(4, "rgb", ["assocalpha"]), "has 4 samples to a pixel"),
+    "deep.tif": (tiff(np.ones((4, 5), np.uint32)), "or floats, got uint32"),
+    "white.tif": (tiff(np.ones((4, 5), "f4"), photometric="miniswhite"), "counts from white"),
+    "larger.tif": (pages((THUMBNAIL, 0), (PICTURE, 0)), "does not say which of them is a thumbn"),
+    "other.tif": (pages((PICTURE, 0), (PICTURE.astype("f4"), 0)), "pictures of different forms"),
+    "reduced.tif": (pages((THUMBNAIL, 1), (PICTURE, 1)), "2 pictures, all declared as smaller"),
+    "webp.tif": (packed_by_webp, r"packed by compression 50001 \(WEBP\), which is not read"),
+    "bomb.tif": (bomb, "would need 0.081 GB"),
+    "film.png": (film, "holds 3 pictures that follow each other"),
+    "film.webp": (film, "holds 3 pictures that follow each other"),
+    "inks.jpg": (lambda path: Image.new("CMYK", (8, 8)).save(path), "holds no light but CMYK"),
+    "empty.tif": (lambda path: path.write_bytes(b""), "cannot be read: it is damaged"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_pictures_that_cannot_be_used_are_refused(tmp_path, monkeypatch, name):
+    write, words = REFUSED[name]
+    write(tmp_path / name)
+    monkeypatch.setenv(LIMIT, "0.05")
+    with pytest.raises(InputError, match=rf"{name}.*{words}") as refused:
+        read_image(tmp_path / name)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_a_strip_unpacks_to_no_more_than_its_declared_size(tmp_path, packing):
+    """Of 20 million bytes, where the picture has 72; or the last half is missing."""
+    write_tiff(tmp_path / "a.tif", np.zeros((9, 8), np.uint8), packing=packing)
+    whole = (tmp_path / "a.tif").read_bytes()
+    data = PACKINGS[packing](bytes(72))
+    large = PACKINGS[packing](bytes(200_000))
+    entry = struct.pack("<HHI", 279, 4, 1)
+    for strip in (large, data[: len(data) // 2]):
+        moved = whole.replace(entry + struct.pack("<I", len(data)),
+                              entry + struct.pack("<I", len(strip)))  # fmt: skip
+        moved = moved.replace(struct.pack("<HHII", 273, 4, 1, 8),
+                              struct.pack("<HHII", 273, 4, 1, len(whole)))  # fmt: skip
+        (tmp_path / "a.tif").write_bytes(moved + strip)
+        tracemalloc.start()
+        told = sentence_of(read_pixels, tmp_path / "a.tif")
+        assert tracemalloc.get_traced_memory()[1] < 4e5
+        tracemalloc.stop()
+        assert not told or "a.tif cannot be read: it is damaged" in told
+        assert told or strip is large
+
+
+def test_a_layer_is_no_complex_picture(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", np.ones((4, 5), complex))
+    (tmp_path / "a.toml").write_text(
+        '[[layers]]\nimage = "a.tif"\ndepth_mm = 1.0\nsize_mm = [1.0, 1.0]\n'
+    )
+    with pytest.raises(InputError, match="or floats, got complex128"):
+        read_scene(tmp_path / "a.toml")
+
+
+def test_the_checksums_of_a_png_are_checked(tmp_path, rng):
+    Image.fromarray(rng.integers(0, 256, (9, 7)).astype(np.uint8)).save(tmp_path / "a.png")
+    whole = bytearray((tmp_path / "a.png").read_bytes())
+    start = whole.find(b"IDAT")
+    whole[start + 4 + int.from_bytes(whole[start - 4 : start])] ^= 1
+    (tmp_path / "a.png").write_bytes(whole)
+    with pytest.raises(InputError, match=r"a\.png cannot be read: it is damaged"):
+        read_image(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("other", ["../secret.tif", "../pipe.tif"])
+@pytest.mark.parametrize("read", [read_image, read_light_field, read_pixels])
+def test_files_that_a_picture_names_are_not_opened(tmp_path, other, read):
+    tifffile.imwrite(tmp_path / "secret.tif", np.full((4, 5), 200, np.uint8))
+    os.mkfifo(tmp_path / "pipe.tif")
+    (tmp_path / "in").mkdir()
+    data = "".join(
+        f'<TiffData IFD="0" FirstZ="{k}" PlaneCount="1"><UUID FileName="{name}">urn:{k}</UUID>'
+        f"</TiffData>"
+        for k, name in enumerate(("a.ome.tif", other))
+    )
+    told = (
+        '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+        '<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint8" SizeX="5" SizeY="4" SizeZ="2" '
+        f'SizeC="1" SizeT="1"><Channel ID="Channel:0:0" SamplesPerPixel="1"/>{data}</Pixels>'
+        "</Image></OME>"
+    )
+    path = tmp_path / "in" / "a.ome.tif"
+    tifffile.imwrite(path, np.zeros((4, 5), np.uint8), description=told, metadata=None)
+    with pytest.raises(InputError, match="names other files"):
+        read(path)

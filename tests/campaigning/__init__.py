@@ -1,1 +1,0 @@
-"""A campaign against the commands: every case follows from the table of calls."""

@@ -1,0 +1,232 @@
+"""Refocusing systems side by side: known errors, known budgets, and what is refused."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from experiments.__main__ import commands
+from experiments.held_out import find_scenes
+from experiments.systems import compared, comparison
+from experiments.systems.cost import Cost, measure_cost
+from lf_flame import InputError, LightField
+from lf_flame._common import figures
+from lf_flame.datasets.config import read_config
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.training import NETWORKS
+
+
+@pytest.fixture(scope="module")
+def flames(coarse_data):
+    return read_config(coarse_data[1])
+
+
+@pytest.fixture(scope="module")
+def sets(flames):
+    return compared.paper_sets(flames, find_scenes(flames, Path("no run"), 2), 2)
+
+
+@pytest.fixture(scope="module")
+def leaves():
+    return DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
+
+
+class Dim(ShiftAndSum):
+    """A system whose error is known: everything is 0.01 too dark, and the edges are black."""
+
+    def _refocus(self, views, slopes, block):
+        images = super()._refocus(views, slopes, block) - 0.01
+        images[:, :12] = images[:, -12:] = images[:, :, :12] = images[:, :, -12:] = 0
+        return images
+
+
+class Blind(ShiftAndSum):
+    def view_indices(self, rows, columns):
+        raise InputError("Blind sees nothing.")
+
+
+def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
+    planes = ["20 mm", "10 mm", "0 mm", "-10 mm"]
+    assert {one.name: one.planes for one in sets[:4]} == {
+        "flames": planes,
+        "flames, first and last exchanged": planes,
+        "flames, order reversed": planes,
+        "flames, all 5 mm nearer": ["15 mm", "5 mm", "-5 mm", "-15 mm"],
+    }
+    assert [(one.name, one.truth) for one in sets[4:]] == [
+        ("flames, RefNet's slopes", "Fourier slice")
+    ]
+    assert dict(zip(sets[4].planes, next(sets[4].scenes()).slopes, strict=True))["alpha 1"] == 0
+    for one in sets:
+        first, second = one.scenes()
+        assert first.truth(one.truth).shape == (len(one.planes), 24, 48)
+        assert np.any(first.views != second.views)
+    np.testing.assert_allclose(
+        next(sets[3].scenes()).slopes, flames.camera.depth_to_slope(np.array([15.0, 5, -5, -15]))
+    )
+
+
+def test_scores_are_those_of_known_errors(leaves):
+    """An exact system, one that is 0.01 too dark inside the border, one that refuses.
+
+    Photographs are scaled to values up to 1.
+    """
+    light_field = LightField(500 * leaves + 100)
+    photograph = compared.photograph_set("leaves", light_field, [-0.5, 0.5])
+    (scene,) = photograph.scenes()
+    assert 0.5 < scene.views.max() <= 1
+    systems = {"exact": ShiftAndSum(), "dim": Dim(), "blind": Blind(), "gone": InputError("No.")}
+    table = comparison.score_systems(systems, photograph)
+    assert list(table.columns) == comparison.COLUMNS
+    assert list(table.plane[:2]) == ["slope -0.5", "slope 0.5"]
+    rows = table.set_index("system")
+    assert np.all(np.isinf(rows.psnr_db["exact"]))
+    np.testing.assert_allclose(rows.psnr_db["dim"], 40, atol=1e-3)
+    assert list(rows.views["dim"]) == [81, 81]
+    assert list(rows.light_fields["dim"]) == [1, 1]
+    assert rows.psnr_db[["blind", "gone"]].isna().all()
+    assert list(rows.why_missing[["blind", "gone"]]) == ["Blind sees nothing.", "No."]
+
+
+@pytest.mark.slow
+def test_cost_is_measured_in_a_process_of_its_own(sets):
+    scene = next(sets[0].scenes())
+    large = np.ones(100_000_000)  # memory of this process does not count
+    found = measure_cost(ShiftAndSum, scene.views, scene.slopes, scene.block)
+    assert found.milliseconds > 0
+    assert 10 < found.memory_mb < 400 < large.nbytes / 1e6  # no network was loaded
+
+
+@pytest.mark.parametrize(
+    ("record", "steps", "seconds"),
+    [
+        # Four epochs, one of them while the machine did other things; drawing samples is excluded.
+        ({"system": "refnet", "epochs": 4, "recipe": {"steps_per_epoch": 7, "batch_size": 2}},
+         28, 8.0),
+        # The paper's network sees every sample once in an epoch.
+        ({"epochs": 4, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 20, 8.0),
+        ({"epochs": 0, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 0, 0.0),
+    ],
+)  # fmt: skip
+def test_training_takes_the_median_epoch_times_the_epochs(tmp_path, record, steps, seconds):
+    (tmp_path / "model.keras").write_bytes(b"")
+    digest = hashlib.sha256(b"").hexdigest()
+    (tmp_path / "run.json").write_text(json.dumps(record | {"model_sha256": digest}))
+    rows = ["epoch,loss,val_loss,val_psnr_db,seconds", "0,1,1,0,30"]
+    rows += [f"{k},1,1,0,{s}" for k, s in ((1, 2), (2, 2), (3, 50), (4, 2))]
+    (tmp_path / "history.csv").write_text("\n".join(rows[: 2 + record["epochs"]]) + "\n")
+    about = compared.training_of(tmp_path)
+    assert (about["steps"], about["seconds"]) == (steps, pytest.approx(seconds))
+    if "system" in record:
+        assert about["curve"]["steps"] == [0, 7, 14, 21, 28]
+        assert about["curve"]["seconds"] == [0, 2, 4, 6, 8]
+    (tmp_path / "history.csv").unlink()
+    assert compared.training_of(tmp_path) == {}
+
+
+SYSTEMS = pd.DataFrame({
+    "system": ["fast", "slow", "long", "formula"], "views": [9, 4, 4, 225],
+    "parameters": [8, 9, 7, 0], "steps": [300, 200, 900, np.nan],
+    "training_s": [3, 4, 9, np.nan], "milliseconds": [2.0, 3.0, 4.0, 1.0], "memory_mb": 1.0,
+})  # fmt: skip
+
+ABOUT = {
+    "fast": {"curve": {"steps": [0, 100, 200, 300], "seconds": [0, 1, 2, 3],
+                       "psnr_db": [5.0, 30.0, 29.0, 33.0]}},
+    "slow": {"curve": {"steps": [0, 100, 200], "seconds": [0, 2, 4], "psnr_db": [4.0, 20.0, 35.0]}},
+    "long": {}, "formula": {},
+}  # fmt: skip
+
+
+def test_budgets_are_stated_and_unequal_ones_named():
+    table = comparison.with_equal_effort(SYSTEMS, ABOUT).set_index("system")
+    assert table.at_seconds.to_dict() == pytest.approx(
+        {"fast": 3, "slow": 3, "long": np.nan, "formula": np.nan}, nan_ok=True
+    )
+    # The best weights are kept, so a later, worse epoch does not count.
+    assert list(table.after_steps_db[:2]) == [30, 35]
+    assert list(table.after_seconds_db[:2]) == [33, 20]
+    scores = pd.DataFrame([
+        {"system": name, "test_set": "set", "psnr_db": 30.0 + k, "ssim": 0.9, "plane": "0 mm",
+         "why_missing": ""}
+        for k, name in enumerate(SYSTEMS.system)
+    ])  # fmt: skip
+    frame = {"planes": 4, "image": "9 x 9", "views": "3 x 3"}
+    text = "\n".join(comparison.body(scores, table.reset_index(), {"frame": frame}))
+    assert "within a quarter of 4 s: long (9 s)." in text
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in text.splitlines()]
+    assert ["fast", "9", "8", "300", "3", "33.00", "30.00", "2.0", "1"] in rows
+    assert ["slow", "4", "200", "4", "31.00"] in rows  # beside PSNR: views, steps, seconds
+    assert ["formula", "225", "", "", "33.00"] in rows
+
+    axis = comparison.figure(scores, SYSTEMS).axes[0]
+    labels = [label.get_text() for label in axis.get_yticklabels()]
+    assert labels[:2] == ["formula\n1 ms; 225 views", "fast\n2 ms; 9 views; 300 steps in 3 s"]
+    assert [line.get_xdata()[0] for line in axis.lines] == [33, 30, 31, 32]
+
+
+@pytest.mark.slow
+def test_the_program_compares_and_lists_what_is_missing(
+    system_runs, coarse_data, leaves, tmp_path, monkeypatch
+):
+    """Costs have a test of their own, and drawing the figure takes half a second."""
+    monkeypatch.setattr(comparison, "measure_cost", lambda *_: Cost(2.0, 30.0))
+    monkeypatch.setattr(figures, "save", lambda figure, path, dpi=150: Path(path).touch())
+    np.save(tmp_path / "leaves.npy", leaves[:, :, :40, :48])
+    arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
+                 "--light-fields", 1, "--photograph", tmp_path / "leaves.npy", "-0.5,0.5",
+                 "--variant", system_runs / "refocusnet"]  # fmt: skip
+    shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
+    assert shown.exit_code == 0
+    assert (tmp_path / "out/compare.md").read_text() in shown.stdout
+    scores = pd.read_csv(tmp_path / "out/compare.csv")
+    trained = scores[scores.system == "RefocusNet"]
+    assert set(trained.test_set) == set(scores.test_set)
+    assert trained.psnr_db.notna().all()
+    own = scores[scores.system == "shift-and-sum, RefocusNet's 4 views"]
+    assert own.psnr_db.notna().all()
+    absent = scores[scores.system.str.startswith("RefNet")]
+    assert absent.psnr_db.isna().all()
+    assert absent.why_missing.str.contains("no finished run").all()
+    variant = scores[scores.system == "ResNet-50, smoke preset, 1 epochs, refocusnet"]
+    assert variant.why_missing.str.contains("it must hold one of the paper's network").all()
+    assert len(variant)
+    systems = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
+    assert set(systems.index) >= {network.name for network in NETWORKS.values()}
+    found = systems.loc["RefocusNet", ["milliseconds", "memory_mb", "views", "steps"]]
+    assert list(found) == [2, 30, 4, 2]
+    assert systems.training_s["RefocusNet"] > 0
+
+
+def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets):
+    entries = [compared.Entry(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
+    frame = compared.Scene(np.zeros((1, 1, 2, 2), np.uint8), np.zeros(1))  # refused, so not timed
+    *_, table = comparison._compete(entries, sets[:1], frame)
+    rows = table.set_index("system")
+    assert rows.why_missing["shapes"] == "it was trained on shapes."
+    assert rows.psnr_db[["flames"]].eq(np.inf).all()
+
+
+REFUSED = {
+    "slopes": (["--photograph", "small.npy", "1;2"], "got '1;2'"),
+    "small photograph": (["--photograph", "small.npy", "0"],
+                         "small.npy needs views of 35 pixels or more along each side, got 34 x 40"),
+    "steep slopes": (["--photograph", "small.npy", "20"], "needs views of 51 pixels"),
+    "same names": (["--variant", ".", "--variant", "."], "Two systems are called"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "words"), REFUSED.values(), ids=REFUSED)
+def test_bad_input_is_refused_in_one_sentence(tmp_path, options, words):
+    np.save(tmp_path / "small.npy", np.zeros((3, 3, 34, 40)))
+    options = [str(tmp_path / x) if x.endswith(".npy") else x for x in options]
+    with pytest.raises(InputError, match=words):
+        CliRunner().invoke(
+            commands, ["compare", str(tmp_path), "--out", str(tmp_path / "out"), *options],
+            catch_exceptions=False, standalone_mode=False,
+        )  # fmt: skip

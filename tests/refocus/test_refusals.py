@@ -1,0 +1,215 @@
+"""What refocusing refuses, each in one sentence."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
+from lf_flame.errors import InputError
+from lf_flame.refocus import (
+    align_views,
+    all_in_focus,
+    annular_aperture,
+    aperture_weights,
+    depth_from_focus,
+    find_sharpest_slope,
+    find_sharpest_slopes,
+    fourier_refocus,
+    fourier_slice,
+    planar_slopes,
+    refocus,
+    refocus_surface,
+    region_slopes,
+    round_aperture,
+    shift_and_sum,
+    tilted_plane,
+)
+
+FLAT = np.ones((3, 3, 4, 5))
+SQUARE = np.ones((3, 3, 4, 4))
+WIDE = np.ones((3, 3, 12, 14))
+NAN, INF = np.nan, np.inf
+LEVEL = np.zeros((4, 5))
+
+ALIGNMENT = [
+    ({"view_indices": [(0, 3)]}, r"no view \(0, 3\) in a light field of 3 x 3 views"),
+    ({"view_indices": [(0, -1)]}, r"no view \(0, -1\)"),
+    ({"view_indices": []}, "pairs of row and column"),
+    ({"view_indices": [(0.5, 1)]}, "pairs of row and column"),
+    ({"view_indices": [(0, 1, 1)]}, "pairs of row and column"),
+    ({"view_indices": [0, 1]}, "pairs of row and column"),
+    ({"block": (3, 3)}, "Blocks of 3 x 3 lenslets do not divide an image of 4 x 5"),
+    ({"block": (0, 1)}, "Blocks of 0 x 1"),
+    ({"slopes": NAN}, "slopes must be"),
+]
+APERTURES = [
+    ({"shape": "star"}, "shape must be one of round, square, got 'star'"),
+    ({"centre": (NAN, 0)}, "must be finite"),
+    ({"width": "round"}, "width, ring and centre of an aperture must be real numbers, got"),
+    ({"ring": 0.2j}, "must be real numbers, got"),
+    ({"width": 0.1, "centre": (4, 0)}, "No view lies in an aperture of width 0.1 at 4, 0"),
+]
+WEIGHTS = [
+    (np.ones((2, 3)), r"shape of the views, 3 x 3, got an array of shape \(2, 3\)"),
+    (np.zeros((3, 3)), "at least one above 0"),
+    (-np.eye(3), "0 or above"),
+    (np.full((3, 3), NAN), "finite"),
+    ("round", "^weights must be real numbers, got .*[.]$"),
+    ({"width": 0.5}, "^weights must be real numbers, got .*[.]$"),
+    (np.ones((3, 3)) * 1j, "^weights must be real numbers, got .*[.]$"),
+    ([[1], [1, 2]], "^weights must be real numbers, got .*[.]$"),
+    ([["a"] * 3] * 3, "^weights must be real numbers, got .*[.]$"),
+]
+VIEWS = [
+    (np.ones((3, 3, 4)), 1.0, r"views\[v, u, t, s\]"),
+    (SQUARE * NAN, 1.0, "must be finite, got 144"),
+    (np.ones((0, 3, 4, 4)), 1.0, "at least one element"),
+    (SQUARE, [INF], "slopes must be one or more finite"),
+    (SQUARE, [], "slopes must be one or more finite"),
+]
+METHODS = [
+    ({"method": "magic"}, "one of auto, space, fourier, slice, got 'magic'"),
+    ({"interpolation": "sinc", "method": "space"}, "'space' does not know 'sinc'"),
+    ({"interpolation": "linear", "method": "slice"}, "'slice' does not know 'linear'"),
+    ({"interpolation": "spline"}, "linear, nearest, cubic, sinc, got 'spline'"),
+]
+SEARCHES = [
+    ({}, "tiles or regions, and not both"),
+    ({"tiles": (2, 2), "regions": [(0, 4, 0, 4)]}, "tiles or regions, and not both"),
+    ({"tiles": (0, 2)}, r"at least 1 and at most the 12 x 14 lenslets, got \(0, 2\)"),
+    ({"tiles": (13, 2)}, r"got \(13, 2\)"),
+    ({"regions": []}, "at least one region"),
+    ({"regions": [(0, 4, 0, 15)]}, "region must be .* inside the 12 x 14"),
+    ({"regions": [(0, 4)]}, "region must be"),
+]
+MAPS = [
+    (np.ones((3, 8, 8)), [0, 1], {}, "three or more in equal steps"),
+    (np.ones((3, 8, 8)), [0, 1, 3], {}, "three or more in equal steps"),
+    (np.ones((4, 8, 8)), [0, 1, 2], {}, "each of the 3 slopes"),
+    (np.ones((3, 8, 8)), [0, 1, 2], {"window": 0.0}, "window must"),
+    (np.full((3, 8, 8), NAN), [0, 1, 2], {}, "must be finite"),
+]
+SURFACES = [
+    (FLAT, np.zeros((5, 4)), {}, "4 x 5 lenslets"),
+    (FLAT, 1.0, {}, "4 x 5 lenslets"),
+    (FLAT, LEVEL * NAN, {}, "finite, got 20 NaN"),
+    (FLAT * NAN, LEVEL, {}, "finite, got 180 NaN"),
+    (FLAT * np.float64(1e60), LEVEL, {}, "the largest float32"),
+    (FLAT, LEVEL, {"interpolation": "sinc"}, "got 'sinc'"),
+    (FLAT, LEVEL, {"weights": [1.0]}, "weights must"),
+]
+REGIONS = [
+    ([((0, 9, 0, 5), 1.0)], {}, r"got \(0, 9, 0, 5\)"),
+    ([(np.ones((5, 4), bool), 1.0)], {}, r"\(5, 4\)"),
+    ([], {"soften": -1.0}, "soften must"),
+    ([], {"soften": INF}, "soften must .* got inf"),
+    ([], {"background": INF}, "got 20 NaN or infinite slopes"),
+]
+MASKS = [
+    (np.ones((2, 2, 2, 2)), r"valid must have the shape .* \(2, 2, 2, 3\), got .* \(2, 2, 2, 2\)"),
+    (np.full((2, 2, 2, 3), 0.5), r"valid must be True \(1\)"),
+    (np.full((2, 2, 2, 3), NAN), r"valid must be True \(1\)"),
+    (np.full((2, 2, 2, 3), "yes"), r"valid must be True \(1\)"),
+]
+
+
+def searches_a_peak_that_still_rises():
+    """A scene that is sharpest at 2.3, searched up to 1."""
+    texture = np.random.default_rng(1).uniform(size=(5, 5))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(40, 40))
+    find_sharpest_slope(render(Scene([Layer(texture, 20.0, (2.0, 2.0))]), camera), RISING)
+
+
+RISING = np.arange(0, 1.01, 0.1)
+REFUSED = [
+    *(
+        (partial(align_views, FLAT, **{"slopes": 0.5, "view_indices": [(1, 1)], **options}), said)
+        for options, said in ALIGNMENT
+    ),
+    *(
+        (partial(round_aperture, (3, 3), width), "finite width above 0")
+        for width in (0.0, -1.0, INF, NAN)
+    ),
+    (partial(annular_aperture, (3, 3), 0.7, 0.5), "below its outer width"),
+    *((partial(aperture_weights, (5, 5), **options), said) for options, said in APERTURES),
+    *(
+        (partial(make, WIDE, [0.0, 0.5, 1.0], weights=weights), said)
+        for weights, said in WEIGHTS
+        for make in (refocus, shift_and_sum, fourier_refocus, all_in_focus)
+    ),
+    *(
+        (partial(make, views, slopes), said)
+        for views, slopes, said in VIEWS
+        for make in (shift_and_sum, fourier_refocus)
+    ),
+    (
+        partial(shift_and_sum, SQUARE, 0, interpolation="sinc"),
+        "one of linear, nearest, cubic, got 'sinc'",
+    ),
+    *((partial(refocus, SQUARE, 1, **options), said) for options, said in METHODS),
+    (partial(fourier_refocus, SQUARE, 1, edges="mirror"), "wrap, clamp, got 'mirror'"),
+    (partial(fourier_slice, SQUARE, 1, edges="mirror"), "wrap, clamp, got 'mirror'"),
+    (partial(fourier_slice, SQUARE, 1, width=3), r"one of \(2, 4, 6, 8\) samples, got 3"),
+    (
+        partial(fourier_slice, SQUARE, 50.0, edges="clamp"),
+        "more than the image.*up to 50 for 4 x 4",
+    ),
+    (partial(fourier_slice, SQUARE * NAN, 1.0), "must be finite, got 144"),
+    (partial(fourier_refocus, SQUARE * INF, 1.0), "must be finite, got 144"),
+    *((partial(find_sharpest_slopes, WIDE, **options), said) for options, said in SEARCHES),
+    *(
+        (
+            partial(find_sharpest_slope, np.ones((5, 5, 40, 50)), [-slope, 0, slope]),
+            r"within -20 to 20, .* more than the image, got -[\d.e+]",
+        )
+        for slope in (21.0, 1e9, 1e307)
+    ),
+    (partial(find_sharpest_slope, WIDE * 0), "No slope is sharpest"),
+    (searches_a_peak_that_still_rises, "still rises at the end.*; search a range that goes beyond"),
+    (partial(find_sharpest_slope, WIDE, region=(0, 50, 0, 10)), "region must be"),
+    (partial(find_sharpest_slope, WIDE, [0, 1, 3]), "equal steps"),
+    *(
+        (partial(depth_from_focus, stack, slopes, **options), said)
+        for stack, slopes, options, said in MAPS
+    ),
+    (partial(all_in_focus, SQUARE * NAN, [0, 1, 2]), "must be finite"),
+    (partial(all_in_focus, SQUARE, [0, 1, 2], interpolation="s"), "got 's'"),
+    *(
+        (partial(refocus_surface, views, slopes, **options), said)
+        for views, slopes, options, said in SURFACES
+    ),
+    (partial(planar_slopes, (4, 0), 1.0), "two numbers of lenslets"),
+    (partial(planar_slopes, (4, 5), 1.0, gradient=0.1), "gradient must be two numbers"),
+    *(
+        (partial(region_slopes, (4, 5), regions, **{"background": 0.0, **options}), said)
+        for regions, options, said in REGIONS
+    ),
+    (
+        partial(tilted_plane, PAPER_CAMERA, depth_mm=0.0, tilt_rad=(0.0, np.pi / 2)),
+        "within pi/2",
+    ),
+    *((partial(LightField, np.ones((2, 2, 2, 3)), valid=mask), said) for mask, said in MASKS),
+]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"), REFUSED, ids=[f"{k}-{said[:30]}" for k, (_, said) in enumerate(REFUSED)]
+)
+def test_it_is_refused_in_a_sentence(call, said):
+    with pytest.raises(InputError, match=said):
+        call()
+
+
+@pytest.mark.jit  # 0 times infinity, which shows it, is a warning in plain Python
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", [(0, 0, 0, 0), (2, 3, 7, 8), (1, 0, 4, 0)])
+def test_a_single_pixel_that_is_not_finite_is_found(place, value, dtype):
+    """Even one that no shift brings into the image."""
+    views = np.ones((3, 4, 8, 9), dtype)
+    views[place] = value
+    for slope in (-2.0, 0.0, 2.5):
+        with pytest.raises(InputError, match="must be finite, got 1 NaN or infinite"):
+            shift_and_sum(views, slope)

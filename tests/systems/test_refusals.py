@@ -1,0 +1,188 @@
+"""Bad input to the systems and their training: one clear sentence each."""
+
+import json
+import shutil
+import zipfile
+from functools import partial
+from pathlib import Path
+
+import keras
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame._common.config import build
+from lf_flame.datasets.config import read_config
+from lf_flame.systems import formulas
+from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
+from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.refnet import RefNet, build_refnet
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
+from lf_flame.systems.region_refocus import refocus_regions, search_region_slope
+from lf_flame.systems.resnet50 import ResNet50
+from lf_flame.systems.similarity import scales
+from lf_flame.systems.sparse_unet import NineViewUNet, SparseUNet, build_unet
+from lf_flame.systems.training import SystemsConfig, load_system, train_system
+
+
+def zeros(*shape):
+    return np.zeros(shape, np.float32)
+
+
+def refocus(system, shape, slope=0.0, block=(1, 1), dtype=np.float32):
+    return system().refocus(np.zeros(shape, dtype), slope, block)
+
+
+SUM, REFOCUSNET = partial(refocus, ShiftAndSum), partial(refocus, lambda: RefocusNet(NET))
+NET, PHOTO = build_refocusnet(), (9, 9, 60, 120)
+REGION, CROSS = partial(search_region_slope, zeros(*PHOTO)), partial(
+    lambda region, slopes: refocus_regions(zeros(*PHOTO), [region], slopes, cross=True)
+)  # fmt: skip
+
+SMALL = [
+    (lambda: ApertureNet(build_aperturenet()), 37), (lambda: RefNet(build_refnet()), 17),
+    (lambda: SparseUNet(build_unet()), 49), (lambda: NineViewUNet(build_unet()), 49),
+    (lambda: RefocusNet(NET), 17),
+]  # fmt: skip
+
+INPUTS = {
+    "block does not divide": (partial(SUM, (3, 3, 100, 108), 0.0, (3, 3)),
+                              "Blocks of 3 x 3 lenslets do not divide an image of 100 x 108"),
+    "block of none": (partial(SUM, (3, 3, 9, 9), 0.0, (0, 1)), "Blocks of 0 x 1"),
+    "block of one number": (partial(SUM, (3, 3, 9, 9), 0.0, 3), "two whole numbers, got 3"),
+    "block of a fraction": (partial(SUM, (3, 3, 9, 9), 0.0, (1.5, 1)), "two whole numbers"),
+    "whole numbers": (partial(SUM, (3, 3, 9, 9), dtype=np.uint8),
+                      r"from 0 to 1, got whole numbers \(uint8\)"),
+    "two channels": (partial(SUM, (3, 3, 20, 20, 2)),
+                     "takes grey light fields and those of 3 channels, got 2"),
+    "slope": (partial(SUM, (3, 3, 20, 20), np.inf), "slopes must be one or more finite numbers"),
+    "RefNet's slopes": (partial(refocus, SMALL[1][0], (9, 9, 20, 20), [0.2, 0.9]),
+                        "does slopes from -1 to 0.875 pixels .* got 0.9"),
+    "RefNet's square": (partial(refocus, SMALL[1][0], (9, 7, 20, 20)), "got 9 x 7 and 1 x 1"),
+    "small after averaging": (partial(REFOCUSNET, (3, 3, 30, 40), 0.5, (2, 2)), "got 15 x 20"),
+    **{f"images below {side}, {k}": (
+        partial(refocus, system, (9, 9, side - 1, 60)),
+        f"needs images of {side} pixels or more along each side, got {side - 1} x 60",
+    ) for k, (system, side) in enumerate(SMALL)},
+    **{f"views, {choose.__name__}": (partial(choose, 5, 9, **more), words + " needed, got 5 x 9")
+       for choose, more, words in (
+           (formulas.square_of_views, {"side": 7}, "7 x 7 views are"),
+           (formulas.outer_square_of_views, {}, "7 x 7 views are"),
+           (formulas.cross_of_views, {}, "9 x 9 views are"),
+           (formulas.lattice_of_views, {}, "9 x 9 views are"),
+           (formulas.diamond_of_views, {}, "A square of 3 x 3 views or more is"))},
+    "small window": (partial(scales, (10, 50)), "11 pixels or more along each side, got 10 x 50"),
+    **{f"{name}, {words}": (partial(search, region, slopes), words)
+       for name, search in (("slope", REGION), ("regions", CROSS))
+       for region, slopes, words in (
+           ((0, 5, 0, 50), (-1, 1), "11 pixels or more along each side, got 5 x 50"),
+           ((0, 61, 0, 50), (-1, 1), "inside the 60 x 120 lenslets, got"),
+           ((0, 50, 0, 50), (1, 1), "two rising numbers, got 1 and 1"),
+           ((0, 50, 0, 50), (-np.inf, 0), "two rising numbers, got -inf and 0"),
+           ((0, 50, 0, 5.5), (-1, 1), "four whole numbers inside"))},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), INPUTS.values(), ids=INPUTS)
+def test_bad_input_is_refused_in_one_sentence(call, words):
+    with pytest.raises(InputError, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+WEIGHTS = {
+    "there is no such file": lambda path: None,
+    "is no NumPy file of plain arrays": lambda path: path.write_bytes(b"no zip"),
+    "w1 is no plain array of numbers": lambda path: np.savez(path, w1=np.array([None])),
+    "w1 and b1 must have shapes .* got missing and": lambda path: np.savez(path, b1=zeros(64)),
+    r"got \(3, 3, 3, 64\)": lambda path: np.savez(path, w1=zeros(3, 3, 3, 64), b1=zeros(64)),
+}
+
+
+@pytest.mark.parametrize("words", WEIGHTS)
+def test_a_file_without_the_weights_is_refused(tmp_path, words):
+    WEIGHTS[words](tmp_path / "weights.npz")
+    with pytest.raises(InputError, match=words):
+        load_official_weights(NET, tmp_path / "weights.npz")
+
+
+def test_the_papers_network_is_for_its_own_camera_and_slopes(coarse_data):
+    """A network whose plane k is as bright as k tenths."""
+    seen = keras.Input((24, 48, 1))
+    planes = keras.ops.stack([0 * seen + k / 10 for k in range(4)], axis=1)
+    slopes = [1.0, 0.5, 0.0, -0.5]
+    system = ResNet50(keras.Model(seen, planes), read_config(coarse_data[1]), slopes)
+    views = zeros(9, 9, 48, 96)
+    stack = system.refocus(views, [-0.5, 0.5], (2, 2))
+    np.testing.assert_allclose(stack, np.broadcast_to(np.float32([[[0.3]], [[0.1]]]), (2, 24, 48)))
+    for wrong, slope, block, words in [
+        (views, 0.3, (2, 2), "only does the slopes 1.00, 0.50, 0.00, -0.50, got 0.3"),
+        (views[:5, :5], 0.5, (2, 2), "a camera of 9 x 9 views, got 5 x 5"),
+        (views, 0.5, (1, 1), "48 x 96 lenslets, 2 x 2 to a pixel, got .* and 1 x 1"),
+        (views[..., None].repeat(3, -1), 0.5, (2, 2), "trained on grey light fields"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            system.refocus(wrong, slope, block)
+
+
+def config_of(data, **more):
+    values = {
+        "seed": 3,
+        "training_samples": {"data": [str(path) for path in data]},
+        "presets": {"smoke": {"training_samples": 4, "held_out": 2}},
+        "systems": {"refnet": {"epochs": 1}, "volumetric": {"epochs": 1}},
+    }
+    return build(SystemsConfig, values | more, "test")
+
+
+OPTIONS = {
+    "preset": ({"presets": {"x": {"training_samples": 1, "held_out": 1, "steps_per_epoch": 0}}},
+               "epochs and steps_per_epoch must be from 1 to 999999, got 1, 1, 0."),
+    "system": ({"systems": {"x": {"epochs": 1}}}, "systems must be of aperturenet, .*got x"),
+    "epochs": ({"systems": {"refnet": {"epochs": 0}}}, "from 1 to 999999 .* got 0, 100, 16"),
+    "patch": ({"systems": {"refnet": {"epochs": 1, "patch": 11}}}, "12 or more, got 11"),
+    "unknown system": ({"train": ("refocus", "smoke")}, "one of refnet, volumetric, got 'refocus'"),
+    "unknown preset": ({"train": ("refnet", "slow")}, "must be one of smoke, got 'slow'"),
+    "leaves": ({"training_samples": {"data": ["x"], "leaves": 1.5}}, "got 1, 1.5, 6, 9"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "words"), OPTIONS.values(), ids=OPTIONS)
+def test_bad_options_are_refused_in_one_sentence(tmp_path, options, words):
+    name, preset = options.pop("train", ("refnet", "smoke"))
+    with pytest.raises(InputError, match=words):
+        train_system(config_of(["x"], **options), name, preset, tmp_path)
+
+
+def test_a_folder_that_holds_another_run_or_none_is_refused(system_runs, coarse_data, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(system_runs / "refocusnet", run)
+    with pytest.raises(InputError, match="holds a run with another system"):
+        train_system(config_of(coarse_data), "volumetric", "smoke", run)
+    not_its_own = "model.keras is not the network that run.json was written for"
+    for damage in (Path.write_bytes, empty_archive):
+        damage(run / "model.keras", b"")
+        with pytest.raises(InputError, match=not_its_own):
+            load_system(run)
+    (run / "run.json").write_text("{")
+    for read in (load_system, partial(train_system, config_of(coarse_data), "refnet", "smoke")):
+        with pytest.raises(InputError, match=r"run\.json is not a JSON file"):
+            read(run)
+    (run / "run.json").unlink()
+    with pytest.raises(InputError, match="no finished run"):
+        load_system(run)
+    keras.Sequential([keras.Input((1,)), keras.layers.Dense(1)]).save(run / "model.keras")
+    for record, words in (
+        ({}, "holds no run of a refocusing system"),
+        ({"system": "other"}, "holds no run of a refocusing system"),
+        ({"system": ["refocusnet"]}, "run.json: system: input should be a valid string"),
+        ({"system": "refocusnet"}, "hold no keras.Sequential"),
+    ):
+        (run / "run.json").write_text(json.dumps(record))
+        with pytest.raises(InputError, match=words):
+            load_system(run)
+
+
+def empty_archive(path, content):
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("config.json", "{}")
