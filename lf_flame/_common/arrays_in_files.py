@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
-from typing import IO, Any, Literal
+from typing import IO, Any
 from zipfile import ZipFile, is_zipfile
 
 import numpy as np
@@ -83,12 +83,6 @@ class ArrayFile:
                 arrays.append(np.lib.format.read_array(file, allow_pickle=False))
         return arrays
 
-    def open(self, name: str) -> "MappedArray":
-        """Open the array of a ``.npy`` file, to read parts of it; a ``.npz`` file is refused."""
-        if self._archive is not None:
-            raise InputError(f"Parts of {self.path} cannot be read: store it as .npy or .zarr.")
-        return MappedArray(self.path)
-
     @contextmanager
     def _open(self, name: str) -> Iterator[IO[bytes]]:
         if self._archive is None:
@@ -114,36 +108,6 @@ def open_arrays(path: str | Path) -> Iterator[ArrayFile]:
         return
     with archive:
         yield ArrayFile(path, archive)
-
-
-class MappedArray:
-    """Array in a ``.npy`` file, parts of which are read and written.
-
-    The file is mapped for each part only, because the memory of a process counts what is mapped.
-    `held` is kept as long as the array, such as the temporary folder that holds it.
-    """
-
-    def __init__(self, path: str | Path, held: Any = None):
-        self._path, self._held = path, held
-        with open_arrays(path) as file:
-            header = file.header("")
-        self.shape, self.dtype = header.shape, header.dtype
-
-    @classmethod
-    def new(cls, path: str | Path, shape: tuple[int, ...], held: Any = None) -> "MappedArray":
-        """Make a file of zeros, float32."""
-        np.lib.format.open_memmap(path, "w+", np.float32, shape)
-        return cls(path, held)
-
-    def __getitem__(self, key: Any) -> np.ndarray:
-        return np.array(self._map("r")[key])
-
-    def __setitem__(self, key: Any, values: np.ndarray) -> None:
-        self._map("r+")[key] = values
-
-    def _map(self, mode: Literal["r", "r+"]) -> np.ndarray:
-        with readable(self._path, NUMPY_ERRORS):
-            return np.load(self._path, mmap_mode=mode, allow_pickle=False)
 
 
 # HDF5 ---------------------------------------------------------------------------------------------
@@ -172,16 +136,14 @@ class Hdf5File:
 
     Such a file can name other files (external links, external storage, virtual arrays) and filters
     that the library would load as programs. Only arrays that lie in the file itself, plain or
-    packed by DEFLATE, are listed; the library is not given any other.
+    packed by DEFLATE, are listed; the library is not given any other. MATLAB stores axes in
+    reverse; headers and arrays have the order of axes that it shows.
 
     Attributes
     ----------
     path : Path
     names : list of str
         Names of the arrays, with their groups: ``LF``, ``scene/views``.
-    reversed : bool
-        Whether the axes are stored in reverse, as MATLAB does. Headers and arrays have the order
-        of axes that MATLAB shows; those of `open` are as stored.
     numbers : dict of str to float
         Attributes of the file itself that are one number.
     """
@@ -193,7 +155,7 @@ class Hdf5File:
             raise InputError(
                 "HDF5 and MATLAB 7.3 files are read by h5py: pip install 'lf_flame[hdf5]'."
             ) from None
-        self._h5py, self.path, self.reversed = h5py, Path(path), is_matlab_hdf5(path)
+        self._h5py, self.path, self._reversed = h5py, Path(path), is_matlab_hdf5(path)
         self._found: dict[str, ArrayHeader] = {}
         with readable(path, HDF5_ERRORS), h5py.File(path, "r") as file:
             self._search(file, "", MOST_OBJECTS)
@@ -217,14 +179,7 @@ class Hdf5File:
             for name in names:
                 self._check(file[name], name)
                 arrays.append(file[name][()])
-        return [array.T if self.reversed else array for array in arrays]
-
-    def open(self, name: str) -> Any:
-        """Open an array, to read parts of it; it is checked as by `read`."""
-        with readable(self.path, HDF5_ERRORS):
-            dataset = self._h5py.File(self.path, "r")[name]  # holds the file open
-            self._check(dataset, name)
-        return dataset
+        return [array.T if self._reversed else array for array in arrays]
 
     def _search(self, group: Any, prefix: str, left: int) -> int:
         """Note the arrays of a group and of those in it; returns how many objects may still come.
@@ -247,7 +202,7 @@ class Hdf5File:
                 # The library opens the sources of a virtual array to find its shape.
                 shape, dtype = one.shape, one.dtype
                 if shape is not None and dtype.kind in "biuf":
-                    shape = shape[::-1] if self.reversed else shape
+                    shape = shape[::-1] if self._reversed else shape
                     self._found[f"{prefix}{name}"] = ArrayHeader(shape, dtype)
         return left
 

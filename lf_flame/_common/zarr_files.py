@@ -72,15 +72,8 @@ class ZarrFile:
         array = self._arrays[name]
         return ArrayHeader(array.shape, array.dtype)
 
-    def open(self, name: str) -> Any:
-        """Open an array, to read parts of it.
-
-        Raises
-        ------
-        InputError
-            If it is packed in a way that could run code, one chunk exceeds the memory limit, or a
-            chunk's file is missing.
-        """
+    def _check(self, name: str) -> Any:
+        """Refuse codecs that could run code, too large chunks, and missing files."""
         array = self._arrays[name]
         record = array.metadata.to_dict()
         if record["zarr_format"] == 2:
@@ -96,14 +89,8 @@ class ZarrFile:
         return array
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times.
-
-        Raises
-        ------
-        InputError
-            If one is damaged, or they exceed the memory limit.
-        """
-        arrays = [self.open(name) for name in names]
+        """Read arrays by name, if they fit into memory `copies` times."""
+        arrays = [self._check(name) for name in names]
         needed = sum(prod(array.shape) * array.dtype.itemsize for array in arrays)
         check_memory(int(copies * needed), self.path)
         with readable(self.metadata, ZARR_ERRORS):
