@@ -295,14 +295,10 @@ class LightField:
         return fill_unknown(self.views.reshape(shape), self.valid).reshape(self.views.shape)
 
     def __repr__(self) -> str:
-        return f"LightField({self._words})"
-
-    @property
-    def _words(self) -> str:
         v, u, t, s = self.views.shape[:4]
         kind = {1: "grey", 3: "colour"}.get(self.channels, f"{self.channels} channels")
         placed = "" if self.positions is None else ", each at its own position"
-        return f"{v} x {u} views of {t} x {s} pixels, {kind}{placed}"
+        return f"LightField({v} x {u} views of {t} x {s} pixels, {kind}{placed})"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
@@ -338,17 +334,6 @@ class LightField:
             f"are unknown: saturated, bad, or of lenslets that are too dark; they are left out, or "
             f"filled from around"
         )
-
-    def _repr_html_(self) -> str:
-        """Show the central view and the size in a notebook."""
-        from lf_flame._common.notebook_html import paragraph, picture
-
-        v, u, t, s = self.views.shape[:4]
-        middle = self.views[(v - 1) // 2, (u - 1) // 2].reshape(t, s, self.channels)
-        shown = middle if self.channels == 3 else middle.mean(axis=2)
-        white = max(float(shown.max()), float(np.finfo(np.float32).tiny))
-        levels = np.rint(255 * np.clip(shown / white, 0, 1)).astype(np.uint8)
-        return picture(levels, "Central view") + paragraph(f"Light field: {self._words}")
 
 
 def refuse_placed(light_field: Any, what: str) -> None:
