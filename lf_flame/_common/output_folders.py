@@ -130,3 +130,12 @@ def _refuse_foreign_files(folder: Path, names: list[str], record: str) -> None:
                 f"{folder} is not replaced: {record} does not list {name} in it; move that away, "
                 f"or name another folder."
             )
+
+
+def recorded_path(path: str | Path, folder: str | Path) -> str:
+    """Path of another file or folder, as a record in `folder` stores it.
+
+    Links are resolved first: the system follows a link before it applies ``..``, so that a path
+    relative to the link's own place would lead elsewhere.
+    """
+    return os.path.relpath(os.path.realpath(path), os.path.realpath(folder))

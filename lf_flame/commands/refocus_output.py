@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common import figures
-from lf_flame._common.output_folders import OutputFolder, output_folder
-from lf_flame._common.recorded_paths import recorded_path
+from lf_flame._common.output_folders import OutputFolder, output_folder, recorded_path
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
