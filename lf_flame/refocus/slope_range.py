@@ -87,7 +87,7 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     """
     weights = as_weights(None, light_field)
     limit = farthest_slope(light_field)
-    small, block = reduced(light_field, SIDE)
+    small, block = _reduced(as_views(light_field))
     tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
     found = find_sharpest_slopes(small, tiles=tiles, weights=weights)
     slopes = block * np.array([one.slope for one in found]).reshape(tiles)
@@ -113,19 +113,13 @@ def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     return sure & (agrees | (confidence >= ALONE))
 
 
-def reduced(light_field: Views, side: int) -> tuple[np.ndarray, int]:
-    """Grey views, with blocks of lenslets averaged so that the longer side is about `side`.
+def _reduced(views: np.ndarray) -> tuple[np.ndarray, int]:
+    """Grey views, averaged over blocks of lenslets to a longer side of about `SIDE`.
 
-    Incomplete blocks at the ends are left out.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, t / block, s / block)
-    int
-        Number of lenslets along each side of a block, by which slopes are smaller.
+    Incomplete blocks at the ends are left out. Also returns the lenslets along a block's side, by
+    which slopes are smaller.
     """
-    views = as_views(light_field)
-    block = max(1, round(max(views.shape[2:4]) / side))
+    block = max(1, round(max(views.shape[2:4]) / SIDE))
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
     v, u, t, s = grey.shape
     t, s = t // block, s // block
