@@ -289,7 +289,7 @@ class Scene:
     def __repr__(self) -> str:
         depths = ", ".join(f"{layer.depth_mm:g}" for layer in self.layers[:8])
         more = ", ..." if len(self.layers) > 8 else ""
-        return f"Scene({len(self.layers)} layers, depths in mm: {depths}{more})"
+        return f"Scene(layers at {depths}{more} mm)"
 
     @property
     def front_to_back(self) -> tuple[Layer, ...]:
