@@ -17,8 +17,8 @@ import pandas as pd
 from experiments.command_parts import step_bar
 from experiments.report import markdown, write_report
 from experiments.timing import in_turn, measure_bandwidth
-from lf_flame._common.arrays import area_average
 from lf_flame._common.figures import subplots
+from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import psnr

@@ -9,7 +9,7 @@ from tifffile import imwrite
 
 from lf_flame import InputError, LightField, read_light_field
 from lf_flame.commands.cli import commands
-from lf_flame.formats import open_light_field, scan_view_folder, write_lenslet_image
+from lf_flame.formats import scan_view_folder, write_lenslet_image
 from lf_flame.formats.view_files.parallax_order import find_order
 from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.refocus import find_sharpest_slope
@@ -71,13 +71,6 @@ def test_the_stated_grid_is_that_of_the_light_field(tmp_path, rng, order, kind):
     ):
         read_light_field(path, grid="5x3", **stated)
     assert find_sharpest_slope(found, np.arange(-2, 2.1, 0.25)).slope == pytest.approx(1, abs=0.02)
-
-
-def test_an_opened_array_is_in_the_order_of_the_one_read(tmp_path, rng):
-    views = moved(rng)
-    path, stated = write(tmp_path / "a", counted(views, "col,-row"), ".npy")
-    opened = open_light_field(path, grid="3x5", **stated)
-    np.testing.assert_array_equal(opened.view(1, 4), views[1, 4] / np.float32(255))
 
 
 @pytest.mark.parametrize(("shape", "grid"), [((3, 5), "3x5"), ((3, 3), None)])
