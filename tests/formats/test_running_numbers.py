@@ -112,12 +112,6 @@ def test_names_may_count_columns_before_rows_of_the_stated_grid(tmp_path, rng):
         read_light_field(tmp_path, grid="5x3")
 
 
-def test_without_a_grid_the_refusal_names_those_that_fit(rng):
-    for count, said in ((35, "--grid 5x7 or 7x5, or as --grid 1x35, if"), (7, "as --grid 1x7, if")):
-        with pytest.raises(InputError, match=said):
-            fold(rng.normal(size=(count, 30, 30)), "views")
-
-
 def test_where_the_parallax_does_not_tell_the_stated_grid_is_filled_row_by_row(rng):
     row = rng.normal(size=(15, 40, 40))
     lines, found = fold(row, "views", (3, 5))

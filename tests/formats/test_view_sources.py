@@ -247,18 +247,6 @@ def test_views_side_by_side_are_cut_apart(tmp_path, rng, order, colour):
     np.testing.assert_array_equal(stored[2, 1], lines[2, 1] / np.float32(255))
 
 
-def test_mosaics_that_do_not_fit_are_refused(tmp_path):
-    Image.new("L", (90, 60)).save(tmp_path / "a.png")
-    np.save(tmp_path / "a.npy", np.ones((2, 2, 3, 4)))
-    with pytest.raises(InputError, match=r"7 x 3 views needs sides .* has 60 x 90 pixels"):
-        read_light_field(tmp_path / "a.png", mosaic="7x3")
-    with pytest.raises(InputError, match=r"mosaic must be rows x columns of views, .* got '8'"):
-        read_light_field(tmp_path / "a.png", mosaic="8")
-    for path, stated in (("a.npy", {}), (".", {}), ("a.png", {"grid": "3x3"})):
-        with pytest.raises(InputError, match=r"(mosaic|grid) counts views .*, not in "):
-            read_light_field(tmp_path / path, mosaic="3x3", **stated)
-
-
 def test_the_program_says_the_order_that_it_found_and_what_is_missing(tmp_path, rng):
     views = drawn(rng)
     files = numbered(views)
