@@ -73,6 +73,34 @@ def test_the_stated_grid_is_that_of_the_light_field(tmp_path, rng, order, kind):
     assert find_sharpest_slope(found, np.arange(-2, 2.1, 0.25)).slope == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("side", "order"),
+    [
+        (2, "row,col"),
+        (3, "-row,col"),
+        (2, "col,row"),
+        (2, "snake,row,col"),
+        (4, "snake,-row,col"),
+        (3, "snake,col,row"),
+    ],
+)
+def test_a_square_needs_no_grid(tmp_path, rng, side, order):
+    views = moved(rng, views=(side, side))
+    row = counted(views, order)
+    (folder, _), (pages, _) = (write(tmp_path / "a", row, kind) for kind in ("folder", ".tif"))
+    for given in (None, order):
+        for path in (folder, pages):
+            found = read_light_field(path, order=given).views
+            np.testing.assert_array_equal(found, views / np.float32(255))
+    if "snake" in order:
+        assert f"order {order}, every other" in scan_view_folder(folder).describe()
+    else:
+        lines = row.reshape(side, *views.shape[1:])
+        imwrite(tmp_path / "b.tif", lines, imagej=True, metadata={"axes": "TZYX"})
+        found = read_light_field(tmp_path / "b.tif").views
+        np.testing.assert_array_equal(found, views / np.float32(255))
+
+
 def test_an_opened_array_is_in_the_order_of_the_one_read(tmp_path, rng):
     views = moved(rng)
     path, stated = write(tmp_path / "a", counted(views, "col,-row"), ".npy")

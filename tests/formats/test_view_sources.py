@@ -4,14 +4,13 @@ import io
 import struct
 import tracemalloc
 import zipfile
-from itertools import product
 
 import numpy as np
 import pytest
 import tifffile
+from builders import textured
 from click.testing import CliRunner
 from PIL import Image
-from scipy.ndimage import gaussian_filter, shift
 
 from lf_flame import InputError, read_light_field
 from lf_flame._common.memory import LIMIT
@@ -20,14 +19,9 @@ from lf_flame.formats import read_view_mosaic, scan_view_folder
 from lf_flame.formats.coding import notes_on_coding
 
 
-def drawn(rng, views=(3, 4), size=(60, 66), slope=0.7):
-    """Draw a plane of blurred noise at a slope, as levels of 8 bits."""
-    texture = gaussian_filter(rng.normal(size=[n + 40 for n in size]), 2)
-    texture = 255 * (texture - texture.min()) / np.ptp(texture)
-    rows, columns = (slope * (np.arange(n) - (n - 1) / 2) for n in views)
-    moved = [shift(texture, (row, column), order=1) for row, column in product(rows, columns)]
-    inner = np.array(moved)[:, 20:-20, 20:-20]
-    return np.rint(inner.clip(0, 255)).astype(np.uint8).reshape(*views, *size)
+def drawn(rng, views=(3, 4)):
+    """Draw a plane of blurred noise, as levels of 8 bits."""
+    return np.rint(255 * textured(rng, 0.7, views, (60, 66))).astype(np.uint8)
 
 
 def png(view):
