@@ -15,7 +15,7 @@ from scipy import ndimage
 from lf_flame import InputError, Layer, LightField, Scene, render
 from lf_flame.formats import read_light_field, read_raw, write_view_folder
 from lf_flame.formats.images import write_image
-from lf_flame.formats.raw.grid_fit import flattened
+from lf_flame.formats.raw.grid_fit import _peaks, flattened
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.reading import decode_raw
 from lf_flame.formats.raw.resampling import MOVE, _weights
@@ -155,6 +155,18 @@ def test_flattening_takes_out_the_mean_under_a_triangle(width):
     found = flattened(np.tile(1 + wave, (100, 1)), width)
     expected = (1 - d**2) * wave / (1 + d**2 * wave)
     np.testing.assert_allclose(found[:, 60:-60], np.tile(expected, (100, 1))[:, 60:-60], atol=1e-12)
+
+
+@pytest.mark.parametrize(("down", "along"), [(0.0, 0.0), (1.45, 1.45)])
+def test_peaks_are_found_from_a_step_and_a_half_away(down, along):
+    """Each parabola moves by a step at most; a Gaussian's curvature is that of its middle part."""
+    y, x, step = *np.indices((40, 44)), 2.0
+    true = 20.3, 21.6
+    image = np.exp(-((y - true[0]) ** 2 + (x - true[1]) ** 2) / (2 * 3.0**2))
+    start = true[0] + down * step, true[1] + along * step
+    top_y, top_x, curvature = _peaks(ndimage.spline_filter(image), *np.array([start]).T, step)
+    np.testing.assert_allclose([top_y[0], top_x[0]], true, atol=1e-3)
+    assert curvature[0] == pytest.approx(2 - 2 * np.exp(-(step**2) / (2 * 3.0**2)), rel=0.01)
 
 
 @given(
