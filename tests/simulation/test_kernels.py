@@ -112,22 +112,6 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
         assert instruction in machine_code["stop and skew"]
 
 
-def test_float32_image_equals_float64_within_rounding(small_camera, rng):
-    """The exact integrator's image against the same weights multiplied out in float64."""
-    from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
-
-    layer = Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))
-    weights = []
-    for axis in (0, 1):
-        footprint = trace_footprint(small_camera, layer.depth_mm, axis)
-        edges = layer.cell_edges_mm(axis) - footprint.centres_mm[..., None]
-        widths = abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm)
-        weights.append(np.diff(trapezoid_cdf(edges, *widths), axis=-1))
-    expected = np.einsum("vti,ij,usj->vuts", weights[0], layer.texture, weights[1])
-    views = render(Scene([layer]), small_camera).views
-    np.testing.assert_allclose(views, expected, rtol=2e-7, atol=1e-12)
-
-
 def falloff(camera):
     """Fourth power of the cosine behind the lenslet towards each pixel's middle: [v, u, t, s]."""
     squares = []
