@@ -13,7 +13,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import zarr
-from skimage.transform import resize
 
 from lf_flame import InputError, Scene, Sensor, plan_effects, render
 from lf_flame.datasets.config import read_config
@@ -96,18 +95,6 @@ def test_each_object_is_searched_where_it_stands(tiny):
             first, end = search.region[2 * axis : 2 * axis + 2]
             assert first == 0 or 3 <= places[0] - first <= 9
             assert end == length or 3 <= end - 1 - places[-1] <= 9
-
-
-def test_input_is_the_raw_image_resized_by_area(tiny):
-    scene, _ = tiny.template.draw(None)
-    light_field = render(scene, tiny.camera)
-    raw = light_field.to_raw()
-    block = [n // m for n, m in zip(raw.shape, tiny.image, strict=True)]
-    expected = raw.reshape(tiny.image[0], block[0], tiny.image[1], block[1]).mean(axis=(1, 3))
-    found = tiny.encode(light_field)[..., 0]
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-    # scikit-image's anti-aliased resize is a smoother cousin of the same thing
-    assert np.abs(found - resize(raw, tiny.image, anti_aliasing=True)).mean() < 0.03
 
 
 def test_network_input_holds_no_angular_information(tiny):
