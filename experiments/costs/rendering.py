@@ -17,11 +17,10 @@ import pandas as pd
 from numba import njit
 
 from experiments import timing
-from experiments.command_parts import step_bar
 from experiments.effects.effects import Trial, effect_trials
 from experiments.effects.tracer import flat_views
-from experiments.paths import DATA_SETS
-from experiments.report import markdown, write_report
+from experiments.inputs import DATA_SETS
+from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn, on_threads
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots

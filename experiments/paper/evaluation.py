@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from experiments.histories import recipe_in_words
 from experiments.paper.figures import result_figure, sharpness_figure
 from experiments.paper.tables import compare_with_paper, read_paper_values, result_markdown
 from experiments.report import markdown, write_report
@@ -88,7 +87,7 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
         predictions[0],
         dataset.config.depths_mm,
         f"{record['title']}: sample {indices[0]}, the first of the test split "
-        f"({recipe_in_words(record['preset'])})",
+        f"({record['preset']} recipe)",
     )
     figures.save(picture, out / f"{figure}.png")
     write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))

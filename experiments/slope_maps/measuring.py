@@ -9,8 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, median_filter, shift
 
-from experiments.command_parts import step_bar
-from experiments.report import markdown, write_report
+from experiments.report import markdown, step_bar, write_report
 from experiments.slope_maps import scenes
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import all_in_focus, shift_and_sum

@@ -11,9 +11,8 @@ from builders import shapes
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.depth_scenarios import draw_scenario, make_scenarios
 from experiments.depth_test.permutation import run_depth_test, share_memorised
-from experiments.held_out import find_scenes
+from experiments.inputs import draw_scenario, find_scenes, make_scenarios
 from experiments.systems.compared import resnet_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
