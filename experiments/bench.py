@@ -71,9 +71,6 @@ def largest_difference(theirs: np.ndarray | float, ours: np.ndarray | float) -> 
     return f"differ by {np.max(np.abs(ours - theirs)) / np.max(np.abs(theirs)):.0e} at most"
 
 
-# Refocusing
-
-
 def refocusing_cases(small: bool) -> Iterator[Case]:
     """Yield light fields of noise, on which any error of a shift shows, at four slopes."""
     sizes = [(5, 5, 12, 18)] if small else [(15, 15, 90, 180), (15, 15, 270, 540)]
@@ -112,9 +109,6 @@ def _shifted_sum(lines: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     moved, rest = lines[np.arange(len(lines))[:, None], places], (shifts - whole).astype(np.float32)
     near, far = np.tensordot(np.stack([1 - rest, rest]), moved, axes=1)
     return near[:-1] + far[1:]
-
-
-# Decoding raw images
 
 
 def decoding_cases(small: bool) -> Iterator[Case]:
@@ -169,9 +163,6 @@ def correlation(theirs: np.ndarray, ours: np.ndarray) -> str:
     return f"views correlate by {found:.4f}"
 
 
-# Rendering
-
-
 def rendering_cases(small: bool) -> Iterator[Case]:
     """Yield a scene of each data set as its camera records it, from scene to light field."""
     for path in DATA_SETS[:1] if small else DATA_SETS:
@@ -212,9 +203,6 @@ def rendered(scene, camera, tolerance: float, integrator: str) -> np.ndarray:
 def error(theirs: np.ndarray, ours: np.ndarray) -> str:
     """Root-mean-square difference relative to the brightest pixel."""
     return f"rms difference {math.sqrt(np.mean((ours - theirs) ** 2)) / theirs.max():.0e}"
-
-
-# Training
 
 
 def training_cases(small: bool) -> Iterator[Case]:

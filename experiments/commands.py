@@ -10,8 +10,7 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, UsablePath
-from lf_flame.errors import InputError
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange, UsablePath
 from lf_flame.learning.keras_loading import load_keras
 
 
@@ -188,7 +187,8 @@ def study(study: Path, out: Path, work: Path, workers: int, imagenet: Path | Non
 @cloup.command("depth-test")
 @click.argument("runs", nargs=-1, required=True, type=FOLDER)
 @out_option("depth_test")
-@click.option("--samples", default=16, show_default=True, help="Scenes for each scenario.")
+@click.option("--samples", type=click.IntRange(min=1), default=16, show_default=True,
+              help="Number of scenes for each scenario.")  # fmt: skip
 def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     """Test whether trained networks see depth, or have memorised it.
 
@@ -205,8 +205,8 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
 @out_option("costs")
 @click.option("--chapter", type=click.Choice(["all", "simulation", "refocusing"]), default="all",
               show_default=True)  # fmt: skip
-@click.option("--budget-s", default=150.0, show_default=True,
-              help="Seconds for the methods of integration.")  # fmt: skip
+@click.option("--budget-s", type=FiniteRange(min=0, min_open=True), default=150.0,
+              show_default=True, help="Seconds for the methods of integration.")  # fmt: skip
 @click.option("--run", type=FOLDER, default="runs/closed-form", show_default=True,
               help="Folder of trained networks, RUN/shapes and RUN/flames.")  # fmt: skip
 def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
@@ -217,8 +217,6 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     """
     from experiments.costs import rendering
 
-    if not budget_s > 0:
-        raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
     if chapter != "refocusing":
         show(rendering.write(out, rendering.measure_costs(budget_s)))
     if chapter != "simulation":

@@ -165,10 +165,9 @@ def measure_costs(
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
 ) -> dict:
-    """Measure error against seconds, by default on the paper's data sets; returns the record.
+    """Measure methods on studies and effects on trials; defaults: the paper's data sets.
 
-    The budget, the time of all methods together, bounds their rays. The studies are the scenes of
-    the methods, the trials those of the effects.
+    The budget, the time of all methods together, bounds their rays.
     """
     started = time.perf_counter()
     studies = study_scenes(*DATA_SETS) if studies is None else studies

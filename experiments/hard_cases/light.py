@@ -1,4 +1,4 @@
-"""Images in and out of focus, sums, absorbers, stops, noise, units and threads."""
+"""Images in and out of focus, stops, sums of many rays and slabs, and absorbers."""
 
 import math
 from dataclasses import replace

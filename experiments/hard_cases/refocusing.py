@@ -36,7 +36,7 @@ def naive_slope(views: np.ndarray) -> float:
 
 
 @hard_case(
-    "sharpest slope of a pattern of contrast 1e-3 to 1e-5, or of brightness 2^-100 to 2^127",
+    "sharpest slope at contrast 1e-3 to 1e-5, or brightness 2^-100 to 2^127",
     "float32 E[x^2] - E[x]^2",
     "gradients of pixels scaled by powers of 2",
     0.01,

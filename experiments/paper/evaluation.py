@@ -22,10 +22,7 @@ from lf_flame.learning.scores import WINDOWS, score
 
 
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, list[float]]:
-    """Score SSIM with several windows, because the paper does not state its own.
-
-    For images [n, plane, h, w]; returns the mean over the samples of each plane, by window.
-    """
+    """Score SSIM of each plane with several windows, because the paper does not state its own."""
     pairs = list(zip(targets, predictions, strict=True))
     return {
         window: np.mean(
@@ -36,10 +33,9 @@ def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, lis
 
 
 def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
-    """Score images that need no network: the mean training image, and the input image itself.
+    """Score images that need no network, a row for each of them and each plane.
 
-    The latter if the input is one image of the targets' size. One row a plane and baseline;
-    columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``, ``psnr_foreground_db``.
+    The mean training image and, if it has the targets' size, the input image itself.
     """
     targets = dataset.targets[test]
     mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)

@@ -34,13 +34,8 @@ def result_figure(
 ):
     """Draw Figure 7 or 8 of the paper: input, reference, prediction, and the error.
 
-    Parameters
-    ----------
-    light_field : LightField
-        Drawn as the raw lenslet image, with an enlarged part in which micro-images can be seen.
-    light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
-        Input of the network.
-    targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
+    The light field is drawn as the raw lenslet image, with an enlarged part in which micro-images
+    can be seen; beside it the network's input, (h, w) or (h, w, 3), and images (planes, h, w).
     """
     planes = len(targets)
     errors = predictions - targets

@@ -140,8 +140,7 @@ def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str
 def measure(kinds: Mapping = scenes.KINDS, seeds: Sequence[int] = SEEDS) -> tuple[dict, dict]:
     """Score the maps of all scenes by all methods.
 
-    Returns the record, and for the first scene of each kind its central view, true slopes and the
-    slopes by each method.
+    Returns the record, and of each kind's first scene central view, true slopes and all maps.
     """
     for method in METHODS.values():  # compiles what is compiled
         method(np.zeros((3, 3, 40, 40), np.float32), SEARCHED)

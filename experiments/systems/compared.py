@@ -118,10 +118,10 @@ def _refuse(reason: str) -> None:
 
 
 def training_of(folder: Path) -> dict:
-    """Read steps and seconds of a run's training, and its PSNR on held-out samples meanwhile.
+    """Read steps and seconds of a run's training, and its PSNR meanwhile; {} without a run.
 
     The seconds are those of the median epoch times the epochs, whatever else the machine did, and
-    without drawing the training samples. Nothing is returned where there is no finished run.
+    without drawing the training samples.
     """
     try:
         record = load_run(folder)
