@@ -94,7 +94,7 @@ def effects(out: Path, scenes: int, seed: int) -> None:
 def hard_cases(out: Path) -> None:
     """Compute hard cases exactly, by the obvious formula, and by this package.
 
-    OUT gets hard_cases.csv, .md, .png and .json, the record. It takes minutes.
+    OUT gets hard_cases.csv, .md, .png and .json, the record. It takes about half a minute.
     """
     from experiments.hard_cases.report import run_hard_cases
 
