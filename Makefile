@@ -95,7 +95,6 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml 
 # `python -m experiments` (see experiments/README.md).
 costs: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## measure what accuracy costs in time: simulation, refocusing, learning
 	$(EXPERIMENT) costs --run $(RUNS)
-	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames
 	$(EXPERIMENT) study experiments/studies/learning_costs.toml --out results/costs
 hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formula, and by lf_flame
 	$(EXPERIMENT) hard-cases
