@@ -23,9 +23,9 @@ from skimage.transform import downscale_local_mean
 from experiments.inputs import DATA_SETS, HeldOut, find_scenes
 from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn
-from lf_flame._common.arrays import area_average
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig, read_config
+from lf_flame.datasets.encodings import area_average
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import psnr, ssim

@@ -213,7 +213,7 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
     for name in ("Makefile", "setup.cfg", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
-    kept = shutil.ignore_patterns("results", "benchmarks")
+    kept = shutil.ignore_patterns("results")
     shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
     results = tmp_path / "experiments" / "results"
 
@@ -247,7 +247,7 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
     for name in ("Makefile", "setup.cfg", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
-    kept = shutil.ignore_patterns("results", "benchmarks")
+    kept = shutil.ignore_patterns("results")
     shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
 
     def trained(target, *variables):

@@ -6,7 +6,7 @@ import tifffile
 from click.testing import CliRunner
 from micro_images import waves
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.commands.cli import commands
 from lf_flame.formats import (
     DecodePlan,
@@ -142,15 +142,6 @@ def test_what_is_known_comes_back_from_npz(tmp_path):
     np.testing.assert_array_equal(less.valid, valid)
     write_light_field(LightField(views), tmp_path / "c.npz")
     assert read_light_field(tmp_path / "c.npz").valid is None
-
-
-@pytest.mark.parametrize(
-    "valid", [np.ones((4, 3, 6, 7)), np.full((3, 4, 6, 7), 2), np.full((3, 4, 6, 7), 1j)]
-)
-def test_odd_masks_in_npz_are_refused(tmp_path, valid):
-    np.savez(tmp_path / "a.npz", views=np.ones((3, 4, 6, 7), np.float32), valid=valid)
-    with pytest.raises(InputError, match="valid must"):
-        read_light_field(tmp_path / "a.npz")
 
 
 def test_commands_say_what_is_unknown_and_which_files_do_not_hold_it(tmp_path):
