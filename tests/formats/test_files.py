@@ -21,8 +21,6 @@ from lf_flame.formats import (
     read_light_field,
     write_focal_stack,
     write_lenslet_image,
-    write_light_field,
-    write_view_folder,
 )
 from lf_flame.formats.images import read_image, write_image
 
@@ -98,6 +96,8 @@ def test_a_lenslet_image_comes_back(tmp_path_factory, shape, bits, suffix, seed)
     path = tmp_path_factory.mktemp("lenslets") / f"raw{suffix}"
     write_lenslet_image(LightField(views), path, bits)
     np.testing.assert_array_equal(read_light_field(path, views=n).views, views)
+    turned = read_light_field(path, order="row,-col", views=n).views
+    np.testing.assert_array_equal(turned, views[:, ::-1])
 
 
 def test_a_lenslet_image_lies_as_eslf_files_do(tmp_path, rng):
@@ -135,20 +135,6 @@ def test_arrays_come_back(tmp_path, rng, dtype, shape):
         views = read_light_field(tmp_path / name).views
         assert views.dtype == np.float32
         np.testing.assert_array_equal(views, (array / np.float32(top)).astype(np.float32))
-
-
-def test_weights_of_views_come_back_from_npz(tmp_path, rng):
-    views = rng.uniform(size=(3, 4, 6, 7)).astype(np.float32)
-    weights = rng.uniform(size=(3, 4)).astype(np.float32)
-    weights[0, 0] = 0
-    write_light_field(LightField(views, weights=weights), tmp_path / "a.npz")
-    np.savez(tmp_path / "b.npz", field=views.transpose(2, 3, 0, 1), weights=weights)
-    for name, axes in (("a.npz", None), ("b.npz", "tsvu")):
-        found = read_light_field(tmp_path / name, axes=axes)
-        np.testing.assert_array_equal(found.views, views)
-        np.testing.assert_array_equal(found.weights, weights)
-    write_light_field(LightField(views), tmp_path / "c.npz")
-    assert read_light_field(tmp_path / "c.npz").weights is None
 
 
 def test_raw_arrays_are_cut(tmp_path, rng):
@@ -195,8 +181,6 @@ def test_arrays_in_another_order_are_named_and_read(tmp_path, rng, axes, shape):
         ("a.h5", (3, 128, 96, 7, 5), "looks like axes cstuv: .* as --axes cstuv "),
         ("a.h5", (3, 128, 96, 5, 5), "looks like axes cstuv: .* as --axes cstuv "),
         ("a.h5", (128, 96, 7, 5), "looks like axes stuv: "),
-        ("a.npy", (128, 96, 7, 5), "looks like axes tsvu: "),
-        ("a.npy", (35, 96, 128), "looks like axes nts: .* as --axes nts --grid 5x7 "),
         ("a.npy", (96, 128, 35), "looks like axes tsn: .* as --axes tsn --grid 5x7 "),
         ("a.npy", (3, 96, 128), "looks like axes cts: .* as --axes cts "),
         ("a.npy", (40, 50, 6, 7, 9), "be .v, u, t, s, c.: state what they are, by --axes "),
@@ -320,21 +304,6 @@ def test_focal_stacks_of_other_programs_have_no_slopes(tmp_path, rng):
     back, slopes = read_focal_stack(tmp_path / "a.tif")
     assert slopes is None
     np.testing.assert_array_equal(back, stack / np.float32(65535))
-
-
-def test_one_door_opens_every_kind(tmp_path, rng):
-    views = levels(rng, (3, 3, 5, 6), bits=16) / np.float32(65535)
-    light_field = LightField(views)
-    write_view_folder(light_field, tmp_path / "folder")
-    write_lenslet_image(light_field, tmp_path / "raw.png")
-    np.save(tmp_path / "views.npy", views)
-    tifffile.imwrite(tmp_path / "views.tif", views, photometric="minisblack")
-    for name in ("folder", "raw.png", "views.npy", "views.tif"):
-        stated = {"views": 3} if name == "raw.png" else {}
-        path = tmp_path / name
-        np.testing.assert_array_equal(read_light_field(path, **stated).views, views)
-        turned = read_light_field(path, order="row,-col", **stated).views
-        np.testing.assert_array_equal(turned, views[:, ::-1])
 
 
 def test_reading_needs_neither_numba_nor_figures():
