@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from lf_flame import InputError, Layer, PlenopticCamera, Scene
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.sensor import Sensor
-from lf_flame.scenes.flames import draw_wrinkles, flame_texture, projected_glow
+from lf_flame.scenes.flames import projected_glow
 from lf_flame.scenes.scene import BRIGHTEST
 from lf_flame.scenes.scene_files import LayerEntry, read_scene
 from lf_flame.scenes.shapes import shape_texture
@@ -30,31 +30,6 @@ def test_projection_is_the_line_integral_of_the_glow(hollow):
 
         integral, _ = quad(glow, -30, 30)
         assert projected_glow(np.array(x), b, hollow) == pytest.approx(integral, rel=1e-9)
-
-
-def test_flame_is_symmetric_hollow_at_the_burner_and_closed_at_the_tip():
-    flame = flame_texture(20.0, 2.4)
-    np.testing.assert_allclose(flame, flame[:, ::-1], atol=1e-12)
-    middle = flame.shape[1] // 2
-    assert flame[-1].argmax() not in (middle - 1, middle)  # brightest beside the axis
-    assert flame[flame.shape[0] // 4].argmax() in (middle - 1, middle)
-    assert flame[0].max() < 0.15
-    assert flame.max() == 1.0
-    assert flame.min() >= 0
-
-
-def test_wrinkles_have_unit_size_on_average(rng):
-    waves = np.array([draw_wrinkles(rng) for _ in range(4000)])
-    mean_square = 0.5 * (waves**2).sum(axis=(2, 3)).mean(axis=0)  # cos^2 and sin^2 average to 1/2
-    np.testing.assert_allclose(mean_square, 1, rtol=0.05)
-
-
-def test_wrinkled_flame_differs_and_is_repeatable():
-    def flame():
-        return flame_texture(20.0, 2.4, draw_wrinkles(np.random.default_rng(3)), 0.2, 0.05)
-
-    np.testing.assert_array_equal(flame(), flame())
-    assert np.abs(flame() - flame_texture(20.0, 2.4)).max() > 0.01
 
 
 def test_heights_have_the_papers_means_and_deviations():
