@@ -120,49 +120,6 @@ def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
     assert not (plain / "sigma.tif").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ([], "either --depths FROM TO STEP or --depth-mm"),
-        (["--depths", 0, 4, 2, "--depth-mm", 1], "either --depths"),
-        (["--depths", 0, 4, 3], "must divide"),
-        (["--depth-mm", -326], "main lens"),
-        (["--depth-mm", 0, "--noise", "nan"], "'nan' is no finite number"),
-        (["--depth-mm", 0, "--l-curve", "--penalty", "variation"], "leave it out with"),
-        (
-            ["--depth-mm", 0, "--dark", "SMALL"],
-            "must have the light field's shape",
-        ),
-        (["--depths", 1e308, 6, 6], "at most 200 planes"),
-        (["--depths", -6, 6, 1e-320], "at most 200 planes"),
-        (["--depth-mm", 1e9], "beyond which all is as at infinity"),
-        (["--depth-mm", 0, "--noise", 1e20], "at most the light field's largest"),
-        (["--depth-mm", 0, "--bootstrap", 10**9], "2 to 10000"),
-        (["--depth-mm", 0, "--seed", -1], "range x>=0"),
-        (["--depth-mm", 0, "--optical-thickness", "thin"], "must be a number or a TIFF file"),
-        (["--depth-mm", 0, "--optical-thickness", 5], "at most 2 in total, got 5"),
-        (["--depth-mm", 0, "--optical-thickness", "no.tif"], "there is no such file"),
-        (["--depth-mm", 0, "--optical-thickness", "TWO"], "1 planes of 48 x 60 pixels, got shape"),
-        (["--depth-mm", 0, "--optical-thickness", "LEVELS"], "floating-point numbers, got uint8"),
-        (["--depth-mm", 0, "--optical-thickness", "BROKEN"], "broken.tif cannot be read"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_writes_nothing(
-    source, camera_file, tmp_path, words, message
-):
-    np.save(tmp_path / "small.npy", np.zeros((5, 5, 8, 8), np.float32))
-    tifffile.imwrite(tmp_path / "two.tif", np.zeros((2, 48, 60), np.float32))
-    tifffile.imwrite(tmp_path / "levels.tif", np.zeros((48, 60), np.uint8))
-    (tmp_path / "broken.tif").write_bytes(b"no picture")
-    files = {"SMALL": "small.npy", "TWO": "two.tif", "LEVELS": "levels.tif", "BROKEN": "broken.tif"}
-    words = [tmp_path / files[word] if word in files else word for word in words]
-    out = tmp_path / "out"
-    result = run("reconstruct", source, "--camera", camera_file, "--out", out, *words)
-    assert result.exit_code != 0
-    assert message in f"{result.output} {result.exception}"
-    assert not out.exists() or not any(out.iterdir())
-
-
 @pytest.mark.slow
 def test_absorption_is_given_back(source, camera_file, tmp_path):
     """The nearer flame is its own (1 - exp(-tau)) / tau brighter, the other one exp(tau) more."""
@@ -188,16 +145,6 @@ def test_absorption_is_given_back(source, camera_file, tmp_path):
         "optical_thickness": "0.4",
         "greatest_optical_thickness": 0.4,
     }
-
-
-def test_a_light_field_of_another_camera_is_refused(source):
-    result = run("reconstruct", source, "--depth-mm", 0)
-    assert "270 x 540 lenslets" in str(result.exception)
-
-
-def test_a_figure_is_a_png(tmp_path):
-    result = run("resolution", "--figure", tmp_path / "resolution.txt")
-    assert "must end in .png" in str(result.exception)
 
 
 def reconstruct_two_colours(camera_file, folder, bootstrap=4):
