@@ -70,21 +70,6 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
-    np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
-    np.save(tmp_path / "bright.npy", views + np.float32(0.2))
-    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, *COARSE]
-    sections = []
-    for name, more in (("ball", []), ("bright", ["--dark", tmp_path / "dark.npy"])):
-        out = tmp_path / f"{name}-found"
-        result = run("abel", tmp_path / f"{name}.npy", *source[1:], *words, *more, "--out", out)
-        assert result.exit_code == 0, result.output
-        assert not (out / "sigma.tif").exists()
-        sections.append(tifffile.imread(out / "section.tif"))
-    assert sections[1] == pytest.approx(sections[0], abs=0.01 * PEAK)
-
-
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
     assert run("abel", *source, "--central", *COARSE, "--out", out).exit_code == 0

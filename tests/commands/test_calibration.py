@@ -108,20 +108,6 @@ def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
     assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
 
 
-@pytest.mark.slow
-def test_emission_is_found_by_the_calibration(boards, tmp_path):
-    """A board is a sheet that glows as its squares do; cells are in mm, depths from the zero."""
-    placed, out, _ = boards
-    source, law = placed[1].rpartition("@")[0], out / "calibration.toml"
-    words = ("--camera", law, "--depth-mm", -8, "--bootstrap", 0)
-    done = run("reconstruct", source, *words, "--out", tmp_path / "r")
-    assert done.exit_code == 0, done.output
-    record = json.loads((tmp_path / "r" / "reconstruct.json").read_text())
-    assert record["depths_mm"] == [-8.0]
-    assert record["cell_mm"][0] == pytest.approx(BENCH.scale(ZERO - 8), rel=3e-4)
-    assert imread(tmp_path / "r" / "emission.tif").mean() == pytest.approx(0.5, abs=0.05)
-
-
 def test_a_file_and_a_calibration_say_what_mm_they_give(boards, tmp_path):
     placed, out, _ = boards
     source, law = placed[0].rpartition("@")[0], out / "calibration.toml"

@@ -302,24 +302,7 @@ def test_a_map_in_which_nothing_is_certain_advises_what_was_not_asked(
     assert ("--map auto finds a range" in result.output) == advised
 
 
-def test_a_second_call_that_fails_leaves_the_pictures_of_the_first(folder, tmp_path, monkeypatch):
-    """The disk is full after the stack and before the movie."""
-    out = tmp_path / "out"
-    run(folder, "--slope", 0.5, "--out", out)
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-
-    def full(*args):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(refocus_output, "write_movie", full)
-    with pytest.raises(OSError, match="No space left"):
-        run(folder, "--slope", 0.25, "--sweep", 0, 1, "--out", out, "--overwrite")
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
-
-
-def test_two_calls_do_not_write_into_one_folder_at_once(folder, tmp_path):
-    with exclusive(tmp_path / "out"), pytest.raises(InputError, match="written by another process"):
-        run(folder, "--slope", 0.5, "--out", tmp_path / "out")
+def test_two_calls_do_not_convert_to_one_file_at_once(folder, tmp_path):
     with exclusive(tmp_path / "a.npy"), pytest.raises(InputError, match="by another process"):
         run(folder, tmp_path / "a.npy", command="convert")
     assert [path.name for path in tmp_path.iterdir()] == ["views"]

@@ -53,6 +53,7 @@ BROKEN_PLANES = {
     "zero": ("reconstruct.json", {"cell_mm": [1, 0]}),
     "none": ("reconstruct.json", {"cell_mm": [], "depths_mm": []}),
     "far": ("reconstruct.json", {"cell_mm": [1.0, 1e308]}),
+    "moved": ("reconstruct.json", {"depths_mm": [4.0, -3.0]}), "alone": ("draws.tif", None),
 }  # fmt: skip
 
 
@@ -65,6 +66,8 @@ def write_planes(folder, name="", content=None):
         record |= content
     elif name:
         files[name] = content
+    if name and content is None:
+        files.pop(name, None)
     write_folder(folder, "reconstruct.json", record, files)
 
 
@@ -304,6 +307,7 @@ REFUSED = [
         ("--optical-thickness broken.tif", "broken.tif cannot be read"),
     ),
     ("reconstruct ball.npy --depth-mm 0", "270 x 540 lenslets"),
+    ("reconstruct ball.npy --camera law.toml --depth-mm 40", "where targets stood, got 40 mm"),
     *each(
         "refocus views",
         ("--depth-mm 3", "need the camera"),
@@ -344,6 +348,14 @@ REFUSED = [
             "nan": "finite float32",
             "cut": "section.tif cannot be read: it is damaged",
             "empty": "must all be of lf-flame abel or all of lf-flame reconstruct",
+        }.items()
+    ),
+    *(
+        (f"temperature planes planes_{name} --wavelengths 550 650", said)
+        for name, said in {
+            "moved": "the same planes",
+            "alone": "--bootstrap 20",
+            "ones": "emission.tif cannot be read",
         }.items()
     ),
     *each(
@@ -388,7 +400,7 @@ REFUSED = [
             "empty": "got 0",
         }.items()
     ),
-    (partial(times_by_names, [Path("f1.npy"), Path("f01.npy")], 9), "the same number"),
+    (partial(times_by_names, [Path("f1.npy"), Path("f01.npy"), Path("f2.npy")], 9), "the same number"),
     (
         partial(times_by_names, [Path(f"t_0.0{x}.npy") for x in ("00", "11", "18", "31")], 9),
         "no multiples of one step",

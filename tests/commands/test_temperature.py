@@ -121,25 +121,6 @@ def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     assert "flame.jpg" not in result.output
 
 
-@pytest.mark.slow
-def test_a_black_level_that_was_left_in_is_warned_of(tmp_path):
-    """By Wien's law the ratio of 1,775 K becomes that of 3,300 K."""
-    folders = [
-        write_section(tmp_path / name, emission, 1e-3 * emission)
-        for name, emission in (
-            ("green", soot(550.0, kelvin_of_nodes()) + 3),
-            ("red", soot(650.0, kelvin_of_nodes()) + 3),
-        )
-    ]
-    words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
-    result = run("temperature", *folders, *words)
-    assert result.exit_code == 0
-    assert "Warning: 96 of 96 temperatures are none of soot in a flame" in result.output
-    assert "a black level was left in" in result.output
-    record = json.loads((tmp_path / "out" / "temperature.json").read_text())
-    assert "1000 to 3000 K" in record["warnings"][0]
-
-
 def warned(*kelvin, calibrated):
     """Whether temperatures are warned of, with a furnace or lamp from 1,400 K on."""
     camera = SpectralResponses(
@@ -156,15 +137,3 @@ def test_temperatures_of_no_flame_are_warned_of_where_they_are_most():
     # Hotter than the furnace, as flames often are.
     assert not warned(1900, 1900, 1600, calibrated=1700)
     assert not warned(np.nan, np.nan, calibrated=1700)
-
-
-def test_a_full_disk_is_told_with_the_file(colours, tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError("384 requested and 0 written")  # as NumPy says it
-
-    monkeypatch.setattr(tifffile, "imwrite", full)
-    words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
-    error = run("temperature", *colours, *words).exception
-    assert isinstance(error, OSError)
-    assert error.filename == str(tmp_path / "out")
-    assert error.strerror == "384 requested and 0 written"
