@@ -400,7 +400,10 @@ REFUSED = [
             "empty": "got 0",
         }.items()
     ),
-    (partial(times_by_names, [Path("f1.npy"), Path("f01.npy"), Path("f2.npy")], 9), "the same number"),
+    (
+        partial(times_by_names, [Path(f"{x}.npy") for x in ("f1", "f01", "f2")], 9),
+        "the same number",
+    ),
     (
         partial(times_by_names, [Path(f"t_0.0{x}.npy") for x in ("00", "11", "18", "31")], 9),
         "no multiples of one step",

@@ -32,13 +32,6 @@ def photons(views, electrons, seed=0):
 
 
 @pytest.mark.slow
-def test_known_planes_are_found():
-    found = reconstruct(gaussian(CLEAN, 0.005), GRID)
-    assert np.linalg.norm(found.emission - TRUTH) < 0.006 * np.linalg.norm(TRUTH)
-    assert found.warnings == ()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("background", "sd"), [(0.02, 0.05), (-0.01, 0.02)])
 def test_a_background_is_fitted(background, sd):
     lit = gaussian(CLEAN + background, sd)
@@ -63,9 +56,7 @@ def test_advice_against_a_background_is_what_was_not_done_yet():
 
 
 @pytest.mark.slow
-def test_a_background_needs_darkness_and_a_name():
-    with pytest.raises(InputError, match="'fit'"):
-        reconstruct(gaussian(CLEAN, 0.02), GRID, background="even")
+def test_a_background_needs_darkness():
     wide = [Sheet(3.0, (0.0, 0.0), (40.0, 40.0)), Sheet(-4.0, (0.0, 0.0), (40.0, 40.0))]
     with pytest.raises(InputError, match="part of the field that no emission reaches"):
         reconstruct(gaussian(record(LENS, wide), 0.001), GRID, background="fit")
