@@ -21,6 +21,6 @@ def asked(tmp_path):
     def ask(*words):
         command = ["make", "--no-print-directory", "-n", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-        return done.stdout
+        return done.stdout.replace("\\\n", "")  # lines that go on
 
     return ask
