@@ -32,6 +32,7 @@ REFERENCE := $(wildcard $(addprefix experiments/results/,paper paper-seed* close
 ROUTE ?= $(if $(filter paper smoke,$(PRESET)),rays,direct)
 BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights "$(BACKBONE_WEIGHTS)") \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
+TRAINING := --minutes $(MINUTES) $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 
 # Each command uses all cores, so one runs at a time.
 .NOTPARALLEL:
@@ -76,8 +77,7 @@ UNFINISHED := $(if $(TRAINS),$(foreach run,shapes flames,$(if $(shell grep -s '"
                 $(RUNS)/$(run)/run.json),,$(RUNS)/$(run)/model.keras)))
 $(UNFINISHED) $(if $(EPOCHS),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras): FORCE
 $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(VENV)/installed
-	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* --minutes $(MINUTES) \
-	  $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
+	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
 # The flames' table before that of the shapes, which takes five times as many epochs of eight times as
 # many samples; behind the paper's method the closed form, which takes a minute.
@@ -101,7 +101,7 @@ hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formu
 effects: | $(VENV)/tools  ## set every effect beside a reference tracer, and its bound beside random scenes
 	$(EXPERIMENT) effects
 
-SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet refnet-fourier volumetric)
+SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet refnet-fourier volumetric unet-nine-views)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(VENV)/installed
 	$(LF) train-system $* --config $< --preset $(if $(filter smoke,$(PRESET)),smoke,equal-seconds) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## train all refocusing systems for equal seconds, and compare them

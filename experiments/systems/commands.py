@@ -46,8 +46,8 @@ from lf_flame.learning.keras_loading import load_keras
 def compare(runs, out, data, light_fields, photographs, refocusnet_weights, variants) -> None:
     """Compare refocusing systems: accuracy, views, training, time and memory.
 
-    RUNS holds the trained networks, one folder each, as `make train-refocusnet` and the like, and
-    `make tables`, leave them. What is missing shows as missing. Systems are trained for about the
+    RUNS holds the trained networks, one folder each, as `lf-flame train-system` and
+    `make tables` leave them. What is missing shows as missing. Systems are trained for about the
     same time; the report states the views, steps and seconds that each one got, and names those
     that were trained for another time.
 

@@ -15,7 +15,7 @@ def asked(tmp_path):
     for name in ("Makefile", "setup.cfg", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     for folder in ("data_gen", "experiments"):
-        ignored = shutil.ignore_patterns("results", "benchmarks", "__pycache__")
+        ignored = shutil.ignore_patterns("results", "__pycache__")
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=ignored)
 
     def ask(*words):

@@ -188,6 +188,7 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(asked, tmp_path)
         (tmp_path / "runs/paper/flames/run.json").write_text(f' "finished": {finished},\n')
         assert trained("train-flame")[0] == again
         assert trained("results/paper/table2.csv")[0] == again
+        assert ("flames", "paper") not in trained("costs")[0]  # measures what is there
 
 
 @pytest.mark.slow

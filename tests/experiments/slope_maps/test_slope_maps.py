@@ -35,6 +35,15 @@ def test_views_moved_by_the_true_slopes_are_the_central_view(draw):
     assert errors[0] < 0.5 < 2 * errors[0] + 0.5 < min(errors[1:])
 
 
+@pytest.mark.parametrize("bumps", [(), [(0.3, 5.0, -4.0, 60.0)]])
+def test_a_place_is_seen_where_its_slope_moves_it(bumps):
+    surface = Surface(PICTURE, 0.7, gradient=(0.02, -0.03), bumps=bumps)
+    y, x = np.mgrid[-20:20:5, -30:30:5].astype(float)
+    places = surface.places(y, x, 2.0, -1.0)
+    np.testing.assert_allclose(places[0] + 2 * surface.slope(*places), y, atol=1e-4)
+    np.testing.assert_allclose(places[1] - surface.slope(*places), x, atol=1e-4)
+
+
 def test_the_nearest_surface_is_seen():
     """A bright bar at slope -1 before a dark wall at 1, in the central view and one step aside."""
     wall = Surface(np.full((9, 9), 0.2), 1.0)
@@ -42,7 +51,7 @@ def test_the_nearest_surface_is_seen():
     truth = np.full((48, 64), 1.0)
     truth[19:29, 24:40] = -1.0
     np.testing.assert_array_equal(scenes.true_slopes([bar, wall]), truth)
-    aside = scenes.render_view([wall, bar], 0.0, 1.0)
+    aside = scenes.render_view([bar, wall], 0.0, 1.0)
     assert aside[19:29, 23:39] == pytest.approx(0.8)
     assert aside.sum() == pytest.approx(0.2 * 48 * 64 + 0.6 * 160)
 

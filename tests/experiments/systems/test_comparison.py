@@ -37,11 +37,11 @@ def leaves():
 
 
 class Dim(ShiftAndSum):
-    """A system whose error is known: everything is 0.01 too dark, and the edge is black."""
+    """A system whose error is known: everything is 0.01 too dark, and the edges are black."""
 
     def _refocus(self, views, slopes, block):
         images = super()._refocus(views, slopes, block) - 0.01
-        images[:, :12] = 0
+        images[:, :12] = images[:, -12:] = images[:, :, :12] = images[:, :, -12:] = 0
         return images
 
 
@@ -78,6 +78,8 @@ def test_scores_are_those_of_known_errors(leaves):
     """
     light_field = LightField(500 * leaves + 100)
     photograph = compared.photograph_set("leaves", light_field, [-0.5, 0.5])
+    (scene,) = photograph.scenes()
+    assert 0.5 < scene.views.max() <= 1
     systems = {"exact": ShiftAndSum(), "dim": Dim(), "blind": Blind(), "gone": InputError("No.")}
     table = comparison.score_systems(systems, photograph)
     assert list(table.columns) == comparison.COLUMNS
@@ -214,6 +216,7 @@ REFUSED = {
     "slopes": (["--photograph", "small.npy", "1;2"], "got '1;2'"),
     "small photograph": (["--photograph", "small.npy", "0"],
                          "small.npy needs views of 35 pixels or more along each side, got 34 x 40"),
+    "steep slopes": (["--photograph", "small.npy", "20"], "needs views of 51 pixels"),
     "same names": (["--variant", ".", "--variant", "."], "Two systems are called"),
 }  # fmt: skip
 
