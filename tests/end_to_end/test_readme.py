@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
-from programs import run_here
+from programs import code_blocks, run_here
 
 from lf_flame.commands import cli
 
@@ -29,10 +29,6 @@ TEXTS = [
 
 def names(paths):
     return [str(path.relative_to(ROOT)) for path in paths]
-
-
-def code_blocks(text, language):
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 def without_code(text):
