@@ -70,11 +70,6 @@ def hidden(views):
     return views * seen[:, None, :, None]
 
 
-def stopped(views):
-    steps = np.hypot(*np.mgrid[-3:4, -3:4])[..., None, None]
-    return views * np.clip(3.9 - steps, 0, 1)
-
-
 GAINS = 1 + 0.1 * np.random.default_rng(1).standard_normal((7, 7, 1, 1))
 AT_EDGE, AWAY = [Sheet(3.0, (0.0, -2.9), (0.9, 0.6))], FrustumGrid(CAMERA, [-4.0, -8.0])
 
@@ -84,8 +79,6 @@ WRONG = {
     "gains": (lambda views: views * GAINS, GRID, "light that is hidden or absorbed on its way, or"),
     "too much off": (lambda views: views - 0.03, GRID, "a background that was not subtracted"),
     "at the edge": (lambda views: record(LENS, AT_EDGE), AWAY, "light at the field's edge"),
-    "stop": (stopped, GRID, "a round stop"),
-    "negative": (lambda views: views - 2 * record(LENS, FLAMES[:1]), GRID, "negative light"),
 }
 
 
