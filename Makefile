@@ -95,7 +95,7 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml 
 # `python -m experiments` (see experiments/README.md).
 costs: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## measure what accuracy costs in time: simulation, refocusing, learning
 	$(EXPERIMENT) costs --run $(RUNS)
-	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames
+	$(EXPERIMENT) study experiments/studies/learning_costs.toml --out results/costs
 hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formula, and by lf_flame
 	$(EXPERIMENT) hard-cases
 effects: | $(VENV)/tools  ## set every effect beside a reference tracer, and its bound beside random scenes
@@ -113,7 +113,6 @@ test-all: | $(VENV)/tools  ## run all tests, as CI does
 	$(BIN)/python -m pytest $(TEST_JOBS)
 lint: | $(VENV)/tools  ## check style and types
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
-
 docs: | $(VENV)/tools  ## build the documentation site, build/site/index.html; a warning ends it
 	MPLBACKEND=agg $(BIN)/python -m sphinx -W --keep-going -q -c docs -d build/doctrees . build/site
 	@echo 'The site is $(CURDIR)/build/site/index.html'

@@ -2,6 +2,9 @@
 
 import json
 
+import numpy as np
+from scipy.ndimage import gaussian_filter, shift
+
 from lf_flame import PlenopticCamera
 
 OPTICS = {
@@ -86,3 +89,12 @@ RUN = {
     },
 }  # fmt: skip
 """Record of a training run on two shapes."""
+
+
+def textured(rng, slope=0.7, views=(4, 5), shape=(60, 72)):
+    """Draw a plane of blurred noise that is sharp at a slope: views[v, u, t, s] from 0 to 1."""
+    texture = gaussian_filter(rng.normal(size=[n + 40 for n in shape]), 2)
+    texture = (texture - texture.min()) / np.ptp(texture)
+    rows, columns = (slope * (np.arange(n) - (n - 1) / 2) for n in views)
+    moved = [[shift(texture, (row, column), order=3) for column in columns] for row in rows]
+    return np.array(moved)[:, :, 20:-20, 20:-20].clip(0, 1).astype(np.float32)

@@ -190,7 +190,7 @@ def slices_figure(seed: int) -> Figure:
     for axis, word, values in zip(axes[:, 4], ("truth", "abel"), (wanted, section), strict=False):
         extent = (0, radii[-1], heights[-1], heights[0])
         drawn = axis.imshow(values, cmap="inferno", vmin=0, vmax=wanted.max(), extent=extent)
-        axis.set(xlim=(0, 9), ylim=(-14, 14), ylabel="height (mm)")
+        axis.set(xlim=(0, 9), ylim=(-14, 14), ylabel="height (mm)", facecolor="k")
         axis.set_title(f"axisymmetric, {word}", fontsize=9)
         figure.colorbar(drawn, ax=axis, label="emission per mm")
     axis, row = axes[2, 4], int(np.argmin(np.abs(heights)))
@@ -198,6 +198,6 @@ def slices_figure(seed: int) -> Figure:
     for method in ("abel, all views", "onion peeling, central view"):
         rows, places, values = found[method][0]
         axis.plot(places, values[np.argmin(np.abs(rows))], linewidth=1, label=method)
-    axis.set(xlim=(0, 9), xlabel="radius (mm), at 0 mm of height")
+    axis.set(xlim=(0, 9), xlabel="radius (mm), at 0 mm of height", ylabel="emission per mm")
     axis.legend(fontsize=7, loc="lower left")
     return figure

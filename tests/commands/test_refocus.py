@@ -19,7 +19,6 @@ from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
     write_lenslet_image,
-    write_light_field,
     write_movie,
     write_view_folder,
 )
@@ -463,50 +462,6 @@ def test_the_scale_of_a_picture_goes_with_the_picture(folder, tmp_path):
     assert (tmp_path / "z.png.json").exists()
     run(folder, tmp_path / "z.png", command="convert")
     assert not (tmp_path / "z.png.json").exists()  # it fits: that record was of another picture
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["views", "views.zarr"])
-def test_a_light_field_larger_than_memory_gives_the_same_files(name, rng, tmp_path, monkeypatch):
-    """From a folder and from an array; and `convert` writes the same array."""
-    texture, source = rng.uniform(size=(60, 60)), tmp_path / name
-    views = [[texture[10 - v :, 10 - u :][:40, :40] for u in range(7)] for v in range(7)]
-    write_light_field(LightField(views), source)
-    choices = (source, "--slope", "0.4", "--slope", "-1", "--map", "-0.5", "1.5")
-    run(*choices, "--out", tmp_path / "whole")
-    monkeypatch.setenv("LF_FLAME_MEMORY_GB", repr(200 * 40 * 40 / 1e9))  # the views are 196 of 200
-    said = run(*choices, "--out", tmp_path / "bands").output
-    assert "GB are allowed: bands of rows are read from" in said
-    for file in ("focal_stack.tif", "slope_map.tif", "all_in_focus.png"):
-        assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
-    run(source, tmp_path / "copy.npy", command="convert")
-    np.testing.assert_array_equal(np.load(tmp_path / "copy.npy"), read_views(source))
-    with pytest.raises(InputError, match="needs the whole light field in memory"):
-        run(source, "--slope", "0.4", "--interpolation", "sinc", "--out", tmp_path / "sinc")
-    with pytest.raises(InputError, match="GB are allowed"):
-        run(source, "--slope", "0.4", "--dark", source, "--out", tmp_path / "dark")
-
-
-def read_views(source):
-    """Views of a light field, without a memory limit."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("LF_FLAME_MEMORY_GB")
-        return read_light_field(source).views
-
-
-@pytest.mark.slow
-def test_the_sharpest_slope_of_a_light_field_larger_than_memory(
-    light_field, camera, tmp_path, monkeypatch
-):
-    """The search and the automatic range use reduced views, and find the plane's slope."""
-    write_light_field(light_field, tmp_path / "a.npy")
-    monkeypatch.setenv("LF_FLAME_MEMORY_GB", repr(light_field.views.nbytes / 1e9))
-    said = run(tmp_path / "a.npy", "--search", "--map", "auto", "--out", tmp_path / "out").output
-    assert "bands of rows" in said
-    record = json.loads((tmp_path / "out" / "refocus.json").read_text())
-    assert record["search"]["slope"] == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.02)
-    low, high = record["slope_map"]
-    assert low < camera.depth_to_slope(DEPTH) < high
 
 
 @pytest.mark.parametrize(

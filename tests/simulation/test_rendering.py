@@ -19,7 +19,6 @@ from lf_flame import (
     render,
 )
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
-from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation import rendering
 from lf_flame.simulation.planning import ray_counts
 from lf_flame.simulation.rendering import render_plan
@@ -203,18 +202,6 @@ def test_rays_are_added_until_the_tolerance_is_met(small_camera, rng):
         render(scene, small_camera, tolerance=1e-9, integrator="rays")
 
 
-@pytest.mark.parametrize(
-    ("layer", "message"),
-    [
-        (Layer([[1.0]], 0.0, (1.0, 1.0), (0.0, 90.0)), "outside the field: in x it spans 89.5"),
-        (Layer([[1.0]], -400.0, (1.0, 1.0)), "in front of the main lens.*-400"),
-    ],
-)
-def test_layers_that_cannot_be_seen_are_refused(layer, message):
-    with pytest.raises(InputError, match=message):
-        render(Scene([layer]), PAPER_CAMERA)
-
-
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_field_ends_where_no_bundle_reaches_on_every_side(small_camera, axis):
     """The outermost lenslet's rays from the edge of the outermost pixel, traced backward."""
@@ -230,19 +217,3 @@ def test_the_field_ends_where_no_bundle_reaches_on_every_side(small_camera, axis
             else:
                 with pytest.raises(InputError, match="outside the field"):
                     render(scene, small_camera, 0.05)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{"integrator": "magic"}, {"tolerance": 0}, {"rays": 4}, {"integrator": "rays", "rays": 0}],
-)
-def test_impossible_options_are_refused(small_camera, options):
-    with pytest.raises(InputError, match="must be"):
-        render(Scene([Layer([[1.0]], 0.0, (1.0, 1.0))]), small_camera, **options)
-
-
-def test_circle_covers_its_area():
-    assert shape_texture("circle", (4.0, 4.0)).mean() == pytest.approx(np.pi / 4, abs=1e-3)
-    assert shape_texture("triangle", (4.0, 3.0)).mean() == pytest.approx(0.5, abs=5e-3)
-    with pytest.raises(InputError, match="Unknown shape 'star'"):
-        shape_texture("star", (1.0, 1.0))
