@@ -344,8 +344,6 @@ def damage_table(name, change):
         ("table1_history.csv", lambda x: x[:-3], "table1_history.csv is damaged"),
         ("table1.json", lambda x: x[:-3], "table1.json is not a JSON file"),
         ("table1.json", lambda x: b"[" * 10_000, "nest deeper than 64"),
-        ("table1.json", lambda x: x.replace(b'"seed": 1', b'"seed": "1"'), "seed: input should be"),
-        ("table1.json", lambda x: x.replace(b'"ssim": 0', b'"ssim": null, "x": 0', 1), "#1.ssim"),
         ("table1.json", lambda x: x.replace(b'mm": 20.0', b'mm": 21.0'), "must have the depths"),
     ],
     ids=lambda value: str(value)[:20],
