@@ -148,7 +148,8 @@ def emission(out: Path, part: str, seed: int) -> None:
 def compare(runs, out, data, light_fields, photographs, refocusnet_weights, variants) -> None:
     """Compare refocusing systems: accuracy, views, training, time and memory.
 
-    RUNS holds the networks of `lf-flame train-system` and `make tables`; missing ones show as missing.
+    RUNS holds the networks of `lf-flame train-system` and `make tables`; the table names missing
+    ones.
     Test sets are light fields that no network was trained on, the same scenes with their objects
     at other depths, and photographs. The reference is shift-and-sum of all views. Run it on a
     machine that does nothing else.

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from lf_flame import LightField
-from lf_flame._common.arrays import area_average, spread
-from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.encodings import InputEncoding, area_average, spread
 
 SIZE = (4, 6)
 
