@@ -345,6 +345,7 @@ def damage_table(name, change):
         ("table1.json", lambda x: x[:-3], "table1.json is not a JSON file"),
         ("table1.json", lambda x: b"[" * 10_000, "nest deeper than 64"),
         ("table1.json", lambda x: x.replace(b'mm": 20.0', b'mm": 21.0'), "must have the depths"),
+        ("table1.json", lambda x: x.replace(b'"ssim": 0', b'"ssim": null, "x": 0', 1), "with SSIM"),
     ],
     ids=lambda value: str(value)[:20],
 )
