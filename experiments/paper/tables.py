@@ -155,7 +155,9 @@ def read_result(folder: Path, name: str, run: str) -> Result | None:
     depths = [row["depth_mm"] for row in record["table"]]
     scored = all(isinstance(row.get("ssim"), float | int) for row in record["table"])
     if depths != read_paper_values(name)["depth_mm"] or not scored:
-        raise InputError(f"{path} is damaged: its table must have the depths of the paper, with SSIM.")
+        raise InputError(
+            f"{path} is damaged: its table must have the depths of the paper, with SSIM."
+        )
     learning = read_history(history, record["epochs"]) if history.exists() else None
     return Result(run, folder, record, learning)
 
