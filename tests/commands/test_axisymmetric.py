@@ -81,7 +81,8 @@ def test_middle_view_alone_will_do(source, tmp_path):
 @pytest.mark.slow
 def test_a_background_is_told_with_an_advice_that_abel_can_follow(source, views, tmp_path):
     np.save(tmp_path / "bright.npy", views + np.float32(0.1))
-    result = run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE)
+    out = ["--out", tmp_path / "out"]
+    result = run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE, *out)
     assert "subtract the dark frame, or a picture without the flame" in result.output
     assert "--background" not in result.output
 
@@ -90,7 +91,8 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     lopsided = views.copy()
     lopsided[..., 26:] *= 1.5
     np.save(tmp_path / "lopsided.npy", lopsided)
-    result = run("abel", tmp_path / "lopsided.npy", *source[1:], *COARSE)
+    out = ["--out", tmp_path / "out"]
+    result = run("abel", tmp_path / "lopsided.npy", *source[1:], *COARSE, *out)
     assert "not axisymmetric" in result.output
 
 

@@ -77,7 +77,7 @@ def test_a_bomb_is_refused_before_it_is_inflated(folder, tmp_path, monkeypatch):
     assert (folder / "draws.tif").stat().st_size < 1e6
     monkeypatch.setenv("LF_FLAME_MEMORY_GB", "0.1")
     result = run("profiles", folder, "--out", tmp_path / "out")
-    assert "draws.tif would need 0.256 GB" in str(result.exception)
+    assert "draws.tif would need 0.384 GB" in str(result.exception)
 
 
 OME = """<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"

@@ -243,7 +243,9 @@ def test_from_data_set_to_table(tmp_path):
     assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"
     assert imread(tmp_path / "both.png").shape[1] > 1000
     assert re.search(r"printed +\| results, 2 epochs +\| closed-form", beside)
-    assert "- results, 2 epochs: seed 2; preset smoke, 2 epochs, batch 2; backbone" in beside
+    assert re.search(
+        "- results, 2 epochs: seed 2; preset smoke, 2 epochs, best [12], batch 2", beside
+    )
     record = json.loads((tmp_path / "results" / "table2.json").read_text())
     assert record["seed"] == 2
     copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]
