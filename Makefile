@@ -32,6 +32,7 @@ REFERENCE := $(wildcard $(addprefix experiments/results/,paper paper-seed* close
 ROUTE ?= $(if $(filter paper smoke,$(PRESET)),rays,direct)
 BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights "$(BACKBONE_WEIGHTS)") \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
+TRAINING := --minutes $(MINUTES) $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 
 # Each command uses all cores, so one runs at a time.
 .NOTPARALLEL:
@@ -76,8 +77,7 @@ UNFINISHED := $(if $(TRAINS),$(foreach run,shapes flames,$(if $(shell grep -s '"
                 $(RUNS)/$(run)/run.json),,$(RUNS)/$(run)/model.keras)))
 $(UNFINISHED) $(if $(EPOCHS),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras): FORCE
 $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(VENV)/installed
-	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* --minutes $(MINUTES) \
-	  $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
+	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
 # The flames' table before that of the shapes, which takes five times as many epochs of eight times as
 # many samples; behind the paper's method the closed form, which takes a minute.
@@ -95,7 +95,7 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml 
 # `python -m experiments` (see experiments/README.md).
 costs: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## measure what accuracy costs in time: simulation, refocusing, learning
 	$(EXPERIMENT) costs --run $(RUNS)
-	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames
+	$(EXPERIMENT) study experiments/studies/learning_costs.toml --out results/costs
 hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formula, and by lf_flame
 	$(EXPERIMENT) hard-cases
 effects: | $(VENV)/tools  ## set every effect beside a reference tracer, and its bound beside random scenes
@@ -113,7 +113,6 @@ test-all: | $(VENV)/tools  ## run all tests, as CI does
 	$(BIN)/python -m pytest $(TEST_JOBS)
 lint: | $(VENV)/tools  ## check style and types
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
-
 docs: | $(VENV)/tools  ## build the documentation site, build/site/index.html; a warning ends it
 	MPLBACKEND=agg $(BIN)/python -m sphinx -W --keep-going -q -c docs -d build/doctrees . build/site
 	@echo 'The site is $(CURDIR)/build/site/index.html'

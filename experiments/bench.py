@@ -20,9 +20,8 @@ import numpy as np
 import pandas as pd
 from scipy import ndimage
 
-from experiments.command_parts import step_bar
-from experiments.paths import DATA_SETS
-from experiments.report import markdown, write_report
+from experiments.inputs import DATA_SETS
+from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn, on_threads, read_once
 from lf_flame import render, shift_and_sum
 from lf_flame._common.arrays import centred
@@ -44,15 +43,11 @@ ROUNDS, LEAST_S = 3, 1.0
 
 @dataclass(frozen=True)
 class Other:
-    """A floor or a rival of a case; its time is multiplied by the factor.
-
-    `compare` takes its output and ours, and says how they differ; None for a floor.
-    """
+    """A floor or a rival of a case; `compare` writes how its output and ours differ."""
 
     name: str
     call: Callable
     compare: Callable[..., str] | None = None
-    factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -66,17 +61,14 @@ class Case:
     repeats: int = 1
 
 
-def floor(*arrays: np.ndarray) -> Other:
+def floor(*arrays: np.ndarray, what: str = "input and output read once") -> Other:
     """Make the floor of a task that must read and write these arrays."""
-    return Other("floor: input and output read once", lambda: [read_once(x) for x in arrays])
+    return Other(f"floor: {what}", lambda: [read_once(x) for x in arrays])
 
 
-def largest_difference(theirs: np.ndarray, ours: np.ndarray) -> str:
-    """Largest difference of a pixel, relative to the brightest."""
-    return f"pixels differ by {np.abs(ours - theirs).max() / np.abs(theirs).max():.0e} at most"
-
-
-# Refocusing
+def largest_difference(theirs: np.ndarray | float, ours: np.ndarray | float) -> str:
+    """Largest difference of a pixel, relative to the brightest, or of a training loss."""
+    return f"differ by {np.max(np.abs(ours - theirs)) / np.max(np.abs(theirs)):.0e} at most"
 
 
 def refocusing_cases(small: bool) -> Iterator[Case]:
@@ -87,35 +79,17 @@ def refocusing_cases(small: bool) -> Iterator[Case]:
         ours = partial(shift_and_sum, views, SLOPES)
         separable = Other("NumPy, separable, matrix products", partial(by_products, views, SLOPES),
                           largest_difference)  # fmt: skip
-        shifts = Other("SciPy ndimage.shift, one thread", partial(by_shifts, views, SLOPES),
-                       largest_difference)  # fmt: skip
         what = f"four planes of {' x '.join(map(str, shape))}"
         others = [floor(views, ours()), separable]
         if shape is sizes[0]:
-            others.append(shifts)
-            yield Case("refocusing", f"{what}, one thread", on_one_thread(ours), others)
+            yield Case("refocusing", f"{what}, one thread", partial(on_one_thread, ours), others)
         yield Case("refocusing", f"{what}, {numba.get_num_threads()} threads", ours, others)
 
 
-def on_one_thread(call: Callable) -> Callable:
-    """Make a call whose compiled loops run on one thread."""
-
-    def alone():
-        with on_threads(1):
-            return call()
-
-    return alone
-
-
-def by_shifts(views: np.ndarray, slopes: Sequence[float]) -> np.ndarray:
-    """Shift and sum view by view."""
-    images, moved = np.zeros((len(slopes), *views.shape[2:])), np.empty(views.shape[2:], np.float32)
-    for image, slope in zip(images, slopes, strict=True):
-        for v, down in enumerate(-slope * centred(len(views))):
-            for u, right in enumerate(-slope * centred(views.shape[1])):
-                ndimage.shift(views[v, u], (down, right), moved, order=1, mode="nearest")
-                image += moved
-    return images / (views.shape[0] * views.shape[1])
+def on_one_thread(call: Callable) -> object:
+    """Make a call, with compiled loops on one thread."""
+    with on_threads(1):
+        return call()
 
 
 def by_products(views: np.ndarray, slopes: Sequence[float]) -> np.ndarray:
@@ -135,9 +109,6 @@ def _shifted_sum(lines: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     moved, rest = lines[np.arange(len(lines))[:, None], places], (shifts - whole).astype(np.float32)
     near, far = np.tensordot(np.stack([1 - rest, rest]), moved, axes=1)
     return near[:-1] + far[1:]
-
-
-# Decoding raw images
 
 
 def decoding_cases(small: bool) -> Iterator[Case]:
@@ -192,9 +163,6 @@ def correlation(theirs: np.ndarray, ours: np.ndarray) -> str:
     return f"views correlate by {found:.4f}"
 
 
-# Rendering
-
-
 def rendering_cases(small: bool) -> Iterator[Case]:
     """Yield a scene of each data set as its camera records it, from scene to light field."""
     for path in DATA_SETS[:1] if small else DATA_SETS:
@@ -237,9 +205,6 @@ def error(theirs: np.ndarray, ours: np.ndarray) -> str:
     return f"rms difference {math.sqrt(np.mean((ours - theirs) ** 2)) / theirs.max():.0e}"
 
 
-# Training
-
-
 def training_cases(small: bool) -> Iterator[Case]:
     """Yield steps of the paper's recipe: the decoder behind the frozen backbone, by Adam."""
     sizes = [("conv5", (3, 6, 2048), 2), ("conv4", (6, 12, 1024), 2), ("conv4", (6, 12, 1024), 16)]
@@ -251,37 +216,19 @@ def training_cases(small: bool) -> Iterator[Case]:
         targets = rng.random((count, 4, *image, 1), np.float32)
         decoders = [build_decoder(shape, image, 4, 0.3) for _ in range(3)]
         trainer = make_trainer(decoders[0], 1e-4, batch, {"train": (features, targets)})
-        bytes_once, products = step_work(decoders[0], batch)
-        moments = np.ones(bytes_once // 4, np.float32)
-        square = np.ones((256 if small else 2048,) * 2, np.float32)
+        # Parameters and both moments of Adam are read and written once.
+        size = sum(math.prod(x.shape) for x in decoders[0].trainable_variables)
+        moments = np.ones(6 * size, np.float32)
         others = [
-            Other("floor: Adam's parameters and moments cross once", partial(read_once, moments),
-                  factor=STEPS),
-            Other("estimate: products at the rate of a large one in NumPy",
-                  partial(np.matmul, square, square), factor=STEPS * products / len(square) ** 3),
+            floor(*[moments] * STEPS, what="Adam's parameters and moments cross once"),
             Other("Keras, train_on_batch", by_keras(decoders[1], features, targets, batch, False),
-                  losses),
+                  largest_difference),
             Other("Keras, XLA (its dropout draws other numbers)",
                   by_keras(decoders[2], features, targets, batch, True)),
         ]  # fmt: skip
         call = partial(trainer.train_in_order, np.arange(count))
         what = f"a step behind {depth}, features of {' x '.join(map(str, shape))}, batch {batch}"
         yield Case("training", what, call, others, STEPS)
-
-
-def step_work(decoder: keras.Model, batch: int) -> tuple[int, int]:
-    """Bytes that Adam must read and write, and multiply-adds of a step.
-
-    Parameters and both moments are read and written once. Each layer multiplies once forward, once
-    for the gradient of its kernel and, except for the first, once for that of its input.
-    """
-    size = sum(math.prod(x.shape) for x in decoder.trainable_variables)
-    products = [
-        batch * math.prod(layer.output.shape[1:-1]) * math.prod(layer.kernel.shape)
-        for layer in decoder.layers
-        if hasattr(layer, "kernel")
-    ]
-    return 6 * 4 * size, 3 * sum(products) - products[0]
 
 
 def by_keras(decoder: keras.Model, features, targets, batch: int, xla: bool) -> Callable:
@@ -297,11 +244,6 @@ def by_keras(decoder: keras.Model, features, targets, batch: int, xla: bool) -> 
         return float(np.mean([step(slice(k, k + batch)) for k in starts]))
 
     return train
-
-
-def losses(theirs: float, ours: float) -> str:
-    """Relative difference of the mean loss of the first steps."""
-    return f"losses differ by {abs(ours / theirs - 1):.0e}"
 
 
 TASKS = (refocusing_cases, decoding_cases, rendering_cases, training_cases)
@@ -335,13 +277,13 @@ def measure_case(case: Case, small: bool = False) -> list[dict]:
     rounds, least_s = (1, 0.0) if small else (ROUNDS, LEAST_S)
     times, rows = in_turn(*calls, rounds=rounds, least_s=least_s, warm_up=False), []
     for k, (other, output) in enumerate(zip(case.others, theirs, strict=True), 1):
-        median, low, high = (other.factor * value for value in times.ratio(k, 0))
+        median, low, high = times.ratio(k, 0)
         rows.append({
             "task": case.task,
             "what": case.what,
             "ours_ms": 1e3 * float(times.best[0]) / case.repeats,
             "other": other.name,
-            "other_ms": 1e3 * other.factor * float(times.best[k]) / case.repeats,
+            "other_ms": 1e3 * float(times.best[k]) / case.repeats,
             "ratio": median,
             "q1": low,
             "q3": high,
@@ -357,7 +299,7 @@ def write(out: Path, record: dict) -> Path:
         body += [f"## {task.capitalize()}", markdown(rows, COLUMNS)]
     note = f"""On {record["threads"]} threads. Milliseconds are the best of some rounds; ratios are
 the time of the other over ours, median and quartiles of the rounds. Nothing can be faster than a
-floor; an estimate is the time of the step's matrix products alone."""
+floor."""
     return write_report(
         out, "bench", "Speed beside floors and rivals", record,
         [note, "![Time of floors and rivals over ours](bench.png)", *body],
@@ -369,7 +311,7 @@ def figure(table: pd.DataFrame):
     """Draw the times of floors and rivals over ours, case by case."""
     picture, axis = subplots(figsize=(11, 1.2 + 0.22 * len(table)), layout="constrained")
     at = np.arange(len(table))
-    floors = table["other"].str.startswith(("floor", "estimate"))
+    floors = table["other"].str.startswith("floor")
     for some, colour in ((floors, "#999999"), (~floors, "#0072B2")):
         rows = table[some]
         reach = rows["ratio"] - rows["q1"], rows["q3"] - rows["ratio"]
@@ -379,5 +321,5 @@ def figure(table: pd.DataFrame):
     axis.axvline(1.0, color="0.3", linewidth=0.8)
     axis.invert_yaxis()
     axis.grid(axis="x", alpha=0.25)
-    axis.set_xlabel("time over ours, median and quartiles (grey: floors and estimates)")
+    axis.set_xlabel("time over ours, median and quartiles (grey: floors)")
     return picture

@@ -1,16 +1,16 @@
 """Commands that measure, and write a report into a folder of results.
 
-As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands. Every report is
+NAME.md, tables NAME.csv, pictures NAME.png, and the record NAME.json.
 """
 
+import logging
 from pathlib import Path
 
 import click
 import cloup
 
-from experiments.command_parts import quiet_tensorflow
-from lf_flame.commands.options import FILE, FOLDER, UsablePath
-from lf_flame.errors import InputError
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange, UsablePath
 from lf_flame.learning.keras_loading import load_keras
 
 
@@ -22,6 +22,12 @@ def show(report: Path) -> None:
 def out_option(folder: str):
     """Make the option that names the folder of a report; its default is below ``results``."""
     return click.option("--out", type=FOLDER, default=f"results/{folder}", show_default=True)
+
+
+def start_networks() -> None:
+    """Load Keras, without TensorFlow's messages that each network is compiled."""
+    load_keras()
+    logging.getLogger("tensorflow").setLevel(logging.ERROR)
 
 
 @cloup.command()
@@ -56,69 +62,16 @@ def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
 
 @cloup.command()
 @click.argument("results", type=FOLDER, nargs=-1, required=True)
-@click.option(
-    "--out",
-    type=UsablePath(dir_okay=False, path_type=Path),
-    help="File NAME.md for the tables; their numbers and a figure are written beside it.",
-)
+@click.option("--out", type=UsablePath(dir_okay=False, path_type=Path),
+              help="File NAME.md; numbers and a figure are written beside it.")  # fmt: skip
 def tables(results: tuple[Path, ...], out: Path | None) -> None:
     """Print Tables I and II of RESULTS folders beside the paper's values.
 
-    Runs in one folder of results that differ only in their seed are pooled: mean and standard
-    deviation over the seeds.
+    Runs in one folder of results that differ only in their seed are pooled.
     """
     from experiments.paper.tables import report_tables
 
     click.echo(report_tables(results, out))
-
-
-@cloup.command()
-@out_option("emission")
-@click.option(
-    "--part",
-    type=click.Choice(["planes", "round", "soot", "bars", "all"]),
-    default="all",
-    show_default=True,
-    help="Part to measure; a report in OUT keeps its other parts.",
-)
-@click.option("--seed", default=1, show_default=True, help="Seed of the noise.")
-def emission(out: Path, part: str, seed: int) -> None:
-    """Measure emission by depth, axisymmetric flames and soot temperature on traced flames.
-
-    planes: flames behind each other and thick flames, with refocused images, their deconvolution,
-    SART and LSQR beside the fit. round: an axisymmetric flame, with onion peeling and, where it is
-    installed, PyAbel. soot: temperature from one raw image of a colour camera. bars: how often
-    error bars cover the truth. All together take half an hour on two cores. OUT gets emission.md,
-    .csv and .json, the record, and two pictures.
-    """
-    from experiments.emission.report import run
-
-    parts = ["planes", "round", "soot", "bars"] if part == "all" else [part]
-    show(run(out, parts, seed))
-
-
-@cloup.command("depth-test")
-@click.argument("runs", nargs=-1, required=True, type=FOLDER)
-@out_option("depth_test")
-@click.option("--samples", default=16, show_default=True, help="Scenes for each scenario.")
-def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
-    """Test whether trained networks see depth, or have memorised it.
-
-    In training every object has a depth of its own. Here two exchange their depths, all move, or
-    one is alone, scaled so that the central view stays the same. Shift-and-sum is the reference; a
-    network that has memorised the depths draws the objects at their old ones.
-
-    RUNS are run folders of `lf-flame train`, trained on the same kind of scenes. OUT gets
-    depth_test.csv, .md, .png and .json.
-
-    \b
-      python -m experiments depth-test runs/closed-form/flames
-    """  # noqa: D301 - click reads the backspace
-    load_keras()
-    quiet_tensorflow()
-    from experiments.depth_test.permutation import run_depth_test
-
-    click.echo(run_depth_test(runs, out, samples).read_text("utf-8"))
 
 
 @cloup.command()
@@ -128,12 +81,8 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
 def effects(out: Path, scenes: int, seed: int) -> None:
     """Compare every effect with a reference tracer, and bounds with random scenes.
 
-    For the paper's camera and two that were sold: what the library gives, what a slow tracer gives
-    that shares no optics with it, the largest change that the effect makes, and the bound that the
-    plan computes beforehand. Then as many random SCENES, on which no change may exceed its bound.
-    It takes minutes.
-
-    OUT gets effects.csv, .md, .png and .json, the record.
+    For the paper's camera and two that were sold; then as many random SCENES, on which no change
+    may exceed its bound. It takes minutes.
     """
     from experiments.effects.effects import run_effects
 
@@ -145,7 +94,7 @@ def effects(out: Path, scenes: int, seed: int) -> None:
 def hard_cases(out: Path) -> None:
     """Compute hard cases exactly, by the obvious formula, and by this package.
 
-    OUT gets hard_cases.csv, .md, .png and .json, the record.
+    OUT gets hard_cases.csv, .md, .png and .json, the record. It takes about half a minute.
     """
     from experiments.hard_cases.report import run_hard_cases
 
@@ -157,10 +106,7 @@ def hard_cases(out: Path) -> None:
 def slope_maps(out: Path) -> None:
     """Compare the slope map, and three plain methods, with the true slopes; about eight minutes.
 
-    The scenes are photographs on slanted, curved, thin, occluding, shadowed and glossy surfaces,
-    with noise, JPEG and uneven views; the true slopes follow from the geometry.
-
-    OUT gets slope_maps.csv, .md, .png and .json, the record.
+    The scenes are photographs on surfaces; the true slopes follow from their geometry.
     """
     from experiments.slope_maps.measuring import measure, write
 
@@ -168,61 +114,109 @@ def slope_maps(out: Path) -> None:
 
 
 @cloup.command()
+@out_option("emission")
+@click.option("--part", type=click.Choice(["planes", "round", "soot", "bars", "all"]),
+              default="all", show_default=True,
+              help="Part to measure; a report in OUT keeps its other parts.")  # fmt: skip
+@click.option("--seed", default=1, show_default=True, help="Seed of the noise.")
+def emission(out: Path, part: str, seed: int) -> None:
+    """Measure emission by depth, axisymmetric flames and soot temperature on traced flames.
+
+    planes: flames behind each other and thick flames. round: an axisymmetric flame. soot:
+    temperature from one raw image. bars: how often error bars cover the truth. Simple methods are
+    measured beside. All parts take half an hour on two cores.
+    """
+    from experiments.emission.report import run
+
+    parts = ["planes", "round", "soot", "bars"] if part == "all" else [part]
+    show(run(out, parts, seed))
+
+
+@cloup.command()
+@click.argument("runs", type=RUN)
+@click.option("--out", type=FOLDER, default="results/compare", show_default=True)
+@click.option("--data", type=FILE, multiple=True, show_default="the paper's shapes and flames",
+              help="Data set whose scenes are refocused; may be repeated.")  # fmt: skip
+@click.option("--light-fields", type=click.IntRange(1), default=8, show_default=True,
+              help="Number of light fields in a test set.")  # fmt: skip
+@click.option("--photograph", "photographs", type=(PATH, str), multiple=True,
+              metavar="LIGHT_FIELD SLOPES",
+              help="Light field, and slopes such as -1,0,1; may be repeated.")  # fmt: skip
+@click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
+@click.option("--variant", "variants", type=RUN, multiple=True,
+              help="Another run of the paper's network; may be repeated.")  # fmt: skip
+def compare(runs, out, data, light_fields, photographs, refocusnet_weights, variants) -> None:
+    """Compare refocusing systems: accuracy, views, training, time and memory.
+
+    RUNS holds the networks of `lf-flame train-system` and `make tables`; missing ones show as missing.
+    Test sets are light fields that no network was trained on, the same scenes with their objects
+    at other depths, and photographs. The reference is shift-and-sum of all views. Run it on a
+    machine that does nothing else.
+    """
+    start_networks()
+    from experiments.systems.compared import select_entries, select_sets
+    from experiments.systems.comparison import run_comparison
+
+    test_sets, tested = select_sets(runs, data, light_fields, photographs)
+    entries = select_entries(runs, tested, refocusnet_weights, variants)
+    show(run_comparison(entries, test_sets, out))
+
+
+@cloup.command()
 @click.argument("study", type=FILE)
 @out_option("studies")
-@click.option(
-    "--work", type=FOLDER, default="runs/studies", show_default=True,
-    help="Folder for data sets and runs.",
-)  # fmt: skip
-@click.option(
-    "--workers", type=click.IntRange(min=0), default=0, show_default=True,
-    help="Processes that simulate; 0 = one per core.",
-)  # fmt: skip
-@click.option(
-    "--imagenet", type=FILE, help="ImageNet weights, where a variant needs them (default: Keras's)."
-)
+@click.option("--work", type=FOLDER, default="runs/studies", show_default=True,
+              help="Folder for data sets and runs.")  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True,
+              help="Processes that simulate; 0 = one per core.")  # fmt: skip
+@click.option("--imagenet", type=FILE,
+              help="ImageNet weights, where a variant needs them (default: Keras's).")  # fmt: skip
 def study(study: Path, out: Path, work: Path, workers: int, imagenet: Path | None) -> None:
-    """Train the variants of a STUDY file, and compare their scores.
+    """Train the variants of a STUDY file, and compare their scores on the same test samples.
 
-    A variant changes a data set, a model or a recipe; experiments/studies/ shows how. Each is
-    simulated, trained and scored on the same test samples. The command resumes where it was
-    stopped.
-
-    OUT gets STUDY.csv, .md, .png and .json after each variant.
+    A variant changes a data set, a model or a recipe; experiments/studies/ shows how. The command
+    resumes where it was stopped, and reports after each variant.
     """
-    load_keras()
-    quiet_tensorflow()
+    start_networks()
     from experiments.studies.study import run_study
     from lf_flame._common.provenance import cpu_count
 
     show(run_study(study, out, work, workers or cpu_count(), imagenet))
 
 
+@cloup.command("depth-test")
+@click.argument("runs", nargs=-1, required=True, type=FOLDER)
+@out_option("depth_test")
+@click.option("--samples", type=click.IntRange(min=1), default=16, show_default=True,
+              help="Number of scenes for each scenario.")  # fmt: skip
+def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
+    """Test whether trained networks see depth, or have memorised it.
+
+    RUNS are run folders of `lf-flame train`, trained on the same kind of scenes. In training every
+    object has a depth of its own; here two exchange their depths, all move, or one is alone.
+    """
+    start_networks()
+    from experiments.depth_test.permutation import run_depth_test
+
+    show(run_depth_test(runs, out, samples))
+
+
 @cloup.command()
 @out_option("costs")
-@click.option(
-    "--chapter", type=click.Choice(["all", "simulation", "refocusing"]), default="all",
-    show_default=True,
-)  # fmt: skip
-@click.option(
-    "--budget-s", default=150.0, show_default=True, help="Seconds for the methods of integration."
-)
-@click.option(
-    "--run", type=FOLDER, default="runs/closed-form", show_default=True,
-    help="Folder of trained networks, RUN/shapes and RUN/flames, to compare with refocusing.",
-)  # fmt: skip
+@click.option("--chapter", type=click.Choice(["all", "simulation", "refocusing"]), default="all",
+              show_default=True)  # fmt: skip
+@click.option("--budget-s", type=FiniteRange(min=0, min_open=True), default=150.0,
+              show_default=True, help="Seconds for the methods of integration.")  # fmt: skip
+@click.option("--run", type=FOLDER, default="runs/closed-form", show_default=True,
+              help="Folder of trained networks, RUN/shapes and RUN/flames.")  # fmt: skip
 def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     """Measure what accuracy costs in time, on a machine that does nothing else.
 
-    Simulation: error against seconds for each method of integration; for each effect the seconds
-    that it adds and the error of leaving it out. On one thread.
-
-    Refocusing: SSIM and PSNR against the exact result over milliseconds. On all cores.
+    Simulation: error against seconds for each method of integration, and what each effect adds, on
+    one thread. Refocusing: SSIM and PSNR against the exact result over milliseconds, on all cores.
     """
     from experiments.costs import rendering
 
-    if not budget_s > 0:
-        raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
     if chapter != "refocusing":
         show(rendering.write(out, rendering.measure_costs(budget_s)))
     if chapter != "simulation":
@@ -233,37 +227,14 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
 
 
 @cloup.command()
-@click.argument("runs", type=FOLDER, nargs=-1, required=True)
-@out_option("costs")
-@click.option("--repeats", default=30, show_default=True, help="Number of rounds, 3 or more.")
-def latency(runs: tuple[Path, ...], out: Path, repeats: int) -> None:
-    """Time trained networks on one picture, on a machine that does nothing else.
-
-    From a raw lenslet image in memory to the refocused images: resize, backbone, decoder, and all
-    in one go, at batch 1, in float32, bfloat16 and float16. RUNS are run folders of `lf-flame
-    train`, their data sets at hand.
-
-    \b
-      python -m experiments latency runs/closed-form/flames --out latency
-    """  # noqa: D301 - click reads the backspace
-    load_keras()
-    quiet_tensorflow()
-    from experiments.costs.latency import measure_latency, write
-
-    show(write(out, measure_latency(runs, repeats)))
-
-
-@cloup.command()
 @out_option("bench")
 @click.option("--small", is_flag=True, help="Small inputs, to try the command.")
 def bench(out: Path, small: bool) -> None:
     """Time refocusing, decoding, rendering and training beside floors and rivals.
 
-    Run it on a machine that does nothing else. All calls of a case are timed in turn, and their
-    outputs are compared.
+    Run it on a machine that does nothing else. Outputs are compared, too.
     """
-    load_keras()
-    quiet_tensorflow()
+    start_networks()
     from experiments.bench import measure, write
 
     show(write(out, measure(small)))

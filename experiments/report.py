@@ -1,19 +1,27 @@
 """Reports of the experiments: a text with tables, pictures, and the record of how it came about."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 from matplotlib.figure import Figure
 from tabulate import tabulate
+from tqdm import tqdm
 
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 
 Format = str | Callable[[Any], str]
 """Format specification of a column's values, or a function that writes one."""
+
+T = TypeVar("T")
+
+
+def step_bar(steps: Iterable[T], total: int | None = None) -> Iterable[T]:
+    """Show a progress bar over steps; `total` is their number if they have no length."""
+    return tqdm(steps, "measuring", total, unit="step")
 
 
 def write_report(
@@ -29,17 +37,9 @@ def write_report(
 ) -> Path:
     """Write a report: ``NAME.md``, which is returned, tables, pictures, and last ``NAME.json``.
 
-    Parameters
-    ----------
-    record : dict
-        What was measured, with ``wall_s`` where the time is known. Command, date, revision,
-        versions and machine are added; infinity and NaN become null.
-    body : sequence of str
-        Paragraphs and tables in Markdown.
-    tables, pictures : dict, optional
-        Tables (CSV) and pictures (PNG) by name, without ending.
-    dpi : int, optional
-        Resolution of the pictures.
+    The record has ``wall_s`` where the time is known; command, date, revision, versions and machine
+    are added, and infinity and NaN become null. The body is paragraphs and tables in Markdown;
+    tables (CSV) and pictures (PNG) go by their names without ending.
     """
     record = record | provenance.environment()
     write_text(out / f"{name}.md", "\n\n".join([f"# {title}", origin(record), *body]) + "\n")
@@ -67,10 +67,9 @@ def markdown(
     *,
     missing: str = "",
 ) -> str:
-    """Write columns of a table as Markdown: numbers on the right, words on the left.
+    """Write columns (heading and format by name; default: all) of a table as Markdown.
 
-    Columns are heading and format by name; default: all, as they are. The word for what is missing
-    stands in place of None and NaN; functions are given these, too.
+    Numbers are on the right, words on the left, and `missing` in place of None and NaN.
     """
     table = pd.DataFrame(table)
     columns = columns or {name: (name, "") for name in table}

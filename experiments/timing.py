@@ -89,12 +89,6 @@ def read_once(array: np.ndarray) -> None:
     _sum_parts(words, np.empty(min(64, words.size), np.uint64))
 
 
-def measure_bandwidth() -> float:
-    """Measure how fast all cores together read from memory, in bytes per second."""
-    block = np.ones(2**26, np.float32)  # 256 MiB, beyond caches
-    return block.nbytes / float(in_turn(lambda: read_once(block), rounds=20).best[0])
-
-
 def forget_peak_memory() -> None:
     """Reset the peak of memory that the system keeps for this process, where it can (Linux)."""
     with suppress(OSError):

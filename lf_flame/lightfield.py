@@ -289,20 +289,14 @@ class LightField:
         """
         if self.valid is None:
             return self.views
-        from lf_flame._common.inpainting import fill_unknown
-
         shape = (*self.views.shape[:4], self.channels)
         return fill_unknown(self.views.reshape(shape), self.valid).reshape(self.views.shape)
 
     def __repr__(self) -> str:
-        return f"LightField({self._words})"
-
-    @property
-    def _words(self) -> str:
         v, u, t, s = self.views.shape[:4]
         kind = {1: "grey", 3: "colour"}.get(self.channels, f"{self.channels} channels")
         placed = "" if self.positions is None else ", each at its own position"
-        return f"{v} x {u} views of {t} x {s} pixels, {kind}{placed}"
+        return f"LightField({v} x {u} views of {t} x {s} pixels, {kind}{placed})"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
@@ -339,17 +333,6 @@ class LightField:
             f"filled from around"
         )
 
-    def _repr_html_(self) -> str:
-        """Show the central view and the size in a notebook."""
-        from lf_flame._common.notebook_html import paragraph, picture
-
-        v, u, t, s = self.views.shape[:4]
-        middle = self.views[(v - 1) // 2, (u - 1) // 2].reshape(t, s, self.channels)
-        shown = middle if self.channels == 3 else middle.mean(axis=2)
-        white = max(float(shown.max()), float(np.finfo(np.float32).tiny))
-        levels = np.rint(255 * np.clip(shown / white, 0, 1)).astype(np.uint8)
-        return picture(levels, "Central view") + paragraph(f"Light field: {self._words}")
-
 
 def refuse_placed(light_field: Any, what: str) -> None:
     """Refuse a light field whose views have positions of their own.
@@ -365,3 +348,48 @@ def refuse_placed(light_field: Any, what: str) -> None:
             f"their own; shift_and_sum, find_sharpest_slope and all_in_focus take them (lf-flame "
             f"refocus)."
         )
+
+
+AROUND = [(i, j, 0.5 if i and j else 1.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+"""Rows and columns from a pixel to its eight neighbours, and their weights."""
+
+
+def fill_unknown(images: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Fill unknown pixels of images with means of known neighbours, from the rim of a hole inwards.
+
+    A pixel that holds more than that mean keeps its value, which is a lower bound of the light, as
+    where a sensor is saturated.
+
+    Parameters
+    ----------
+    images : ndarray of float32, shape (..., rows, columns, channels)
+    known : ndarray of bool, shape (..., rows, columns)
+
+    Returns
+    -------
+    ndarray of float32, shape of `images`
+        Images; one without a known pixel stays as it is.
+    """
+    out = images.reshape(-1, *images.shape[-3:]).copy()
+    given, done = images.reshape(out.shape), known.reshape(out.shape[:3]).copy()
+    rows, columns = out.shape[1:3]
+    places = np.nonzero(~done)
+    unknown = places
+    while places[0].size:
+        n, y, x = places
+        total, weight = np.zeros((n.size, out.shape[3])), np.zeros(n.size)
+        for down, right, share in AROUND:
+            beside = n, np.clip(y + down, 0, rows - 1), np.clip(x + right, 0, columns - 1)
+            inside = (beside[1] == y + down) & (beside[2] == x + right)
+            counts = share * (done[beside] & inside)
+            total += counts[:, None] * out[beside]
+            weight += counts
+        ready = weight > 0
+        if not ready.any():
+            break
+        filled = tuple(place[ready] for place in places)
+        out[filled] = total[ready] / weight[ready, None]
+        done[filled] = True
+        places = tuple(place[~ready] for place in places)
+    out[unknown] = np.maximum(out[unknown], given[unknown])
+    return out.reshape(images.shape)

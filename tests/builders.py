@@ -2,6 +2,9 @@
 
 import json
 
+import numpy as np
+from scipy.ndimage import gaussian_filter, shift
+
 from lf_flame import PlenopticCamera
 
 OPTICS = {
@@ -73,3 +76,25 @@ def shapes(samples, image=(40, 64), views=5, coarser=6, sides_mm=(10.0, 9.0), of
 
 DATA = shapes(2, (10, 16), 3, sides_mm=(4.0,), off_axis_mm=0)
 """Values of a data set of one square that is made in a moment."""
+
+RUN = {
+    "title": "Test", "preset": "smoke", "seed": 1, "epochs": 2, "best_epoch": 1,
+    "recipe": {"batch_size": 2},
+    "train_s": 3.5, "machine": "a machine", "backbone_weights": "random", "model": {},
+    "split": [0.5, 0.25, 0.25], "parts": {"train": 6, "validation": 3, "test": 3},
+    "test_indices": [1, 4, 7], "data": "../a.zarr",
+    "dataset": {
+        "config": shapes(12, views=3, sides_mm=(9.0, 9.0)),
+        "slopes": [1.0, -1.0], "objects": ["square", "circle"],
+    },
+}  # fmt: skip
+"""Record of a training run on two shapes."""
+
+
+def textured(rng, slope=0.7, views=(4, 5), shape=(60, 72)):
+    """Draw a plane of blurred noise that is sharp at a slope: views[v, u, t, s] from 0 to 1."""
+    texture = gaussian_filter(rng.normal(size=[n + 40 for n in shape]), 2)
+    texture = (texture - texture.min()) / np.ptp(texture)
+    rows, columns = (slope * (np.arange(n) - (n - 1) / 2) for n in views)
+    moved = [[shift(texture, (row, column), order=3) for column in columns] for row in rows]
+    return np.array(moved)[:, :, 20:-20, 20:-20].clip(0, 1).astype(np.float32)

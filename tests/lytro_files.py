@@ -67,6 +67,10 @@ def metadata(model, shape, zoom=-297, focus=309, pitch=14.0, offset=(0.0, 0.0), 
     }
 
 
+def json_bytes(values):
+    return json.dumps(values).encode()
+
+
 def jpeg(height=12, width=16, colour=(200, 120, 40)):
     file = io.BytesIO()
     Image.new("RGB", (width, height), colour).save(file, "JPEG")
@@ -132,3 +136,23 @@ def tar_of(members):
             member.size = len(data)
             archive.addfile(member, io.BytesIO(data))
     return file.getvalue()
+
+
+def table_only(table, *contents):
+    """A container of a table of contents, as values or as bytes, and these sections."""
+    text = table if isinstance(table, bytes) else json_bytes(table)
+    return START + section(b"LFM", text) + b"".join(section(b"LFC", data) for data in contents)
+
+
+STEPS = ((-300, 100), (-300, 320), (-280, 309), (-900, 309))
+"""Zoom and focus steps of a set of white images."""
+
+
+def white_set(rng, model="ILLUM", serial="B5143909630"):
+    """White images of a camera at these steps, 6 x 8 pixels, and their mosaics."""
+    files, mosaics, white = {}, [], SIDES[model][4]
+    for k, (zoom, focus) in enumerate(STEPS):
+        mosaics.append(rng.integers(white // 2, white + 1, (6, 8), np.uint16))
+        pair = white_pair(model, metadata(model, (6, 8), zoom, focus), mosaics[-1], serial)
+        files |= dict(zip((f"MOD_{k:04d}.TXT", f"mod_{k:04d}.raw"), pair, strict=True))
+    return files, mosaics

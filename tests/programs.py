@@ -1,6 +1,8 @@
 """The programs as a user runs them, in this process: a new one takes seconds to load Keras."""
 
 import io
+import re
+import shlex
 import sys
 import warnings
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
@@ -54,3 +56,19 @@ def run_here(*words, cwd=ROOT, program="lf_flame"):
     return SimpleNamespace(
         returncode=ended.value.code, stdout=out.getvalue(), stderr=errors.getvalue()
     )
+
+
+def code_blocks(text, language):
+    """Blocks of code of a language in a text."""
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def run_lines(block, cwd):
+    """Run each line of a block of commands as a user would: what they gave; none may fail."""
+    results = []
+    for line in block.splitlines():
+        program, *arguments = shlex.split(line, comments=True)
+        assert program == "lf-flame"
+        results.append(run_here(*arguments, cwd=cwd))
+        assert results[-1].returncode == 0, results[-1].stderr
+    return results

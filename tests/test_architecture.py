@@ -17,7 +17,6 @@ FLOORS = [
     ["errors"],
     ["_common"],
     ["lightfield"],
-    ["lazy_light_field"],
     ["optics"],
     ["scenes"],
     ["simulation"],

@@ -1,1 +1,1 @@
-"""What accuracy costs in time: rendering, refocusing, latency."""
+"""What accuracy costs in time: rendering and refocusing."""

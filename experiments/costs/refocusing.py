@@ -20,14 +20,12 @@ import pandas as pd
 from scipy.fft import set_workers
 from skimage.transform import downscale_local_mean
 
-from experiments.command_parts import step_bar
-from experiments.held_out import HeldOut, find_scenes
-from experiments.paths import DATA_SETS
-from experiments.report import markdown, write_report
+from experiments.inputs import DATA_SETS, HeldOut, find_scenes
+from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn
-from lf_flame._common.arrays import area_average
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig, read_config
+from lf_flame.datasets.encodings import area_average
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import psnr, ssim
@@ -128,11 +126,7 @@ def network_methods(scenes: HeldOut) -> list[Method]:
 
 
 def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
-    """Measure SSIM and PSNR against the exact result over milliseconds; returns the record.
-
-    A run is a folder of trained networks, one for each kind of data set, ``shapes`` and ``flames``.
-    Default of the configurations: the paper's.
-    """
+    """Measure all methods on data sets, by default the paper's, and the networks RUN/KIND."""
     started, rows = time.perf_counter(), []
     found = [
         find_scenes(config, run / config.kind)
@@ -145,7 +139,7 @@ def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None
             for some in step_bar(_measure(scenes, methods), len(scenes.indices) * len(methods)):
                 rows += some
     return {
-        "scenes": {scenes.name: _described(scenes) for scenes in found},
+        "scenes": {scenes.config.kind: _described(scenes) for scenes in found},
         "threads": numba.get_num_threads(),
         "wall_s": time.perf_counter() - started,
         "methods": summarise(pd.DataFrame(rows)).to_dict("records"),
@@ -180,7 +174,7 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
             images, seconds = call(), math.nan
             if index == scenes.indices[0]:
                 seconds = in_turn(call).best[0]
-            row = {"data_set": scenes.name, "family": method.family, "title": method.title}
+            row = {"data_set": scenes.config.kind, "family": method.family, "title": method.title}
             yield [
                 row | {"seconds": seconds, "ssim": ssim(*pair), "psnr_db": psnr(*pair)}
                 for pair in zip(exact, images, strict=True)

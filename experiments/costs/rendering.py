@@ -17,11 +17,10 @@ import pandas as pd
 from numba import njit
 
 from experiments import timing
-from experiments.command_parts import step_bar
 from experiments.effects.effects import Trial, effect_trials
 from experiments.effects.tracer import flat_views
-from experiments.paths import DATA_SETS
-from experiments.report import markdown, write_report
+from experiments.inputs import DATA_SETS
+from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn, on_threads
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
@@ -166,10 +165,9 @@ def measure_costs(
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
 ) -> dict:
-    """Measure error against seconds, by default on the paper's data sets; returns the record.
+    """Measure methods on studies and effects on trials; defaults: the paper's data sets.
 
-    The budget, the time of all methods together, bounds their rays. The studies are the scenes of
-    the methods, the trials those of the effects.
+    The budget, the time of all methods together, bounds their rays.
     """
     started = time.perf_counter()
     studies = study_scenes(*DATA_SETS) if studies is None else studies

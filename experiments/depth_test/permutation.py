@@ -2,7 +2,7 @@
 
 In the training images of the paper every object has a depth of its own. A network that has only
 learnt which object is sharp in which plane looks perfect there, and fails where the objects change
-their depths, as here (`experiments.depth_scenarios`). Shift-and-sum of all views is the reference;
+their depths, as here (`experiments.inputs`). Shift-and-sum of all views is the reference;
 a network that has memorised the depths draws the reference of the scene as trained:
 
     share memorised = sum((predicted - reference) * (trained - reference))
@@ -18,10 +18,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from experiments.command_parts import step_bar
-from experiments.depth_scenarios import DepthScenario, draw_scenario, make_scenarios, scene_settings
-from experiments.histories import recipe_in_words
-from experiments.report import markdown, write_report
+from experiments.inputs import DepthScenario, draw_scenario, make_scenarios, scene_settings
+from experiments.report import markdown, step_bar, write_report
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig
@@ -62,7 +60,7 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], dict
         weights = re.sub(r" \(sha256 \w+\)", "", found.record["backbone_weights"])
         name = (
             f"{run if alike else run.name}: input {found.config.input.kind}, {depths}; "
-            f"{recipe_in_words(found.record['preset'])}, {weights}"
+            f"{found.record['preset']} recipe, {weights}"
         )
         records[name] = {k: x for k, x in found.record.items() if k != "test_indices"}
         systems[name] = ResNet50.of_run(run)
@@ -95,10 +93,6 @@ def share_memorised(predicted, reference, trained, planes: bool = False):
 
 def run_depth_test(runs: Sequence[Path], out: Path, samples: int) -> Path:
     """Test trained networks on `samples` scenes for each scenario, and write the report."""
-    if samples < 1:
-        raise InputError(
-            f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."
-        )
     config, slopes, systems, records = load_systems(runs)
     everyone = [ShiftAndSum(), *systems.values()]
     scenarios, tables, trained = make_scenarios(config), [], None

@@ -8,8 +8,7 @@ import numba
 import numpy as np
 import pandas as pd
 
-from experiments.command_parts import step_bar
-from experiments.report import markdown
+from experiments.report import markdown, step_bar
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, Sensor

@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.command_parts import step_bar
 from experiments.effects import bounds
 from experiments.effects.tracer import trace_pixels
-from experiments.report import markdown, write_report
+from experiments.report import markdown, step_bar, write_report
 from lf_flame._common import figures
 from lf_flame._common.config import to_json
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from experiments.command_parts import step_bar
 from experiments.emission import truth
 from experiments.emission.rivals import round_methods
+from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
 from lf_flame.formats import DecodePlan, estimate_grid
 from lf_flame.tomography import (

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from experiments.command_parts import step_bar
 from experiments.emission import truth
 from experiments.emission.flames import PAPER, REACH, in_the_mean, noisy, round_glow, round_views
 from experiments.emission.rivals import PLANES, QUICK, refocused
 from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
+from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
 from lf_flame.tomography import FrustumGrid, reconstruct
 

@@ -1,4 +1,4 @@
-"""Images in and out of focus, sums, absorbers, stops, noise, units and threads."""
+"""Images in and out of focus, stops, sums of many rays and slabs, and absorbers."""
 
 import math
 from dataclasses import replace
@@ -8,13 +8,12 @@ import numpy as np
 
 from experiments.effects.tracer import flat_views
 from experiments.hard_cases.optics import PITCH, STEP
-from experiments.hard_cases.report import UNIT, UNIT32, Values, hard_case
+from experiments.hard_cases.report import UNIT32, Values, hard_case
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PAPER_CAMERA
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.simulation.rendering import render_plan
-from lf_flame.simulation.slabs import self_absorbed
 
 CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
 ONE_PIXEL = replace(CAMERA, views=1, lenslets=(1, 1))
@@ -172,18 +171,7 @@ TAUS = np.array([0.0, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5, 0.3, 50.0, 1e4])
 
 
 @hard_case(
-    "light that leaves an absorber of optical thickness 0, 1e-17 ... 1e4",
-    "(1 - exp(-tau))/tau",
-    "expm1",
-    4 * UNIT,
-)
-def thin_absorber() -> Values:
-    exact = np.array([share_that_leaves(tau) for tau in TAUS])
-    return Values(exact, (1 - np.exp(-TAUS)) / TAUS, self_absorbed(TAUS))
-
-
-@hard_case(
-    "image of cells of these thicknesses before a bright ground",
+    "cells of optical thickness 0, 1e-17 ... 1e4 before a bright ground",
     "(1 - exp(-tau))/tau in float32",
     "expm1; by rays and exactly",
     1e-6,
@@ -204,23 +192,3 @@ def absorbing_cells() -> Values:
     shape = ours.shape
     exact, obvious = (np.broadcast_to(x.reshape(3, 3), shape) for x in (exact, obvious))
     return Values(exact, obvious, ours)
-
-
-@hard_case(
-    "light of flames of optical thickness 0.3 to 1e4 in 2 to 1000 slabs",
-    "explicit steps",
-    "Beer's law for each slab",
-    8 * UNIT32,
-)
-def slabs_of_an_absorber() -> Values:
-    exact, obvious, ours = [], [], []
-    for tau in (0.3, 5.0, 50.0, 1e4):
-        flame = Scene([Layer([[0.7]], 5.0, WIDE, optical_thickness=tau, thickness_mm=2.0)])
-        on = {"self_absorption": True, "thickness": True}
-        plan = plan_effects(flame, ONE_PIXEL, effects=on)
-        for slabs in (2, 8, 128, 1000):
-            exact.append(0.7 * share_that_leaves(tau))
-            obvious.append(0.7 / slabs * np.sum(np.exp(-tau / slabs * np.arange(slabs))))
-            image = render_plan(flame, ONE_PIXEL, replace(plan, slabs=(slabs,)), "rays", 1)
-            ours.append(image.views[0, 0, 0, 0])
-    return Values(np.array(exact), obvious, ours)

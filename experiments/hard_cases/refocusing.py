@@ -36,56 +36,35 @@ def naive_slope(views: np.ndarray) -> float:
 
 
 @hard_case(
-    "sharpest slope of a pattern of contrast 1e-3 to 1e-5 on bright ground",
+    "sharpest slope at contrast 1e-3 to 1e-5, or brightness 2^-100 to 2^127",
     "float32 E[x^2] - E[x]^2",
-    "gradients of scaled pixels",
+    "gradients of pixels scaled by powers of 2",
     0.01,
     20,
 )
-def faint_pattern() -> Values:
-    faint = [1 + contrast * planted(0.63) for contrast in (1e-3, 1e-4, 1e-5)]
-    ours = [find_sharpest_slope(views, SLOPES, region=MIDDLE).slope for views in faint]
-    return Values(np.full(3, 0.63), [naive_slope(x) for x in faint], ours, scale=1.0)
+def faint_or_bright_pattern() -> Values:
+    seen = [1 + contrast * planted(0.63) for contrast in (1e-3, 1e-4, 1e-5)]
+    seen += [np.ldexp(planted(0.63).astype(np.float32), k) for k in (-100, -90, 90, 127)]
+    ours = [find_sharpest_slope(views, SLOPES, region=MIDDLE).slope for views in seen]
+    return Values(np.full(len(seen), 0.63), [naive_slope(x) for x in seen], ours, scale=1.0)
 
 
 @hard_case(
-    "the same pattern, brightness 2^-100 to 2^127",
-    "float32 squares",
-    "scaled by powers of two",
-    0.01,
-    20,
-)
-def extreme_brightness() -> Values:
-    bright = [np.ldexp(planted(0.63).astype(np.float32), k) for k in (-100, -90, 90, 127)]
-    ours = [find_sharpest_slope(views, SLOPES, region=MIDDLE).slope for views in bright]
-    return Values(np.full(4, 0.63), [naive_slope(x) for x in bright], ours, scale=1.0)
-
-
-@hard_case(
-    "mean of 225 views of brightness 1e-30 to 3e38",
+    "mean of 10,000 views of brightness 1e-30 to 3e38",
     "float32 sum, divided at the end",
     "weights that add up to 1",
     4 * UNIT32,
 )
 def bright_views() -> Values:
-    one = np.random.default_rng(1).uniform(0.1, 1, size=(15, 15, 10, 9)).astype(np.float32)
+    one = np.random.default_rng(1).uniform(0.1, 1, size=(100, 100, 4, 3)).astype(np.float32)
     exact, obvious, ours = [], [], []
     for brightness in (1e-30, 1e30, 3e38):
         views = (one.astype(float) * brightness).astype(np.float32)
         for refocus in BOTH:
             exact.append(views.mean(axis=(0, 1), dtype=float))
-            obvious.append(views.sum(axis=(0, 1), dtype=np.float32) / 225)
+            obvious.append(views.sum(axis=(0, 1), dtype=np.float32) / 10_000)
             ours.append(refocus(views, 0.0))
     return Values(np.array(exact), np.array(obvious), np.array(ours))
-
-
-@hard_case("mean of 10,000 views", "running sum in float32", "float64", 2 * UNIT32, 100)
-def many_views() -> Values:
-    value = np.float32(0.1)
-    views = np.full((100, 100, 3, 3), value)
-    ours = np.array([refocus(views, 0.5) for refocus in BOTH])
-    obvious = np.cumsum(views[..., 0, 0].ravel(), dtype=np.float32)[-1] / np.float32(10_000)
-    return Values(np.full(ours.shape, float(value)), np.full(ours.shape, obvious), ours)
 
 
 @hard_case(

@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.command_parts import step_bar
-from experiments.report import markdown, write_report
+from experiments.report import markdown, step_bar, write_report
 from lf_flame._common import figures
 
 UNIT, UNIT32 = 2.0**-53, 2.0**-24
@@ -24,9 +23,8 @@ as_exact = np.frompyfunc(Fraction, 1, 1)
 
 
 class Values(NamedTuple):
-    """Numbers, arrays of one shape, or words, found in three ways.
+    """Numbers or arrays of one shape, found in three ways.
 
-    Exact are they by rational arithmetic, a closed form or the reference tracer, or as planted.
     Errors are relative to the scale; default: the size of each exact value.
     """
 
@@ -86,21 +84,16 @@ def measure(case: HardCase) -> dict[str, Any]:
 
     Returns ``exact``, ``obvious`` and ``ours``, the values where the obvious formula is worst, as
     text; ``obvious_error`` and ``our_error``, the largest of all values, infinite where a value is
-    not finite or the word is wrong.
+    not finite.
     """
     with np.errstate(all="ignore"):
         values = case.find()
-        if isinstance(values.exact, str):
-            errors = [0.0 if x == values.exact else math.inf for x in values[1:3]]
-            shown: Any = values[:3]
-        else:
-            exact = np.atleast_1d(values.exact)
-            scale = np.abs(exact) if values.scale is None else values.scale
-            parts = [_errors(np.atleast_1d(x), exact, scale).astype(float) for x in values[1:3]]
-            errors = [float(part.max()) for part in parts]
-            place = np.unravel_index(parts[0].argmax(), exact.shape)
-            shown = (np.broadcast_to(x, exact.shape)[place] for x in values[:3])
-    texts = [x if isinstance(x, str) else f"{float(x) + 0.0:.6g}" for x in shown]
+        exact = np.atleast_1d(values.exact)
+        scale = np.abs(exact) if values.scale is None else values.scale
+        parts = [_errors(np.atleast_1d(x), exact, scale).astype(float) for x in values[1:3]]
+    errors = [float(part.max()) for part in parts]
+    place = np.unravel_index(parts[0].argmax(), exact.shape)
+    texts = [f"{float(np.broadcast_to(x, exact.shape)[place]) + 0.0:.6g}" for x in values[:3]]
     names = ("exact", "obvious", "ours", "obvious_error", "our_error")
     return dict(zip(names, (*texts, *errors), strict=True))
 

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from experiments.histories import recipe_in_words
 from experiments.paper.figures import result_figure, sharpness_figure
 from experiments.paper.tables import compare_with_paper, read_paper_values, result_markdown
 from experiments.report import markdown, write_report
@@ -23,10 +22,7 @@ from lf_flame.learning.scores import WINDOWS, score
 
 
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, list[float]]:
-    """Score SSIM with several windows, because the paper does not state its own.
-
-    For images [n, plane, h, w]; returns the mean over the samples of each plane, by window.
-    """
+    """Score SSIM of each plane with several windows, because the paper does not state its own."""
     pairs = list(zip(targets, predictions, strict=True))
     return {
         window: np.mean(
@@ -37,10 +33,9 @@ def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, lis
 
 
 def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
-    """Score images that need no network: the mean training image, and the input image itself.
+    """Score images that need no network, a row for each of them and each plane.
 
-    The latter if the input is one image of the targets' size. One row a plane and baseline;
-    columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``, ``psnr_foreground_db``.
+    The mean training image and, if it has the targets' size, the input image itself.
     """
     targets = dataset.targets[test]
     mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
@@ -88,7 +83,7 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
         predictions[0],
         dataset.config.depths_mm,
         f"{record['title']}: sample {indices[0]}, the first of the test split "
-        f"({recipe_in_words(record['preset'])})",
+        f"({record['preset']} recipe)",
     )
     figures.save(picture, out / f"{figure}.png")
     write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import StrMethodFormatter
@@ -35,13 +34,8 @@ def result_figure(
 ):
     """Draw Figure 7 or 8 of the paper: input, reference, prediction, and the error.
 
-    Parameters
-    ----------
-    light_field : LightField
-        Drawn as the raw lenslet image, with an enlarged part in which micro-images can be seen.
-    light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
-        Input of the network.
-    targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
+    The light field is drawn as the raw lenslet image, with an enlarged part in which micro-images
+    can be seen; beside it the network's input, (h, w) or (h, w, 3), and images (planes, h, w).
     """
     planes = len(targets)
     errors = predictions - targets
@@ -89,12 +83,10 @@ def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
         len(panels), figsize=(11, 1 + 2.9 * len(panels)), sharex=True, squeeze=False,
         layout="constrained",
     )  # fmt: skip
-    monospace = FontProperties(family="monospace", size=8.5)
     for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
-        width = max(len(label) for label, *_ in layers)
         rows = [
-            f"{label:{width}}{shown_slope(search.slope, 3):>8}{shown_slope(there, 3):>10}"
-            f"{shown_slope(printed, 2):>7}"
+            f"{label}: found {shown_slope(search.slope, 3)}, geometry {shown_slope(there, 3)}, "
+            f"paper {shown_slope(printed, 2)}"
             for label, search, there, printed in layers
         ]
         draw_searches(axis, [search for _, search, *_ in layers], rows)
@@ -102,12 +94,7 @@ def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
             _mark_slopes(axis, there, printed, f"C{k}")
         axis.set_ylim(0, 1.25)
         axis.set_title(title, fontsize=11, loc="left")
-        legend = axis.legend(
-            title=f"{'':{width + 4}}{'found':>8}{'geometry':>10}{'paper':>7}", prop=monospace,
-            title_fontproperties=monospace, loc="upper left", bbox_to_anchor=(1.01, 1),
-            handlelength=2,
-        )  # fmt: skip
-        legend.set_alignment("left")
+        axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8)
     axes[-1, 0].set_xlabel("slope (lenslets per view step)")
     black = {"color": "black"}
     handles = [

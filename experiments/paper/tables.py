@@ -8,18 +8,16 @@ validation scores of each epoch.
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from experiments.histories import epochs_in_words, read_history
+from experiments.inputs import epochs_in_words, read_history
 from experiments.paper.figures import learning_figure
-from experiments.paths import PAPER_VALUES
 from experiments.report import markdown, write_report
-from lf_flame._common.config import load_record
-from lf_flame._common.input_files import read_toml
+from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import FOREGROUND, standard_deviation
 
@@ -41,7 +39,7 @@ SETTLED = 50
 
 def read_paper_values(table: str) -> dict:
     """Read the values of one of the paper's tables, or its slopes of sharpest focus."""
-    return read_toml(PAPER_VALUES)[table]
+    return read_toml(Path(__file__).parents[1] / "paper_values.toml")[table]
 
 
 def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
@@ -119,35 +117,8 @@ def _machine(record: dict) -> str:
     return ", ".join([*record.get("devices", ()), record["machine"]])
 
 
-@dataclass(frozen=True)
-class Row:
-    """Mean scores of a plane over the test split; an infinite PSNR is null in JSON."""
-
-    depth_mm: float
-    ssim: float
-    psnr_db: float | None
-
-
-@dataclass(frozen=True)
-class Record:
-    """The part of a table's record that a comparison needs."""
-
-    seed: int
-    preset: str
-    split: list[float]
-    parts: dict[str, int]
-    model: dict[str, Any]
-    recipe: dict[str, Any]
-    epochs: int
-    backbone_weights: str
-    machine: str
-    table: list[Row]
-    devices: list[str] = field(default_factory=list)
-    dataset: dict[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self):
-        if not isinstance(self.recipe.get("batch_size"), int):
-            raise InputError("recipe must hold a batch_size, a whole number.")
+RECIPE = ("preset", "split", "parts", "model", "recipe", "epochs")
+"""Entries of a record that are equal in runs whose scores may be pooled."""
 
 
 @dataclass(frozen=True)
@@ -156,22 +127,19 @@ class Result:
 
     run: str
     folder: Path
-    record: Record
+    record: dict[str, Any]
     history: pd.DataFrame | None
 
     @property
     def weights(self) -> str:
         """Backbone weights; random ones without their seed, which is the run's."""
-        return re.sub(r" \(seed \d+\)", "", self.record.backbone_weights)
+        return re.sub(r" \(seed \d+\)", "", self.record["backbone_weights"])
 
     @property
     def recipe(self) -> tuple:
         """Everything that two runs share whose scores may be pooled."""
-        record = self.record
-        return (
-            self.folder.resolve().parent, self.weights, record.preset, record.split, record.parts,
-            record.model, record.recipe, record.epochs, record.dataset.get("config"),
-        )  # fmt: skip
+        data = self.record.get("dataset", {}).get("config")
+        return self.folder.resolve().parent, self.weights, *map(self.record.get, RECIPE), data
 
 
 def read_result(folder: Path, name: str, run: str) -> Result | None:
@@ -179,11 +147,14 @@ def read_result(folder: Path, name: str, run: str) -> Result | None:
     path = folder / f"{name}.json"
     if not path.exists():
         return None
-    record = load_record(Record, path)
-    if [row.depth_mm for row in record.table] != read_paper_values(name)["depth_mm"]:
+    record, history = read_record(path), folder / f"{name}_history.csv"
+    needed = (*RECIPE, "seed", "backbone_weights", "machine", "table")
+    missing = [key for key in needed if key not in record]
+    if missing:
+        raise InputError(f"{path} is damaged: it must hold {', '.join(missing)}.")
+    if [row["depth_mm"] for row in record["table"]] != read_paper_values(name)["depth_mm"]:
         raise InputError(f"{path} is damaged: its table must have the depths of the paper.")
-    history = folder / f"{name}_history.csv"
-    learning = read_history(history, record.epochs) if history.exists() else None
+    learning = read_history(history, record["epochs"]) if history.exists() else None
     return Result(run, folder, record, learning)
 
 
@@ -192,8 +163,8 @@ def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
     pools: list[list[Result]] = []
     for result in results:
         for pool in pools:
-            seeds = [one.record.seed for one in pool]
-            if pool[0].recipe == result.recipe and result.record.seed not in seeds:
+            seeds = [one.record["seed"] for one in pool]
+            if pool[0].recipe == result.recipe and result.record["seed"] not in seeds:
                 pool.append(result)
                 break
         else:
@@ -209,9 +180,9 @@ def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
     blocks = [pd.DataFrame(columns=COMPARED)]
     for pool in pools:
         rows = [
-            (row.depth_mm, row.ssim, math.inf if row.psnr_db is None else row.psnr_db)
+            (row["depth_mm"], row["ssim"], math.inf if row["psnr_db"] is None else row["psnr_db"])
             for result in pool
-            for row in result.record.table
+            for row in result.record["table"]
         ]
         scores = pd.DataFrame(rows, columns=["depth_mm", "ssim", "psnr_db"])
         seeds = scores.groupby("depth_mm", sort=False)
@@ -228,8 +199,7 @@ def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
 def tabulate_learning(results: Sequence[Result]) -> pd.DataFrame:
     """Tabulate the best epoch of each run, and its gain over the second half of its epochs.
 
-    The gain is the mean validation PSNR of the last `SETTLED` epochs less that of the `SETTLED`
-    epochs before the middle; NaN for shorter runs.
+    Both ends are means over `SETTLED` epochs; NaN for shorter runs.
     """
     rows = []
     for result in results:
@@ -240,8 +210,8 @@ def tabulate_learning(results: Sequence[Result]) -> pd.DataFrame:
         last, middle = len(psnr), len(psnr) // 2
         gain = psnr[last - SETTLED :].mean() - psnr[middle - SETTLED : middle].mean()
         rows.append({
-            "run": result.run, "machine": _machine(vars(result.record)),
-            "epochs": result.record.epochs, "best_psnr_db": best.val_psnr_db,
+            "run": result.run, "machine": _machine(result.record),
+            "epochs": result.record["epochs"], "best_psnr_db": best.val_psnr_db,
             "best_epoch": int(best.epoch), "best_s": best.seconds,
             "gain_db": gain if middle >= SETTLED else math.nan,
         })  # fmt: skip
@@ -288,7 +258,7 @@ def comparison_markdown(
 
 def _title(pool: list[Result]) -> str:
     seeds = f", {len(pool)} seeds" if len(pool) > 1 else ""
-    epochs = pool[0].record.epochs
+    epochs = pool[0].record["epochs"]
     return f"{pool[0].run}{seeds}" + (f", {epochs:,} epochs" if epochs else "")
 
 
@@ -300,22 +270,21 @@ def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
 
 def _describe(pool: list[Result]) -> str:
     first = pool[0]
-    seeds = f"seed {first.record.seed}"
+    seeds = f"seed {first.record['seed']}"
     if len(pool) > 1:
-        listed = sorted(pool, key=lambda result: result.record.seed)
-        seeds = "seeds " + ", ".join(f"{one.record.seed} ({one.run})" for one in listed)
+        listed = sorted(pool, key=lambda result: result.record["seed"])
+        seeds = "seeds " + ", ".join(f"{one.record['seed']} ({one.run})" for one in listed)
     return (
-        f"{seeds}; preset {first.record.preset}, {epochs_in_words(vars(first.record))}; backbone "
+        f"{seeds}; preset {first.record['preset']}, {epochs_in_words(first.record)}; backbone "
         f"weights: {first.weights}"
     )
 
 
 def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
-    """Compare both tables of results folders; returns the Markdown, and writes a report.
+    """Compare both tables of results folders; returns the Markdown, and writes it to `out`.
 
-    The report is `out`, NAME.md, with NAME.csv (scores), NAME_learning.csv, NAME.png (validation
-    PSNR against epochs) and NAME.json beside it. An InputError refuses a folder that is missing or
-    a record that is damaged.
+    Beside `out`, NAME.md, are NAME.csv, NAME_learning.csv, NAME.png (validation PSNR against
+    epochs) and NAME.json. An InputError refuses a missing folder or a damaged record.
     """
     if out is not None and out.suffix != ".md":
         raise InputError(f"The file for the tables must end in .md, got {out}.")

@@ -9,8 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, median_filter, shift
 
-from experiments.command_parts import step_bar
-from experiments.report import markdown, write_report
+from experiments.report import markdown, step_bar, write_report
 from experiments.slope_maps import scenes
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import all_in_focus, shift_and_sum
@@ -141,8 +140,7 @@ def score(slope: np.ndarray, certain: np.ndarray, truth: np.ndarray) -> dict[str
 def measure(kinds: Mapping = scenes.KINDS, seeds: Sequence[int] = SEEDS) -> tuple[dict, dict]:
     """Score the maps of all scenes by all methods.
 
-    Returns the record, and for the first scene of each kind its central view, true slopes and the
-    slopes by each method.
+    Returns the record, and of each kind's first scene central view, true slopes and all maps.
     """
     for method in METHODS.values():  # compiles what is compiled
         method(np.zeros((3, 3, 40, 40), np.float32), SEARCHED)

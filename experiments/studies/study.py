@@ -88,11 +88,10 @@ class Variant(Changes):
 @strict
 @dataclass(frozen=True)
 class Study:
-    """A study; read from experiments/studies/*.toml.
+    """A study; files of data set and training are named from the working directory.
 
-    Files of data set and training are named from the working directory. `common` holds changes of
-    all variants, applied before their own. `x` names the axis, if every variant has a place on one.
-    A timed study compares seconds, and has to be run on an idle machine.
+    `common` changes apply to all variants, before their own. `x` names the axis, if every variant
+    has a place on one. A timed study compares seconds, and has to be run on an idle machine.
     """
 
     title: str

@@ -11,12 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.depth_scenarios import draw_scenario, make_scenarios, scene_settings
-from experiments.held_out import HeldOut
-from experiments.histories import read_history
-from lf_flame.datasets.config import DatasetConfig
+from experiments.inputs import (
+    DATA_SETS,
+    HeldOut,
+    draw_scenario,
+    find_scenes,
+    make_scenarios,
+    read_history,
+    scene_settings,
+)
+from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
+from lf_flame.formats import read_light_field
 from lf_flame.formats.images import white_level
 from lf_flame.learning.run_folders import load_run, open_run
 from lf_flame.lightfield import LightField
@@ -60,8 +67,25 @@ class Entry:
     only: str = ""
 
 
-def formula_entries() -> list[Entry]:
-    """List the systems that need no training."""
+def select_entries(
+    runs: Path, tested: Sequence[HeldOut], official: Path | None, variants: Sequence[Path]
+) -> list[Entry]:
+    """List formulas, the networks of a folder of runs, and the variants of the paper's network.
+
+    `official` is a file of RefocusNet's trained weights, by its authors.
+    """
+    networks = [
+        Entry(network.name, partial(load_system, runs / name), training_of(runs / name))
+        for name, network in NETWORKS.items()
+    ]
+    if official:
+        load = partial(RefocusNet.of_weights, official)
+        networks.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
+    papers = [runs / "shapes", runs / "flames", *variants]
+    return [*_formulas(), *networks, *(resnet_entry(path, tested) for path in papers)]
+
+
+def _formulas() -> list[Entry]:
     names = {f"shift-and-sum, {what}": selection for what, selection in SELECTIONS.items()}
     return [
         Entry("shift-and-sum, all views", ShiftAndSum, {}),
@@ -70,21 +94,11 @@ def formula_entries() -> list[Entry]:
     ]
 
 
-def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
-    """List the networks of a folder of runs, and RefocusNet with the authors' trained weights."""
-    found = [
-        Entry(network.name, partial(load_system, runs / name), training_of(runs / name))
-        for name, network in NETWORKS.items()
-    ]
-    if official_refocusnet:
-        load = partial(RefocusNet.of_weights, official_refocusnet)
-        found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
-    return found
-
-
 def resnet_entry(folder: Path, tested: Sequence[HeldOut]) -> Entry:
     """Enter a run of the paper's network, unless it has seen light fields of the test sets."""
-    name = f"{by_recipe(folder)}, {folder.resolve().name.replace('-', ' ')}"
+    about = training_of(folder)
+    recipe = "{preset} preset, {epochs:,} epochs".format(**about) if about else "no run"
+    name = f"{ResNet50.name}, {recipe}, {folder.resolve().name.replace('-', ' ')}"
     try:
         run = open_run(folder)
         for held_out in tested:
@@ -96,15 +110,7 @@ def resnet_entry(folder: Path, tested: Sequence[HeldOut]) -> Entry:
                 )
     except InputError as error:
         return Entry(name, partial(_refuse, str(error)), {})
-    load = partial(ResNet50.of_run, folder)
-    return Entry(name, load, training_of(folder), only=run.config.kind)
-
-
-def by_recipe(folder: Path) -> str:
-    """Name a run of the paper's network by its training."""
-    about = training_of(folder)
-    recipe = "{preset} preset, {epochs:,} epochs".format(**about) if about else "no run"
-    return f"{ResNet50.name}, {recipe}"
+    return Entry(name, partial(ResNet50.of_run, folder), about, only=run.config.kind)
 
 
 def _refuse(reason: str) -> None:
@@ -112,10 +118,10 @@ def _refuse(reason: str) -> None:
 
 
 def training_of(folder: Path) -> dict:
-    """Read steps and seconds of a run's training, and its PSNR on held-out samples meanwhile.
+    """Read steps and seconds of a run's training, and its PSNR meanwhile; {} without a run.
 
     The seconds are those of the median epoch times the epochs, whatever else the machine did, and
-    without drawing the training samples. Nothing is returned where there is no finished run.
+    without drawing the training samples.
     """
     try:
         record = load_run(folder)
@@ -171,6 +177,26 @@ class TestSet:
     scenes: Callable[[], Iterator[Scene]]
     truth: str = "shift-and-sum"
     origin: str = ""
+
+
+def select_sets(
+    runs: Path, data: Sequence[Path], count: int, photographs: Sequence[tuple[Path, str]]
+) -> tuple[list[TestSet], list[HeldOut]]:
+    """Make the test sets of data sets (default: the paper's) and of photographs at slopes "-1,0".
+
+    Also returns the light fields that are held out.
+    """
+    configs = [read_config(path) for path in data or DATA_SETS]
+    tested = [find_scenes(config, runs / config.kind, count) for config in configs]
+    pairs = zip(configs, tested, strict=True)
+    sets = [one for config, held_out in pairs for one in paper_sets(config, held_out, count)]
+    for path, words in photographs:
+        try:
+            slopes = [float(part) for part in words.split(",")]
+        except ValueError:
+            raise InputError(f"Slopes are numbers with commas between, got {words!r}.") from None
+        sets.append(photograph_set(path.name, read_light_field(path), slopes))
+    return sets, tested
 
 
 def paper_sets(config: DatasetConfig, held_out: HeldOut, count: int) -> list[TestSet]:

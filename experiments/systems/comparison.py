@@ -7,14 +7,12 @@ training.
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from experiments.command_parts import step_bar
-from experiments.report import markdown, write_report
+from experiments.report import markdown, step_bar, write_report
 from experiments.systems.compared import Entry, Scene, TestSet
 from experiments.systems.cost import measure_cost
 from lf_flame._common.figures import subplots
@@ -135,7 +133,7 @@ def _describe(entry: Entry, system: RefocusingSystem | InputError, frame: Scene)
         system.refocus(frame.views, frame.slopes, frame.block)
     except InputError:
         return row
-    return row | asdict(measure_cost(entry.load, frame.views, frame.slopes, frame.block))
+    return row | measure_cost(entry.load, frame.views, frame.slopes, frame.block)
 
 
 def with_equal_effort(systems: pd.DataFrame, about: dict[str, dict]) -> pd.DataFrame:

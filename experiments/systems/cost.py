@@ -6,7 +6,6 @@ This module imports nothing heavy, so that a process that runs no network does n
 import os
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,26 +15,22 @@ from lf_flame._common.workers import worker_pool
 from lf_flame.systems.base import RefocusingSystem
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Milliseconds for a frame, and peak memory less the light field; NaN where a process died."""
-
-    milliseconds: float
-    memory_mb: float
-
-
 def measure_cost(
     load: Callable[[], RefocusingSystem],
     views: np.ndarray,
     slopes: np.ndarray,
     block: tuple[int, int],
-) -> Cost:
-    """Time a system on a frame, in a process of its own that does nothing else."""
+) -> dict[str, float]:
+    """Time a system on a frame, in a process of its own that does nothing else.
+
+    Returns ``milliseconds``, and ``memory_mb``, the peak less the light field; NaN where the
+    process died.
+    """
     with worker_pool(1, _shut_standard_error) as pool:
         try:
             return pool.submit(_measure, load, views, slopes, block).result()
         except BrokenProcessPool:  # killed, as for want of memory
-            return Cost(float("nan"), float("nan"))
+            return {"milliseconds": float("nan"), "memory_mb": float("nan")}
 
 
 def _shut_standard_error() -> None:
@@ -44,9 +39,10 @@ def _shut_standard_error() -> None:
         os.dup2(nowhere.fileno(), 2)
 
 
-def _measure(load, views, slopes, block) -> Cost:
+def _measure(load, views, slopes, block) -> dict[str, float]:
     """Take the fastest of 15 repeats, or of as many as a second holds: networks speed up."""
     forget_peak_memory()
     system = load()
     times = in_turn(lambda: system.refocus(views, slopes, block), rounds=15, least_s=1.0)
-    return Cost(1e3 * float(times.best[0]), (peak_memory() - views.nbytes) / 1e6)
+    memory_mb = (peak_memory() - views.nbytes) / 1e6
+    return {"milliseconds": 1e3 * float(times.best[0]), "memory_mb": memory_mb}

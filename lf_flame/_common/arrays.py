@@ -16,21 +16,3 @@ def centred(n: int) -> np.ndarray:
 def number_or_array(array: np.ndarray) -> Any:
     """Make a plain number of an array without axes; others stay as they are."""
     return array.item() if np.ndim(array) == 0 else array
-
-
-def spread(count: int, chosen: int) -> list[int]:
-    """Spread `chosen` indices evenly over `count`, ends included; a single one is central."""
-    if chosen == 1:
-        return [(count - 1) // 2]
-    return np.round(np.linspace(0, count - 1, chosen)).astype(int).tolist()
-
-
-def area_average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Average areas so that the last two axes have `size`, and clip to [0, 1] like a sensor."""
-    from skimage.transform import downscale_local_mean  # takes a while to import
-
-    factors = (1,) * (images.ndim - 2) + tuple(
-        n // m for n, m in zip(images.shape[-2:], size, strict=True)
-    )
-    averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
-    return np.clip(averaged, 0, 1).astype(np.float32)

@@ -18,23 +18,10 @@ from lf_flame.errors import InputError
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path; rename it to `path` when the block succeeds, else remove it.
+    """Give an empty file with the ending of `path`, to be renamed when the block succeeds.
 
-    Parameters
-    ----------
-    path : str or Path
-        Target file; its folder is made. An existing file stays until the rename. If it is a link,
-        the link is replaced and its target stays.
-
-    Yields
-    ------
-    Path
-        A new, empty file with the same ending, for writers that look at the ending.
-
-    Raises
-    ------
-    InputError
-        If `path` exists and is not a file.
+    The folder is made. An existing file stays until the rename; a link is replaced, and its target
+    stays.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -69,18 +56,7 @@ def _naming(path: Path, aside: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Make a new folder atomically, as `atomic_write` does for a file.
-
-    Parameters
-    ----------
-    path : str or Path
-        Target; it must not exist, or be an empty folder.
-
-    Yields
-    ------
-    Path
-        A new, empty folder beside `path`.
-    """
+    """Give an empty folder, to be renamed to `path`, which must not exist or be empty."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")

@@ -43,22 +43,10 @@ def strict(cls: Class) -> Class:
 
 
 def build(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a configuration dataclass from parsed values.
+    """Make a configuration dataclass from parsed TOML or JSON; `source` is its origin.
 
-    Parameters
-    ----------
-    kind : type
-        A configuration dataclass; with `strict`, unknown keys are an error.
-    values : dict
-        Values as parsed from TOML or JSON.
-    source : str or Path
-        Origin of the values, named in the message.
-
-    Raises
-    ------
-    InputError
-        One sentence: all unknown keys, each with similar known ones, and all missing ones; else the
-        first other fault.
+    The error names all unknown keys (of `strict` classes) with similar known ones, and all missing
+    ones; else the first other fault.
     """
     from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
 
@@ -69,20 +57,12 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
 
 
 def load_record(kind: type[T], path: str | Path) -> T:
-    """Read a JSON record, written by this program, as the dataclass that it must match.
-
-    Types are not converted: a number in quotes is refused.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a value is missing or of another type.
-    """
+    """Read a JSON record, written by this program, as the dataclass that it must match."""
     return build_record(kind, read_record(path), path)
 
 
 def build_record(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a dataclass from parsed JSON values, without converting types; else as `build`."""
+    """Make a dataclass from parsed JSON, as `build`; a number in quotes is refused."""
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -100,9 +80,13 @@ def to_json(config: "DataclassInstance") -> dict[str, Any]:
 def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
     unknown = [one["loc"] for one in problems if one["type"] in UNKNOWN]
-    absent = [one["loc"] for one in problems if one["type"] in MISSING]
-    if unknown or absent:
-        return f"{'; '.join([*_unknown_keys(unknown, kind), *_missing_keys(absent, unknown)])}."
+    missing = [_shown(one["loc"]) for one in problems if one["type"] in MISSING]
+    if unknown or missing:
+        said = [_unknown_key(place, kind) for place in unknown[:MOST_NAMED]] + _more(unknown)
+        if missing:
+            names = ", ".join(missing[:MOST_NAMED] + _more(missing))
+            said.append(f"{names} {'is' if len(missing) == 1 else 'are'} missing")
+        return f"{'; '.join(said)}."
     problem = problems[0]
     key = _shown(problem["loc"])
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
@@ -111,32 +95,8 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     return f"{key}: {text}, got {reprlib.repr(problem['input'])}."
 
 
-def _unknown_keys(places: list[Place], kind: type) -> list[str]:
-    told = [_unknown_key(place, kind) for place in places[:MOST_NAMED]]
-    return [*told, *(f"and {more}" for more in _more(places))]
-
-
-def _missing_keys(places: list[Place], unknown: list[Place]) -> list[str]:
-    """Name the keys that are missing, but not those that are only misspelt."""
-    misspelt = [place for place in places if any(_resemble(place, one) for one in unknown)]
-    missing = [place for place in places if place not in misspelt]
-    if not missing:
-        return []
-    *first, last = [_shown(place) for place in missing[:MOST_NAMED]] + _more(missing)
-    return [f"{', '.join(first)} and {last} are missing" if first else f"{last} is missing"]
-
-
-def _more(places: list[Place]) -> list[str]:
-    return [f"{len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
-
-
-def _resemble(missing: Place, unknown: Place) -> bool:
-    return missing[:-1] == unknown[:-1] and bool(_near(unknown, [str(missing[-1])]))
-
-
-def _near(place: Place, known: list[str]) -> list[str]:
-    """Known keys that are similar to the last one of a place, at most two."""
-    return difflib.get_close_matches(str(place[-1])[:100], known, n=2, cutoff=0.5)
+def _more(places: list) -> list[str]:
+    return [f"and {len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
 
 
 def _shown(place: Place) -> str:
@@ -148,7 +108,7 @@ def _shown(place: Place) -> str:
 def _unknown_key(place: Place, kind: type) -> str:
     """Sentence that a key is unknown, with the similar known ones."""
     known = _known_keys(kind, place[:-1])
-    near = _near(place, known)
+    near = difflib.get_close_matches(str(place[-1])[:100], known, n=2)
     said = f"{_shown(place)} is not a known key"
     if near:
         return f"{said} (perhaps {' or '.join(near)})"

@@ -19,18 +19,7 @@ def subplots(
 ) -> tuple[Figure, Any]:
     """Make a figure with axes, as `matplotlib.pyplot.subplots` does, but without pyplot.
 
-    Parameters
-    ----------
-    rows, columns : int, optional
-    figsize, layout
-        Size and layout, as for `matplotlib.figure.Figure`.
-    **options
-        Options of `matplotlib.figure.Figure.subplots`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    matplotlib.axes.Axes or ndarray of them
+    `options` are those of `matplotlib.figure.Figure.subplots`.
     """
     figure = Figure(figsize=figsize, layout=layout)
     FigureCanvasAgg(figure)

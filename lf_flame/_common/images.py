@@ -82,24 +82,10 @@ REDUCED, MASK = 1, 4
 
 
 def read_pixels(path: Source) -> np.ndarray:
-    """Read an image file at full bit depth, with its transparency, in its shown orientation.
+    """Read an image file at full bit depth: (h, w) or (h, w, channels), in its shown orientation.
 
-    Parameters
-    ----------
-    path : str or Path or PackedFile
-        TIFF file by its ending or content, else one of FORMATS by its content.
-
-    Returns
-    -------
-    ndarray, shape (h, w) or (h, w, channels)
-        Levels as stored, 0 is black. Levels of depths other than 1, 8 and 16 bits are divided by
-        the highest, float32. The pages of a stack are a first axis.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged, is not an image of these formats, is neither grey
-        nor RGB, or needs too much memory.
+    Levels are as stored, 0 is black; those of depths other than 1, 8 and 16 bits are divided by the
+    highest, float32. Transparency is a last channel, the pages of a stack are a first axis.
     """
     if is_tiff(path):
         return _rows_first(*_read_tiff(path))
@@ -149,10 +135,7 @@ def to_unit(pixels: np.ndarray, source: Source) -> np.ndarray:
 
 
 def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
-    """Turn a picture to its shown orientation, 1 to 8; EXIF 2.32 and TIFF 6.0, Orientation.
-
-    `rows` is the index of the axis of rows; the axis of columns follows it.
-    """
+    """Turn a picture, with its axis of rows, to its orientation, 1 to 8 (EXIF 2.32, TIFF 6.0)."""
     axes = (rows, rows + 1)
     if orientation in (5, 6, 7, 8):
         pixels = np.swapaxes(pixels, *axes)

@@ -45,10 +45,7 @@ NOT_REGULAR = {
 
 @dataclass(frozen=True)
 class PackedFile:
-    """A file of an archive, in memory; it has the names that a path has.
-
-    No path is made of `member`, its name in the archive.
-    """
+    """A file of an archive, in memory; no path is made of `member`, its name in the archive."""
 
     archive: Path
     member: str
@@ -99,11 +96,8 @@ def readable(
 ) -> Iterator[None]:
     """Turn a reader's exceptions into an `InputError` that names the file.
 
-    Only the reader's own calls belong inside the block: the same exception from a mistake in this
-    package must not be reported as a damaged file.
-
-    `errors` are those that the reader raises for a damaged or unknown file; `fault` is another
-    possible fault, for the message: "it is damaged, or ...".
+    Only the reader's own calls belong inside the block: a mistake in this package must not be
+    reported as a damaged file. `fault` completes the message: "it is damaged, or ...".
     """
     check_regular(path)
     try:
@@ -161,10 +155,7 @@ def read_record(path: str | Path) -> dict[str, Any]:
 
 
 def parse_json(text: str, source: str | Path) -> Any:
-    """Parse JSON of bounded depth; infinity, NaN and repeated names are refused.
-
-    `source` is the origin of the text, for the message.
-    """
+    """Parse JSON of bounded depth from a source; infinity, NaN and repeated names are refused."""
     try:
         values = json.loads(
             text, object_pairs_hook=_unique, parse_float=_finite, parse_constant=_finite
@@ -248,14 +239,7 @@ def list_zip(path: str | Path) -> list[PurePosixPath]:
 
 
 def read_zip(path: str | Path, names: list[PurePosixPath]) -> list[PackedFile]:
-    """Read files of an archive into memory, by their names from `list_zip`.
-
-    Raises
-    ------
-    InputError
-        If one is damaged, encrypted or packed in another way than by DEFLATE, or if together they
-        exceed the memory limit.
-    """
+    """Read files of an archive into memory, by their names from `list_zip`."""
     with readable(path, (KeyError, *ZIP_ERRORS), "no ZIP archive"), ZipFile(path) as archive:
         members = [archive.getinfo(str(name)) for name in names]
         for member in members:

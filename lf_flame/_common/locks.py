@@ -15,12 +15,7 @@ def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
 
     The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made, and removed
     if they are empty at the end. The system frees it when the process ends for any reason.
-
-    Raises
-    ------
-    InputError
-        If another process is still writing there after `wait_s` seconds, or the output is the root
-        folder.
+    An output that another process is still writing after `wait_s` seconds is refused.
     """
     path = Path(output).resolve()
     if not path.name:

@@ -25,18 +25,14 @@ def memory_limit() -> float:
     return limit * 1e9
 
 
-class OverLimitError(InputError):
-    """Refusal of an input that may be sound but needs too much memory."""
-
-
 def check_memory(needed: int, source: object) -> None:
-    """Refuse an input that needs too many bytes, before they are allocated, by an OverLimitError.
+    """Refuse an input that needs too many bytes, before they are allocated.
 
     `source` is the name of the input, for the message.
     """
     limit = memory_limit()
     if needed > limit:
-        raise OverLimitError(
+        raise InputError(
             f"{source} would need {needed / 1e9:.3g} GB of memory, and {limit / 1e9:.3g} GB are "
             f"allowed; {LIMIT} sets another limit."
         )

@@ -17,24 +17,16 @@ from lf_flame.errors import InputError
 
 @dataclass
 class OutputFolder:
-    """A folder that a command fills; made by `output_folder`.
-
-    Attributes
-    ----------
-    folder : Path
-        Final place of the files.
-    aside : Path
-        Temporary folder in which they are written.
-    facts : dict
-        Content of the record, beside the names of the files and the program's versions.
-    files : list of str
-        Names of the files, known when all are written.
-    """
+    """A folder that a command fills; made by `output_folder`."""
 
     folder: Path
+    """Final place of the files."""
     aside: Path
+    """Temporary folder in which they are written."""
     facts: dict[str, Any] = field(default_factory=dict)
+    """Content of the record, beside the names of the files and the program's versions."""
     files: list[str] = field(default_factory=list)
+    """Names of the files, known when all are written."""
 
     def path(self, name: str) -> Path:
         """Path at which to write a file."""
@@ -47,22 +39,9 @@ def output_folder(
 ) -> Iterator[OutputFolder]:
     """Fill a new folder, which appears with all files and their record when the block succeeds.
 
-    A folder that is replaced is first renamed to ``NAME.old-...`` and removed after the new one has
+    The folder must be empty or new; `overwrite` replaces one that holds such a record, and only
+    files that it lists. It is first renamed to ``NAME.old-...`` and removed after the new one has
     its name. A process that is killed in between leaves it under that name.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Folder that does not exist, or is empty.
-    record : str
-        Name of the record, a JSON file.
-    overwrite : bool, optional
-        Whether to replace a folder that holds such a record, and only files that it lists.
-
-    Raises
-    ------
-    InputError
-        If the folder may not be written or replaced, or another process writes it.
     """
     place = Path(os.path.realpath(folder))  # of a link, the folder behind it is replaced
     old, old_files = place.with_name(f"{place.name}.old-{secrets.token_hex(4)}"), []
@@ -92,13 +71,7 @@ def output_folder(
 
 
 def refuse_folder(folder: str | Path, record: str, *, overwrite: bool = False) -> list[str]:
-    """Refuse an output folder that exists, unless it may be replaced, see `output_folder`.
-
-    Returns
-    -------
-    list of str
-        Names of the files in it.
-    """
+    """Refuse a folder that may not be written, see `output_folder`; else name the files in it."""
     folder = Path(folder)
     if not os.path.lexists(folder):
         return []
@@ -130,3 +103,9 @@ def _refuse_foreign_files(folder: Path, names: list[str], record: str) -> None:
                 f"{folder} is not replaced: {record} does not list {name} in it; move that away, "
                 f"or name another folder."
             )
+
+
+def recorded_path(path: str | Path, folder: str | Path) -> str:
+    """Path of another file or folder, relative to the `folder` of the record that stores it."""
+    # The system follows a link before it applies "..", so that links are resolved first.
+    return os.path.relpath(os.path.realpath(path), os.path.realpath(folder))

@@ -34,17 +34,11 @@ def bar(
     """Progress bar to be updated by the caller, with further options of `tqdm`.
 
     It appears if the work exceeds `PATIENCE`, and goes at the end; or it `stays`, from the start.
-    Work without a step has none.
     """
     shown = tqdm(
-        desc=what,
-        total=total,
-        unit=unit,
-        delay=0 if stays else PATIENCE,
-        leave=stays,
-        disable=total == 0 or not _program["shows"],
-        **options,
-    )
+        desc=what, total=total, unit=unit, delay=0 if stays else PATIENCE, leave=stays,
+        disable=total == 0 or not _program["shows"], **options,
+    )  # fmt: skip
     # tqdm looks at the clock only at the end of a step, and the first may take minutes.
     with shown, _after(shown.refresh):
         yield shown

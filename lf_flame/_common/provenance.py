@@ -15,13 +15,10 @@ PACKAGES = (
 
 
 def environment() -> dict:
-    """Describe the running program: command, versions, revision, machine.
+    """Describe the running program in JSON values: command, versions, revision, machine.
 
-    Returns
-    -------
-    dict
-        JSON values. `git_revision` is None outside a git checkout, and ends with "+" if tracked
-        programs or settings differ from the revision.
+    The revision is None outside a git checkout, and ends with "+" if tracked programs or settings
+    differ from it.
     """
     return {
         "command": " ".join([_program(), *sys.argv[1:]]),

@@ -109,28 +109,76 @@ class _Cache(FunctionCache):
             super().save_overload(sig, data)
 
 
-# Numba passes no tuple of tuples to its threads, but passes a pointer to one.
-@intrinsic
-def _pointer(_context, value):
-    def generate(context, builder, _signature, arguments):
-        place = cgutils.alloca_once(builder, context.get_data_type(value))
-        context.pack_value(builder, value, arguments[0], place)
-        return place
+def _kept(kernel: Any, function: Callable) -> Any:
+    if not numba.config.DISABLE_JIT:
+        kernel._cache = _Cache(function)
+    return kernel
 
-    return types.CPointer(value)(value), generate
+
+# One `prange` serves all loops, by the addresses of their code and arguments: with a `prange` of
+# its own each would compile for twice as long, and Numba passes no tuple of tuples to its threads.
+@intrinsic
+def _addresses(typing, piece, arguments):
+    """Addresses of the code of ``piece(k, pointer)``, and of the arguments it points to."""
+    called = types.intp, types.CPointer(arguments)
+    piece.get_call_type(typing, called, {})  # compiles it
+
+    def generate(context, builder, signature, values):
+        code = piece.dispatcher.overloads[called]
+        context.add_linking_libs([code.library])
+        place = cgutils.alloca_once(builder, context.get_data_type(arguments))
+        context.pack_value(builder, arguments, values[1], place)
+        function = context.declare_function(builder.module, code.fndesc)
+        both = [builder.ptrtoint(address, cgutils.intp_t) for address in (function, place)]
+        return context.make_tuple(builder, signature.return_type, both)
+
+    return types.UniTuple(types.intp, 2)(piece, arguments), generate
+
+
+@intrinsic
+def _value(_typing, pointer):
+    def generate(context, builder, signature, values):
+        value = context.unpack_value(builder, pointer.dtype, values[0])
+        return impl_ret_borrowed(context, builder, signature.return_type, value)
+
+    return pointer.dtype(pointer), generate
+
+
+@intrinsic
+def _fails(_typing, code, arguments, k):
+    """Call the code of a piece, and return whether it raised an error."""
+    called = types.intp, types.voidptr
+
+    def generate(context, builder, _signature, values):
+        function = context.call_conv.get_function_type(types.none, called).as_pointer()
+        function = builder.inttoptr(values[0], function)
+        pointer = builder.inttoptr(values[1], cgutils.voidptr_t)
+        given = values[2], pointer
+        status, _ = context.call_conv.call_function(builder, function, types.none, called, given)
+        return status.is_error
+
+    return types.boolean(code, arguments, k), generate
 
 
 # Numba's function of this name takes a lock at each call, which a fork would leave locked.
 _set_chunk = types.ExternalFunction("set_parallel_chunksize", types.uintp(types.uintp))
 
 
-@intrinsic
-def _value(_context, pointer):
-    def generate(context, builder, signature, arguments):
-        value = context.unpack_value(builder, pointer.dtype, arguments[0])
-        return impl_ret_borrowed(context, builder, signature.return_type, value)
+def _share(alone, code, arguments, count):
+    """Call the code for all pieces, and return the number of those that raised an error."""
+    failures = 0
+    if alone:
+        for k in range(count):
+            failures += _fails(code, arguments, k)
+        return failures
+    before = _set_chunk(max(count // 32, 1))  # runs of pieces that idle threads take
+    for k in prange(count):
+        failures += _fails(code, arguments, np.int64(k))
+    _set_chunk(before)
+    return failures
 
-    return pointer.dtype(pointer), generate
+
+share = _kept(njit(parallel=True)(_share), _share)
 
 
 class Kernel:
@@ -140,37 +188,31 @@ class Kernel:
         self.count, self.body = count, body
         names, counted = ([*inspect.signature(function).parameters] for function in (body, count))
         self.counted = [names.index(name) - 1 for name in counted]
-        piece = njit(body)
+        from_numba_alone = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+        one = from_numba_alone(body)
+
+        def piece(k, pointer):
+            one(k, *_value(pointer))
 
         def loop(alone, count, *arguments):
-            pointer, done = _pointer(arguments), 0
-            if alone:
-                for k in range(count):
-                    piece(k, *arguments)
-                return
-            before = _set_chunk(max(count // 32, 1))  # runs of pieces that idle threads take
-            for k in prange(count):
-                piece(np.int64(k), *_value(pointer))
-                done += 1
-            _set_chunk(before)
-            if done != count:  # the error itself may be lost with its thread
+            if share(alone, *_addresses(piece, arguments), count):
                 raise RuntimeError("A compiled loop failed: no memory left, or a division by 0.")
 
-        loop.__module__, loop.__qualname__ = body.__module__, f"{body.__qualname__}.loop"
-        self.compiled = njit(parallel=True, nogil=True)(loop)
-        if not numba.config.DISABLE_JIT:
-            self.compiled._cache = _Cache(body)  # type: ignore[attr-defined]
+        for function in (piece, loop):  # names of machine code, which must differ
+            function.__module__ = body.__module__
+            function.__qualname__ = f"{body.__qualname__}.{function.__name__}"
+        piece = from_numba_alone(piece)
+        self.compiled = _kept(njit(nogil=True)(loop), body)
 
     def __call__(self, *arguments: Any) -> None:
         count = self.count(*(arguments[place] for place in self.counted))
         if numba.config.DISABLE_JIT:
             for k in range(count):
                 self.body(k, *arguments)
-        elif os.getpid() != _PROCESS:  # forked, without the threads
-            self.compiled(True, count, *arguments)
         else:
-            with _needed_lock():
-                self.compiled(False, count, *arguments)
+            forked = os.getpid() != _PROCESS  # without the threads
+            with nullcontext() if forked else _needed_lock():
+                self.compiled(forked, count, *arguments)
 
 
 def parallel(count: Callable[..., int]) -> Callable[[Callable], Kernel]:

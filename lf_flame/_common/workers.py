@@ -41,23 +41,9 @@ def worker_pool(
 ) -> Iterator[ProcessPoolExecutor]:
     """Start worker processes that Ctrl-C does not reach; they end when this one ends, however.
 
-    Parameters
-    ----------
-    workers : int
-        Number of processes.
-    setup : callable, optional
-        Function that each process calls with the arguments before its first work.
-
-    Yields
-    ------
-    ProcessPoolExecutor
-        Pool of the processes; work that has not begun is cancelled if the block ends early. Ctrl-C
-        ends the processes at once: what they write is whole or not there.
-
-    Raises
-    ------
-    ChildProcessError
-        If a process is killed, for example because memory is exhausted.
+    Each calls `setup` with the arguments before its first work. Work that has not begun is
+    cancelled if the block ends early; at Ctrl-C the processes end at once: what they write is whole
+    or not there. A process that is killed, as where memory is exhausted, is a `ChildProcessError`.
     """
     others = multiprocessing.active_children()
     with ProcessPoolExecutor(workers, _Context(), _start, (setup, arguments)) as pool:
@@ -96,16 +82,9 @@ def _end_with_parent() -> None:
 def carry_out(
     tasks: Sequence[Callable[[], Iterable[T]]], workers: int, executor: Executor | None
 ) -> Iterator[T]:
-    """Carry out tasks, and yield the results of each when it is done, in any order.
+    """Carry out tasks that can be pickled, and yield the results of each when it is done.
 
-    Parameters
-    ----------
-    tasks : sequence of callable
-        Tasks that can be pickled.
-    workers : int
-        Number of processes; 1 works in this one, on all threads.
-    executor : concurrent.futures.Executor or None
-        Executor to use instead.
+    One worker is this process, on all threads; `executor` is used in place of processes of ours.
     """
     if executor is not None:
         yield from _submit(tasks, executor)

@@ -1,14 +1,13 @@
 """Zarr folders: arrays of numbers are opened, and nothing is unpickled.
 
-Zarr raises many kinds of errors for unexpected metadata; `GroupFile` and `ArrayFile` accept only
-those that this package writes for data sets and processed videos.
+Zarr raises many kinds of errors for unexpected metadata; of data sets and processed videos only
+metadata that this package writes are accepted.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,18 +20,23 @@ ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, Runt
                NotImplementedError, OverflowError)  # fmt: skip
 """Exceptions of Zarr and its codecs for damaged metadata and chunks."""
 
-METADATA = ("zarr.json", ".zarray", ".zgroup")
+METADATA_3 = "zarr.json"
+METADATA = (METADATA_3, ".zarray", ".zgroup")
 """Names of the metadata of formats 3 and 2, one of which every Zarr folder holds."""
 
 SAFE_CODECS = ("blosc", "zstd", "lz4", "zlib", "gzip", "bz2", "lzma")
 """Codecs of format 2 that only unpack; others may run what a chunk holds, as ``pickle`` does."""
+
+WRITTEN_CODECS = ("bytes", "zstd", "crc32c", "sharding_indexed")
+WRITTEN_TYPES = ("float32", "float64", "uint8")
+"""Codecs of format 3, and types of numbers, that this package writes."""
 
 EVERY_CHUNK = {"write_empty_chunks": True}
 """Configuration of arrays that we write: also chunks of zeros get files, so that a missing file is
 noticed when the array is read, see `refuse_missing_chunks`."""
 
 MOST_TOGETHER = 4096
-"""Largest number of samples, or frames, in a file that this package writes."""
+"""Largest number of samples, or frames, in a chunk that this package writes."""
 
 MOST_ARRAYS = 1000
 """Largest number of arrays of a group among which views are searched for."""
@@ -44,15 +48,9 @@ def is_zarr(path: str | Path) -> bool:
 
 
 class ZarrFile:
-    """Arrays of numbers in a Zarr folder; the interface is that of `ArrayFile`.
+    """Arrays of numbers in a Zarr folder; a folder that is one array has the name "" alone.
 
-    Attributes
-    ----------
-    path : Path
-    names : list of str
-        Names of the arrays in the group; a folder that is one array has the name "" alone.
-    metadata : Path
-        File with the metadata of the array or group.
+    The interface is that of `lf_flame._common.arrays_in_files`.
     """
 
     def __init__(self, path: str | Path):
@@ -72,15 +70,8 @@ class ZarrFile:
         array = self._arrays[name]
         return ArrayHeader(array.shape, array.dtype)
 
-    def open(self, name: str) -> Any:
-        """Open an array, to read parts of it.
-
-        Raises
-        ------
-        InputError
-            If it is packed in a way that could run code, one chunk exceeds the memory limit, or a
-            chunk's file is missing.
-        """
+    def _check(self, name: str) -> Any:
+        """Refuse codecs that could run code, too large chunks, and missing files."""
         array = self._arrays[name]
         record = array.metadata.to_dict()
         if record["zarr_format"] == 2:
@@ -96,14 +87,8 @@ class ZarrFile:
         return array
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times.
-
-        Raises
-        ------
-        InputError
-            If one is damaged, or they exceed the memory limit.
-        """
-        arrays = [self.open(name) for name in names]
+        """Read arrays by name, if they fit into memory `copies` times."""
+        arrays = [self._check(name) for name in names]
         needed = sum(prod(array.shape) * array.dtype.itemsize for array in arrays)
         check_memory(int(copies * needed), self.path)
         with readable(self.metadata, ZARR_ERRORS):
@@ -111,12 +96,7 @@ class ZarrFile:
 
 
 def refuse_missing_chunks(array: Any, path: Path) -> None:
-    """Refuse an array without all of its files: Zarr reads a missing one as the fill value.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an array without all of its files: Zarr reads a missing one as the fill value."""
     together = array.shards or array.chunks
     files = prod(-(-size // step) for size, step in zip(array.shape, together, strict=True))
     missing = files - array.nchunks_initialized * prod(array.chunks) // prod(together)
@@ -128,75 +108,52 @@ def refuse_missing_chunks(array: Any, path: Path) -> None:
         )
 
 
-@dataclass(frozen=True)
-class GroupFile:
-    """Metadata file of a group that this package writes."""
-
-    zarr_format: Literal[3]
-    node_type: Literal["group"]
-    attributes: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Chunks:
-    """Shape of the chunks of a regular grid."""
-
-    chunk_shape: list[int]
+def read_attributes(folder: Path) -> dict[str, Any]:
+    """Read the attributes of a group that this package writes."""
+    record = read_record(folder / METADATA_3)
+    kind, attributes = record.get("node_type"), record.get("attributes")
+    if (kind, record.get("zarr_format")) != ("group", 3) or not isinstance(attributes, dict):
+        raise InputError(f"{folder / METADATA_3} is damaged, or not that of a group of Zarr 3.")
+    return attributes
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Division of an array into chunks."""
-
-    name: Literal["regular"]
-    configuration: Chunks
-
-
-@dataclass(frozen=True)
-class Codec:
-    """A step between an array and the bytes of its chunks."""
-
-    name: Literal["bytes", "zstd", "crc32c", "sharding_indexed"]
-
-
-@dataclass(frozen=True)
-class ArrayFile:
-    """Metadata file of an array that this package writes, with whole samples in each file."""
-
-    zarr_format: Literal[3]
-    node_type: Literal["array"]
-    shape: list[int]
-    data_type: Literal["float32", "float64", "uint8"]
-    chunk_grid: Grid
-    fill_value: Literal["NaN", 0]
-    codecs: list[Codec]
-
-    def __post_init__(self):
-        chunk = self.chunk_grid.configuration.chunk_shape
-        together = chunk[0] if chunk else 0
-        whole = min(self.shape, default=0) >= 1 and chunk[1:] == self.shape[1:]
-        if not (whole and 1 <= together <= MOST_TOGETHER):
-            raise InputError(
-                f"shape and chunk_shape must be those of whole samples, up to {MOST_TOGETHER} "
-                f"together, got {self.shape[:6]} and {chunk[:6]}."
-            )
+def read_array_shape(folder: Path) -> list[int]:
+    """Read the shape of an array that this package writes: whole samples or frames in a chunk."""
+    record = read_record(folder / METADATA_3)
+    try:
+        shape, chunk = record["shape"], record["chunk_grid"]["configuration"]["chunk_shape"]
+        ours = (
+            (record["node_type"], record["zarr_format"]) == ("array", 3)
+            and record["chunk_grid"]["name"] == "regular"
+            and record["data_type"] in WRITTEN_TYPES
+            and record["fill_value"] in ("NaN", 0)
+            and all(codec["name"] in WRITTEN_CODECS for codec in record["codecs"])
+            and all(type(n) is int and n >= 1 for n in (*shape, *chunk))
+            and chunk[0] <= MOST_TOGETHER
+            and chunk[1:] == shape[1:]
+        )
+    except (LookupError, TypeError):
+        ours = False
+    if not ours:
+        raise InputError(
+            f"{folder / METADATA_3} is damaged, or not that of an array of this program, with "
+            f"chunks of whole samples, up to {MOST_TOGETHER} together."
+        )
+    return shape
 
 
-def array_records(path: Path) -> dict[str, dict[str, Any]]:
-    """Read the metadata file of each array in a group's folder, by the array's name."""
-    files = sorted([*path.glob("*/zarr.json"), *path.glob("*/*/zarr.json")])
-    found = {file.parent.relative_to(path).as_posix(): read_record(file) for file in files}
-    return {name: record for name, record in found.items() if record.get("node_type") != "group"}
+def array_names(folder: Path) -> list[str]:
+    """Names of the arrays in a group's folder, and in the groups in it."""
+    files = sorted([*folder.glob(f"*/{METADATA_3}"), *folder.glob(f"*/*/{METADATA_3}")])
+    return [
+        file.parent.relative_to(folder).as_posix()
+        for file in files
+        if read_record(file).get("node_type") != "group"
+    ]
 
 
 def open_array(group: Any, name: str) -> Any:
-    """Open an array of a group in a folder, never a group inside it.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name, or it is damaged.
-    """
+    """Open an array of a group in a folder; refuse a group inside it, or a damaged array."""
     with readable(group.store.root / name / "zarr.json", ZARR_ERRORS):
         array = group[name]
     if not isinstance(array, import_zarr().Array):

@@ -24,7 +24,6 @@ from lf_flame._common.config import strict
 from lf_flame.calibration.brightness import even_out
 from lf_flame.calibration.distortion import undistort
 from lf_flame.errors import InputError
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.optics.lens import Lens
@@ -239,11 +238,6 @@ class CameraLaw(Lens):
             return light_field  # refused where its views matter
         if self.fall_off is None and not self.distortion:
             return light_field
-        if isinstance(light_field, LazyLightField):
-            raise InputError(
-                "The calibration corrects the pictures, which needs the whole light field in "
-                "memory; --slope without --camera needs bands of rows."
-            )
         if self.fall_off is not None:
             light_field = even_out(light_field, self.fall_off)
         if not self.distortion:

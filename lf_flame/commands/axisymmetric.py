@@ -194,8 +194,7 @@ def _fit_grey(
     options: dict[str, Any],
 ) -> None:
     """Fit a grey light field, write the section, and print what was found."""
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.tomography import reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
 

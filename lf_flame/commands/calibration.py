@@ -69,8 +69,7 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, overwrite, **op
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.calibration import fit_targets, measure_target, output
     from lf_flame.calibration.fit import refuse_few_depths
 

@@ -103,8 +103,7 @@ def write_soot(
 
     All records hold the same random `call`, as a call that is killed may leave colours of two.
     """
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
 
     call = secrets.token_hex(8)
     for number, (name, found, light) in enumerate(zip(names, soot.colours, lights, strict=True)):

@@ -76,8 +76,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     far each picture is from the fit. The line below it is the lowest temperature that the responses
     tell from all higher ones; they must do so from 1,000 K on.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.formats import read_exposure
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import colour_output

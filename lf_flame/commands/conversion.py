@@ -10,7 +10,6 @@ from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 from lf_flame.formats import write_light_field
 from lf_flame.formats.images import TIFF_SUFFIXES
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField
 
 ARRAYS = (".npy", ".npz", ".zarr")
@@ -21,7 +20,7 @@ LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
 
 
 def convert_light_field(
-    light_field: LightField | LazyLightField,
+    light_field: LightField,
     target: Path,
     bits: int | None = None,
     linear: bool = True,
@@ -30,7 +29,7 @@ def convert_light_field(
 
     Parameters
     ----------
-    light_field : LightField or LazyLightField
+    light_field : LightField
     target : Path
         As in `write_light_field`.
     bits : int, optional
@@ -44,9 +43,6 @@ def convert_light_field(
     str
         Note on the values for the user; empty if they are unchanged, in levels of 16 bits.
     """
-    if isinstance(light_field, LazyLightField):
-        write_light_field(light_field, target)
-        return ""
     views = light_field.views
     low, high = min(float(views.min()), 0.0), max(float(views.max()), 1.0)
     fits, suffix = (low, high) == (0.0, 1.0), target.suffix.lower()

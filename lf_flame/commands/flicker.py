@@ -103,9 +103,8 @@ def flicker(
     probability that noise alone, white or correlated like these heights, has such a peak. If it
     is above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame._common.progress import frame_bar
-    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.calibration import read_lens
     from lf_flame.commands.frames import find_frames, read_frames
     from lf_flame.flame_video import output

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.input_files import check_regular, readable
-from lf_flame._common.numbered_names import Parts, split_numbers
 from lf_flame.errors import InputError
 from lf_flame.flame_video.flicker import check_times
+from lf_flame.formats.view_files.names import Parts, split_numbers
 
 EVEN = 0.05
 """Largest deviation of decimal numbers of frames from whole steps, in steps."""

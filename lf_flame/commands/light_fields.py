@@ -78,7 +78,7 @@ def refocus(source, camera, out, overwrite, **options):
         look.refuse_for_network(focus.maps)
     with picture_folder(out or _default_folder(source, focus.name), source, overwrite) as folder:
         network = open_network(look.network)
-        light_field = reading.for_camera(source, lens).read_or_open(source)
+        light_field = reading.for_camera(source, lens).read(source)
         views = light_field.shape[:2]
         if lens is not None:
             lens.check_views(views)
@@ -265,7 +265,7 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
-        light_field = reading.read_or_open(source)
+        light_field = reading.read(source)
         coded = notes_on_coding(source)
         said = convert_light_field(light_field, target, int(bits) if bits else None, not coded)
     for note in coded:

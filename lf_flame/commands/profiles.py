@@ -48,8 +48,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
       lf-flame profiles reconstructed/flames
       lf-flame profiles reconstructed/flames --across 0 --width 1 --height -5 --thickness 2
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.tomography.axisymmetric.section_folder import is_section
     from lf_flame.tomography.profile_output import (
         RECORD,

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from lf_flame.formats import DecodePlan, FocusedPlan, LensletGrid, ViewFolder
     from lf_flame.formats.view_files.parallax_order import FoundOrder
-    from lf_flame.lazy_light_field import LazyLightField
     from lf_flame.lightfield import LightField
     from lf_flame.optics.lens import Lens
 
@@ -184,7 +183,7 @@ class Reading:
             tell(note)
         return plan, image
 
-    def scan(self, source: Path, larger: bool = False) -> "ViewFolder":
+    def scan(self, source: Path) -> "ViewFolder":
         """Find the views of a folder, an archive or a list, and print what was found."""
         from lf_flame import formats
 
@@ -193,7 +192,7 @@ class Reading:
             bayer=self.bayer, mosaic=self.mosaic, array=self.array,
             virtual_depth=self.virtual_depth,
         )  # fmt: skip
-        folder = formats.scan_view_folder(source, self.order, grid=self.grid, larger=larger)
+        folder = formats.scan_view_folder(source, self.order, grid=self.grid)
         tell(folder.describe())
         return folder
 
@@ -211,44 +210,6 @@ class Reading:
             refuse_options("a mosaic of views", views=self.views)
         stated = Stated(*(getattr(self, name) for name in Stated._fields))
         return read_ordered(source, self.dark, stated)
-
-    def read_or_open(self, source: Path) -> "LightField | LazyLightField":
-        """Read a light field, or open one that exceeds the memory limit, and say so."""
-        from lf_flame._common.memory import OverLimitError
-        from lf_flame.formats.coding import notes_on_values
-
-        try:
-            return self.read(source)
-        except OverLimitError as error:
-            if self.is_raw or any(x is not None for x in (self.views, self.mosaic, self.dark)):
-                raise
-            opened = self._open(source, error)
-        v, u, t, s = opened.shape[:4]
-        tell(f"{v} x {u} views of {t} x {s} pixels")
-        for note in notes_on_values(opened.brightest_rows, source):
-            tell(note)
-        return opened
-
-    def _open(self, source: Path, over: InputError) -> "LazyLightField":
-        """Open a light field that exceeds the memory limit, as an error says."""
-        from lf_flame.formats.opening import open_ordered
-        from lf_flame.formats.view_files.sources import is_view_folder
-
-        reason = str(over).partition(";")[0]
-        if is_view_folder(source):
-            tell(f"{reason}: bands of rows are read from a temporary copy")
-            folder = self.scan(source, larger=True)
-            return folder.unpack()
-        try:
-            opened, found = open_ordered(
-                source, order=self.order, grid=self.grid, axes=self.axes, array=self.array
-            )
-        except InputError as error:
-            raise InputError(f"{over} {error}") from None
-        tell(f"{reason}: bands of rows are read from the file")
-        for line in () if found is None else found.describe():
-            tell(line)
-        return opened
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found."""

@@ -10,7 +10,6 @@ import numpy as np
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, white_level
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField, refuse_placed
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import farthest_slope, refocus
@@ -22,7 +21,7 @@ class RefocusJob:
 
     Attributes
     ----------
-    light_field : LightField or LazyLightField
+    light_field : LightField
     options : dict
         `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
     network : optional
@@ -33,7 +32,7 @@ class RefocusJob:
         Gain (1e-6 to 1e6) and gamma (0.01 to 100) of the pictures for display, see `preview`.
     """
 
-    light_field: LightField | LazyLightField
+    light_field: LightField
     options: dict[str, Any] = field(default_factory=dict)
     network: Any = None
     camera: PlenopticCamera | CameraLaw | None = None
@@ -46,20 +45,15 @@ class RefocusJob:
                 raise InputError(f"{name} must be from {low:g} to {high:g}, got {got:g}.")
         if self.options.get("weights") is not None:
             refuse_placed(self.light_field, "An aperture")
-        if self.network is not None and isinstance(self.light_field, LazyLightField):
-            raise InputError("A network needs the whole light field in memory, without --network.")
 
     @cached_property
     def white(self) -> float:
         """Radiance shown as white."""
-        if isinstance(self.light_field, LazyLightField):
-            return white_level(self.light_field.brightest_rows.views)
         return white_level(self.light_field.views)
 
     @property
     def views_to_white(self) -> LightField:
         """Light field with values from 0 to 1, as input of networks."""
-        assert isinstance(self.light_field, LightField)
         if self.white == 1:
             return self.light_field
         return replace(self.light_field, views=self.light_field.views / np.float32(self.white))

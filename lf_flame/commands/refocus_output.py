@@ -2,29 +2,21 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common import figures
-from lf_flame._common.output_folders import OutputFolder, output_folder
-from lf_flame._common.recorded_paths import recorded_path
+from lf_flame._common.output_folders import OutputFolder, output_folder, recorded_path
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
-from lf_flame.lazy_light_field import LazyLightField
-from lf_flame.lightfield import LightField
 from lf_flame.refocus import SlopeSearch, all_in_focus, find_sharpest_slope
 from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure
 from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
-from lf_flame.refocus.slope_range import reduced
 
 RECORD = "refocus.json"
-
-SEARCH_SIDE = 512
-"""Approximate longer side, in pixels, of reduced views in which the sharpest slope is searched."""
 
 SWEEP_FRAMES = 41
 """Number of frames from one end of a sweep to the other; the movie goes there and back."""
@@ -75,27 +67,11 @@ def _depths(job: RefocusJob, slopes: Sequence[float]) -> list[float | None]:
 
 
 def write_search(job: RefocusJob, out: OutputFolder) -> SlopeSearch:
-    """Find the slope of sharpest focus; write its curve as ``slope_search.png``.
-
-    A light field larger than memory is searched in reduced views.
-    """
-    search = _search(job.light_field)
+    """Find the slope of sharpest focus; write its curve as ``slope_search.png``."""
+    search = find_sharpest_slope(job.light_field)
     figures.save(search_figure([search], camera=job.camera), out.path("slope_search.png"))
     out.facts["search"] = {"slope": search.slope, "confidence": search.confidence}
     return search
-
-
-def _search(light_field: LightField | LazyLightField) -> SlopeSearch:
-    if not isinstance(light_field, LazyLightField):
-        return find_sharpest_slope(light_field)
-    small, block = reduced(light_field, SEARCH_SIDE)
-    found = find_sharpest_slope(small, weights=light_field.weights)
-    return replace(
-        found,
-        slope=block * found.slope,
-        slopes=block * found.slopes,
-        region=(0, light_field.shape[2], 0, light_field.shape[3]),
-    )
 
 
 def write_sweep(

@@ -71,8 +71,7 @@ def temperature(
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.tomography import emission_folder
     from lf_flame.tomography.axisymmetric import section_folder
     from lf_flame.tomography.axisymmetric.section_folder import is_section

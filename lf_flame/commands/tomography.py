@@ -266,8 +266,7 @@ def _write_emission(fit: _Fit, thickness: "float | np.ndarray | None", given: st
     """Find emission in grey light, write its folder, and say what was found."""
     import numpy as np
 
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.commands.emission import thickness_facts
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.emission_folder import RECORD

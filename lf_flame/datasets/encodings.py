@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from lf_flame._common.arrays import area_average, spread
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -138,3 +137,21 @@ def block_of(lenslets: tuple[int, int], size: tuple[int, int]) -> tuple[int, int
     """Count the lenslets in a pixel of an image of this size, along (t, s)."""
     down, across = (n // m for n, m in zip(lenslets, size, strict=True))
     return down, across
+
+
+def spread(count: int, chosen: int) -> list[int]:
+    """Spread `chosen` indices evenly over `count`, ends included; a single one is central."""
+    if chosen == 1:
+        return [(count - 1) // 2]
+    return np.round(np.linspace(0, count - 1, chosen)).astype(int).tolist()
+
+
+def area_average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Average areas so that the last two axes have `size`, and clip to [0, 1] like a sensor."""
+    from skimage.transform import downscale_local_mean  # takes a while to import
+
+    factors = (1,) * (images.ndim - 2) + tuple(
+        n // m for n, m in zip(images.shape[-2:], size, strict=True)
+    )
+    averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
+    return np.clip(averaged, 0, 1).astype(np.float32)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lf_flame._common.config import build_record, load_record
-from lf_flame._common.input_files import check_regular, read_record
+from lf_flame._common import zarr_files
+from lf_flame._common.config import build_record
+from lf_flame._common.input_files import check_regular
 from lf_flame._common.memory import check_memory
-from lf_flame._common.zarr_files import ArrayFile, GroupFile
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig
 from lf_flame.errors import InputError
 
@@ -48,18 +48,18 @@ def read_attributes(path: Path) -> Attributes | None:
     InputError
         If its metadata are damaged, or those of something else.
     """
-    found = load_record(GroupFile, path / METADATA).attributes
+    found = zarr_files.read_attributes(path)
     if "config" not in found:  # it is written last
         return None
     return build_record(Attributes, found, path / METADATA)
 
 
-def _check_array(record: dict[str, Any], shapes: Sequence[tuple[int, ...]], source: str) -> int:
+def _check_array(folder: Path, shapes: Sequence[tuple[int, ...]]) -> int:
     """Check the metadata of an array for the allowed shapes of a sample; returns their number."""
-    samples, *shape = build_record(ArrayFile, record, f"{source}/{METADATA}").shape
+    samples, *shape = zarr_files.read_array_shape(folder)
     if tuple(shape) not in shapes:
         raise InputError(
-            f"{source} is damaged: a sample must have the shape {shapes[0]}, got "
+            f"{folder} is damaged: a sample must have the shape {shapes[0]}, got "
             f"{tuple(shape[:6])}."
         )
     return samples
@@ -89,10 +89,7 @@ def check_array_files(path: Path, config: DatasetConfig) -> int:
         "input": [shown, shown[:2]] if shown[2] == 1 else [shown],
         "target": [(len(config.depths_mm), *config.image)],
     }
-    counts = {
-        _check_array(read_record(path / name / METADATA), shapes[name], f"{path}/{name}")
-        for name in shapes
-    }
+    counts = {_check_array(path / name, shapes[name]) for name in shapes}
     if len(counts) > 1 or max(counts) > MOST_SAMPLES:
         raise InputError(
             f"{path} is damaged: its arrays must have as many samples, up to {MOST_SAMPLES}, got "

@@ -6,8 +6,8 @@ plan allows, else from the light field. Light fields of the exact integrator agr
 
 import numpy as np
 
-from lf_flame._common.arrays import area_average
 from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera

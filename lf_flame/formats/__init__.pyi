@@ -15,7 +15,6 @@ from .lytro.picture import read_lytro as read_lytro
 from .lytro.products import read_lytro_products as read_lytro_products
 from .lytro.white import find_white as find_white
 from .movie import write_movie as write_movie
-from .opening import open_light_field as open_light_field
 from .raw.decode_plan import DecodePlan as DecodePlan
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch

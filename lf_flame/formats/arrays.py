@@ -7,16 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import (
-    ArrayFile,
-    Hdf5File,
-    MatlabFile,
-    is_matlab_hdf5,
-    open_arrays,
-)
+from lf_flame._common.arrays_in_files import ArrayFile, open_arrays
 from lf_flame._common.images import FLOAT, to_unit
 from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
+from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.formats.view_files.orders import Grid, arranged_light_field, as_grid, check_grid
 from lf_flame.formats.view_files.parallax_order import FoundOrder

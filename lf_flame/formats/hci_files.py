@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import Hdf5File
 from lf_flame._common.images import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
+from lf_flame.formats.hdf5_and_matlab import Hdf5File
 from lf_flame.formats.view_files.orders import arranged, turned_round
 from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
 

@@ -4,21 +4,16 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import MappedArray
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
 from lf_flame._common.zarr_files import EVERY_CHUNK, import_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_files.folder_output import write_view_folder
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import AXES, LightField, refuse_placed
-
-CHUNK_ROWS = 64
-"""Number of rows of a view in a chunk of a Zarr array, so that bands of rows are read alone."""
 
 
 def write_light_field(
-    light_field: LightField | LazyLightField,
+    light_field: LightField,
     path: str | Path,
     bits: int = 16,
     *,
@@ -29,8 +24,7 @@ def write_light_field(
     Parameters
     ----------
     light_field : LightField
-        Light field; for images of 8 or 16 bits, values from 0 to 1. A `LazyLightField` is written
-        band by band, as .npy or .zarr.
+        Light field; for images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
         Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
         .npy, the array ``views``; .npz, or .zarr, a new folder: ``views`` and, if there are any,
@@ -60,8 +54,6 @@ def write_light_field(
     suffix = path.suffix.lower()
     if suffix == ".zarr":
         _write_zarr(light_field, path)
-    elif isinstance(light_field, LazyLightField):
-        _write_bands(light_field, path)
     elif not suffix:
         write_view_folder(light_field, path, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
@@ -81,19 +73,7 @@ def write_light_field(
         )
 
 
-def _write_bands(light_field: LazyLightField, path: Path) -> None:
-    """Write the views as a ``.npy`` file, band by band."""
-    if path.suffix.lower() != ".npy":
-        raise InputError(
-            f"A light field larger than memory is written as .npy or .zarr, got {path}."
-        )
-    with atomic_write(path) as aside:
-        stored = MappedArray.new(aside, light_field.shape)
-        for band, some in light_field.bands(what="writing"):
-            stored[:, :, band.rows] = some.views
-
-
-def _write_zarr(light_field: LightField | LazyLightField, path: Path) -> None:
+def _write_zarr(light_field: LightField, path: Path) -> None:
     """Write views, weights and known pixels as a Zarr group, with named axes."""
     zarr = import_zarr()
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
@@ -103,13 +83,9 @@ def _write_zarr(light_field: LightField | LazyLightField, path: Path) -> None:
         group = zarr.create_group(str(aside))
         views = group.create_array(
             "views", shape=shape, dtype=np.float32, dimension_names=AXES[: len(shape)],
-            chunks=(1, 1, min(shape[2], CHUNK_ROWS), *shape[3:]), config=EVERY_CHUNK,
+            chunks=(1, 1, *shape[2:]), config=EVERY_CHUNK,
         )  # fmt: skip
-        if isinstance(light_field, LightField):
-            views[...] = light_field.views
-        else:
-            for band, some in light_field.bands(what="writing"):
-                views[:, :, band.rows] = some.views
+        views[...] = light_field.views
         for name, axes in (("weights", 2), ("valid", 4)):
             array = getattr(light_field, name)
             if array is not None:

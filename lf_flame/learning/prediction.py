@@ -12,11 +12,10 @@ from skimage.color import rgb2gray
 from skimage.transform import resize
 
 from lf_flame._common import figures
-from lf_flame._common.arrays import area_average
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
-from lf_flame._common.output_folders import output_folder
-from lf_flame._common.recorded_paths import recorded_path
+from lf_flame._common.output_folders import output_folder, recorded_path
+from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image

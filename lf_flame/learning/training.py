@@ -13,7 +13,7 @@ from pathlib import Path
 import keras
 import numpy as np
 
-from lf_flame._common.recorded_paths import recorded_path
+from lf_flame._common.output_folders import recorded_path
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField, as_view_weights, in_order, refuse_placed
 
-Views = LightField | LazyLightField | ArrayLike
-"""A light field, or its views alone; one that is not in memory is refused where all is needed."""
+Views = LightField | ArrayLike
+"""A light field, or its views alone."""
 
 Region = tuple[int, int, int, int]
 """Rows and columns of lenslets, ``(t_start, t_stop, s_start, s_stop)``; stops are excluded."""
@@ -28,13 +27,8 @@ def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; NaN and infinity are not checked.
 
     Unknown pixels of a light field are filled. Views at positions of their own are refused unless
-    `placed` says that the caller heeds them. A light field that is not in memory is refused.
+    `placed` says that the caller heeds them.
     """
-    if isinstance(views, LazyLightField):
-        raise InputError(
-            "This needs the whole light field in memory; shift_and_sum, refocus_surface, "
-            "all_in_focus and find_slope_range read a LazyLightField in bands."
-        )
     if not placed:
         refuse_placed(views, "This")
     views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
@@ -47,9 +41,7 @@ def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
 
 
 def shape_of(views: Views) -> tuple[int, ...]:
-    """Shape of the views, which are not read."""
-    if isinstance(views, LazyLightField):
-        return views.shape
+    """Shape of the views."""
     return as_views(views, placed=True).shape
 
 
@@ -157,7 +149,7 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
         If they cannot be used, or all products are 0.
     """
     shape = shape_of(views)[:2]
-    own = views.weights if isinstance(views, LightField | LazyLightField) else None
+    own = views.weights if isinstance(views, LightField) else None
     stated = (
         np.ones(shape)
         if weights is None
@@ -218,7 +210,7 @@ def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str
     what : str
         Method that needs them, for the message.
     """
-    own = views.weights if isinstance(views, LightField | LazyLightField) else None
+    own = views.weights if isinstance(views, LightField) else None
     for v, u in indices:
         if own is not None and own[v, u] == 0:
             raise InputError(

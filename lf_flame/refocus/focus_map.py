@@ -26,9 +26,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from lf_flame._common.arrays import centred
-from lf_flame._common.scratch import StoredBands
 from lf_flame.errors import InputError
-from lf_flame.lazy_light_field import FLOAT, LazyLightField
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import (
     Views,
@@ -38,9 +36,8 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
     refuse_uncounted,
 )
-from lf_flame.refocus.grey_views import GreyViews
 from lf_flame.refocus.interpolation import check_interpolation
-from lf_flame.refocus.matching import ComparedViews
+from lf_flame.refocus.matching import ComparedViews, as_grey
 from lf_flame.refocus.refinement import refine_slopes
 from lf_flame.refocus.semi_global import choose_slopes
 from lf_flame.refocus.shift import shift_and_sum
@@ -127,9 +124,7 @@ def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0
     stack, slopes = np.asarray(stack), as_steps(slopes)
     costs = _blur(stack, slopes, window)
     picture = _between_slices(stack, slopes, slopes[costs.argmin(axis=2)])
-    slope, confidence = choose_slopes(
-        [costs], slopes, _guide(picture), window, slopes[1] - slopes[0]
-    )
+    slope, confidence = choose_slopes(costs, slopes, _guide(picture), window, slopes[1] - slopes[0])
     return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
 
 
@@ -153,8 +148,6 @@ def all_in_focus(
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Or a `LazyLightField`: the result is the same; what does not fit into memory waits in a
-        temporary file.
     slopes : sequence of float
         Slopes to search, in lenslets per view step, at least three, rising in equal steps. A peak
         at the first or last is not trusted: include one step more on each side than the scene
@@ -196,7 +189,7 @@ def all_in_focus(
         slopes = as_steps(slopes)
         stack = shift_and_sum(light_field, slopes, interpolation="cubic", weights=weights)
         return depth_from_focus(stack, slopes, window=window)
-    views, slopes = GreyViews(light_field), as_steps(slopes)
+    views, slopes = as_grey(light_field), as_steps(slopes)
     down, right = (((n - 1) // 2, n // 2) for n in views.shape[:2])
     refuse_uncounted(
         light_field, product(down, right), "A slope map, which compares all views with one,"
@@ -206,8 +199,6 @@ def all_in_focus(
     own = light_field
     if isinstance(own, LightField):
         own = LightField.trusted(own.views, valid=own.valid)
-    elif isinstance(own, LazyLightField):
-        own = own.rearranged()
     slope, confidence, guide, limit = _matched(compared, own, window, weights)
     if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
         slope, confidence, guide, limit = _matched(compared, own, window, weights)
@@ -220,15 +211,10 @@ def _matched(
     compared: ComparedViews, light_field: Views, window: float, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Slopes at which compared views match best, their confidence, the guide, and the limit."""
-    slopes, shape = compared.slopes, compared.views.shape
-    limit, best = compared.limit(), np.empty(shape[2:])
-    size = FLOAT * best.size * len(slopes)
-    costs: list | StoredBands = [] if len(compared.bands) == 1 else StoredBands(size)
-    for rows in compared.bands:
-        band = compared.costs(rows, limit)
-        best[rows] = slopes[band.argmin(axis=2)]
-        costs.append(band)
-    guide = _guide(_middle(light_field, shape[:2], best))
+    slopes, limit = compared.slopes, compared.limit()
+    costs = compared.costs(limit)
+    best = slopes[costs.argmin(axis=2)]
+    guide = _guide(_middle(as_views(light_field), best))
     found = choose_slopes(costs, slopes, guide, window, distinct_by(weights))
     return *found, guide, limit
 
@@ -250,15 +236,11 @@ def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
 
 
-def _middle(light_field: Views, shape: tuple[int, ...], slope: np.ndarray) -> np.ndarray:
+def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Central view; for an even number of views, the mean of the central ones on the surface."""
-    down, right = (np.abs(centred(n)) < 1 for n in shape)
+    down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])
     if down.sum() == right.sum() == 1:
-        at = shape[0] // 2, shape[1] // 2
-        if isinstance(light_field, LazyLightField):
-            return light_field.view(*at)
-        return as_views(light_field)[at].astype(np.float32, copy=False)
-    views = light_field if isinstance(light_field, LazyLightField) else as_views(light_field)
+        return views[views.shape[0] // 2, views.shape[1] // 2].astype(np.float32, copy=False)
     return refocus_surface(views, slope, weights=np.outer(down, right))
 
 

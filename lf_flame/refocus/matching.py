@@ -29,8 +29,8 @@ from scipy.ndimage import gaussian_filter1d
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels
+from lf_flame.refocus._arguments import Views, as_readable, as_views, refuse_not_finite
 from lf_flame.refocus._matching_kernels import TAPS
-from lf_flame.refocus.grey_views import GreyViews, reach_of
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
 MARGIN = 0.07
@@ -87,15 +87,22 @@ def sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(shares, np.float32), np.array(margins, np.float32)
 
 
+def as_grey(light_field: Views) -> np.ndarray:
+    """Average the channels of finite views: shape (v, u, t, s), of a type that kernels read."""
+    views = as_views(light_field)
+    refuse_not_finite(views)
+    return as_readable(views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32))
+
+
 class WeightedViews(NamedTuple):
-    """Rows of views, and how they count."""
+    """Views, and how they count."""
 
     views: np.ndarray
-    """Some rows of the views, shape (v, u, rows, s)."""
+    """Grey views, shape (v, u, t, s)."""
     first: int
-    """Number of the first of these rows."""
+    """Number of their first row: 0."""
     height: int
-    """Number of all rows."""
+    """Number of rows."""
     parts_down: np.ndarray
     """For each row of views: 0 before the centre, 1 in it, 2 after it."""
     parts_across: np.ndarray
@@ -114,7 +121,8 @@ class ComparedViews:
 
     Parameters
     ----------
-    views : GreyViews
+    views : ndarray, shape (v, u, t, s)
+        Grey views, see `as_grey`.
     slopes : ndarray of float64, shape (n,)
         Slopes to compare at, in lenslets per view step.
     weights : ndarray of float64, shape (v, u)
@@ -128,13 +136,9 @@ class ComparedViews:
         Factor that makes the brightest pixel 1, so that squares stay within float32.
     even : bool
         Whether all views are as bright as the central one.
-    reach : int
-        Number of rows beyond its own from which a row is compared.
-    bands : list of slice
-        Rows of pixels that are compared at once: all of them, of a light field in memory.
     """
 
-    def __init__(self, views: GreyViews, slopes: np.ndarray, weights: np.ndarray):
+    def __init__(self, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray):
         self.views, self.slopes = views, slopes
         self._weights = weights / weights[weights > 0].mean()
         self._parts = [_part_of_view(n) for n in views.shape[:2]]
@@ -143,12 +147,10 @@ class ComparedViews:
         self._middle = (chosen if chosen.any() else middle).astype(np.float32)
         self.counts = np.zeros((3, 3))
         np.add.at(self.counts, np.ix_(*self._parts), self._weights)
-        brightest = views.brightest
+        brightest = max(float(np.abs(row).max()) for row in views)
         self.unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
         self._levels = even_levels(views.shape[:2])
         self.even = True
-        self.reach = reach_of(slopes, views.shape[0])
-        self.bands = views.bands(self.reach)
         height = views.shape[2]
         self._rows = np.arange(0, height, max(height // SAMPLED_ROWS, 1))
         read = self._rows.size * views.shape[3]
@@ -179,61 +181,45 @@ class ComparedViews:
         least, _, contrast = self._best()
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
-    def costs(self, rows: slice, limit: float) -> np.ndarray:
-        """Mismatch of the views at each pixel of some rows and slope.
+    def costs(self, limit: float) -> np.ndarray:
+        """Mismatch of the views at each pixel and slope.
 
         Parameters
         ----------
-        rows : slice
         limit : float
             Largest difference that counts, see `limit`.
 
         Returns
         -------
-        ndarray of float32, shape (rows, s, n)
+        ndarray of float32, shape (t, s, n)
             Costs, from 0 for equal views to about 1.
         """
         slopes, (height, width) = self.slopes, self.views.shape[2:]
         shares, margins = sides(self.counts)
-        # Differences are smoothed over three rows.
-        read = np.arange(max(rows.start - 1, 0), min(rows.stop + 1, height))
-        inner = slice(rows.start - read[0], rows.stop - read[0])
-        window = self.views.near(read, self.reach)
-        costs = np.empty((rows.stop - rows.start, width, len(slopes)), np.float32)
-        line = np.empty((read.size, width), np.float32)
-        done, count = sum(band.stop <= rows.start for band in self.bands), len(self.bands)
-        what = "matching views" + f", part {done + 1} of {count}" * (count > 1)
-        for n, slope in enumerate(progress.steps(slopes, what, len(slopes), "slope")):
-            parts = self._differences(window, float(slope), read, limit)[0]
+        costs = np.empty((height, width, len(slopes)), np.float32)
+        line = np.empty((height, width), np.float32)
+        for n, slope in enumerate(progress.steps(slopes, "matching views", len(slopes), "slope")):
+            parts = self._differences(float(slope), np.arange(height), limit)[0]
             _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
-            costs[..., n] = line[inner]
+            costs[..., n] = line
         return costs
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""
-        groups = self.views.groups(self._rows, self.reach)
-        bar = progress.steps(groups, "reading some rows", len(groups), "row")
-        least, best, middle = zip(*map(self._best_of, bar), strict=True)
-        contrast = float(np.concatenate(middle).std())
-        return np.concatenate(least), np.concatenate(best), contrast
-
-    def _best_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Least difference in rows that are read at once, its slope, and the central view."""
-        window = self.views.near(rows, self.reach)
-        least = np.full((rows.size, self.views.shape[3]), np.inf, np.float32)
+        least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
-            parts, middle = self._differences(window, float(slope), rows, np.inf)
+            parts, middle = self._differences(float(slope), self._rows, np.inf)
             total = parts.sum(axis=1)
             total /= np.float32(self.counts.sum())
             np.minimum(least, total, out=least)
             smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
             best[smooth < smoothest] = slope
             np.minimum(smoothest, smooth, out=smoothest)
-        return least, best, middle
+        return least, best, float(middle.std())
 
     def _differences(
-        self, window: tuple[np.ndarray, int], slope: float, rows: np.ndarray, limit: float
+        self, slope: float, rows: np.ndarray, limit: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Differences from the central view in nine parts, (rows, 9, s), and the central view."""
         views = self.views
@@ -243,19 +229,18 @@ class ComparedViews:
         across, across_weights = _taps(slope, *views.shape[1::2])
         shifts = (slope * centred(n) for n in views.shape[:2])
         _matching_kernels.compare_views(
-            self.weighted(window), rows, down, (self.unit * down_weights).astype(np.float32),
+            self.weighted(), rows, down, (self.unit * down_weights).astype(np.float32),
             across, across_weights.astype(np.float32), int(np.abs(across).max()) + TAPS, *shifts,
             np.float32(limit), middle, out,
         )  # fmt: skip
         return out, middle
 
-    def weighted(self, window: tuple[np.ndarray, int]) -> WeightedViews:
-        """Rows of the views, and how they count; the window is these and the first's number."""
-        rows, first = window
+    def weighted(self) -> WeightedViews:
+        """Give the views to the kernels, and how they count."""
         down, across = self._parts
         weights = self._weights.astype(np.float32)
         return WeightedViews(
-            rows, first, self.views.shape[2], down, across, weights, self._middle, self.even,
+            self.views, 0, self.views.shape[2], down, across, weights, self._middle, self.even,
             self._levels,
         )  # fmt: skip
 

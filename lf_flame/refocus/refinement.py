@@ -83,30 +83,23 @@ def set_up_equations(
     """
     numerator, denominator = np.empty(slope.shape), np.empty(slope.shape)
     height = slope.shape[0]
-    for band in compared.bands:
-        near = np.arange(max(band.start - 1, 0), min(band.stop + 1, height))
-        window = compared.views.near(near, compared.reach)
-        for start in range(band.start, band.stop, ROWS_TOGETHER):
-            rows = slice(start, min(start + ROWS_TOGETHER, band.stop))
-            # Differences are smoothed over three rows.
-            read = np.arange(max(start - 1, 0), min(rows.stop + 1, height))
-            some = _equations_of(compared, window, slope[read], read, limit)
-            inner = slice(start - read[0], rows.stop - read[0])
-            numerator[rows], denominator[rows] = (sums[inner] for sums in some)
+    for start in range(0, height, ROWS_TOGETHER):
+        rows = slice(start, min(start + ROWS_TOGETHER, height))
+        # Differences are smoothed over three rows.
+        read = np.arange(max(start - 1, 0), min(rows.stop + 1, height))
+        some = _equations_of(compared, slope[read], read, limit)
+        inner = slice(start - read[0], rows.stop - read[0])
+        numerator[rows], denominator[rows] = (sums[inner] for sums in some)
     return numerator, denominator
 
 
 def _equations_of(
-    compared: ComparedViews,
-    window: tuple[np.ndarray, int],
-    slope: np.ndarray,
-    rows: np.ndarray,
-    limit: float,
+    compared: ComparedViews, slope: np.ndarray, rows: np.ndarray, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Numerator and denominator in some rows, of the side of the aperture that matches best."""
     parts = np.empty((3, rows.size, 9, slope.shape[1]), np.float32)
     _refinement_kernels.differentiate_views(
-        compared.weighted(window), rows, slope.astype(np.float32), np.float32(compared.unit),
+        compared.weighted(), rows, slope.astype(np.float32), np.float32(compared.unit),
         np.float32(limit), *parts,
     )  # fmt: skip
     differences, products, squares = parts

@@ -10,7 +10,6 @@ single wrong slopes and averages noise, without inventing a surface halfway betw
 All loops gather in a fixed order; the bits do not depend on the number of threads.
 """
 
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -51,15 +50,14 @@ DIRECTIONS = [(down, across) for down, across in product((-1, 0, 1), repeat=2) i
 
 
 def choose_slopes(
-    costs: Sequence[np.ndarray], slopes: np.ndarray, guide: np.ndarray, window: float, width: float
+    costs: np.ndarray, slopes: np.ndarray, guide: np.ndarray, window: float, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Give each pixel the slope of least cost that its surroundings agree with.
 
     Parameters
     ----------
-    costs : sequence of ndarray of float32, shape (rows, s, n)
-        Cost of each slope, from 0 to about 1, in bands of rows from the top. Each band is taken out
-        twice, so that the bands need not be in memory together; the bits do not depend on them.
+    costs : ndarray of float32, shape (t, s, n)
+        Cost of each slope, from 0 to about 1.
     slopes : ndarray of float64, shape (n,)
         Slopes in equal rising steps.
     guide : ndarray, shape (t, s)
@@ -78,16 +76,7 @@ def choose_slopes(
     step = slopes[1] - slopes[0]
     reach = max(round(width / step), 1)
     place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
-    edge = np.zeros((guide.shape[1], len(slopes)), np.float32)
-    below = _enter_from_below(costs, guide, edge)
-    above = dict.fromkeys(DIRECTIONS, edge)
-    end = 0
-    for band, entered in zip(costs, reversed(below), strict=True):
-        top, end = end, end + len(band)
-        sums, left = _sum_paths(band, guide, top, {**above, **entered}, DIRECTIONS)
-        above = left
-        _pick(band, sums, reach, place[top:end], trust[top:end])
-        del band, sums
+    _pick(costs, sum_paths(costs, guide), reach, place, trust)
     reach = min(int(np.ceil(REACH * window)), FARTHEST)
     near = np.exp(-((np.arange(reach + 1) / window) ** 2) / 2)
     voted, confidence = np.empty(guide.shape), np.empty(guide.shape)
@@ -101,27 +90,12 @@ def in_deviations(guide: np.ndarray) -> np.ndarray:
     return (guide / max(scatter, np.finfo(np.float32).tiny)).astype(np.float32)
 
 
-def _enter_from_below(costs: Sequence[np.ndarray], guide: np.ndarray, edge: np.ndarray) -> list:
-    """Costs with which upward paths enter each band, from the lowest band to the highest."""
-    upward = [way for way in DIRECTIONS if way[0] < 0]
-    entered = [dict.fromkeys(upward, edge)]
-    top = len(guide)
-    for k in reversed(range(1, len(costs))):
-        band = costs[k]
-        top -= len(band)
-        entered.append(_sum_paths(band, guide, top, entered[-1], upward)[1])
-    return entered
-
-
-def _sum_paths(
-    band: np.ndarray, guide: np.ndarray, top: int, entered: dict, ways: list[tuple[int, int]]
-) -> tuple[np.ndarray, dict]:
-    """Sum the costs along all paths of some directions; and those with which paths leave."""
-    sums = np.zeros_like(band)
-    left = {way: np.empty_like(entered[way]) for way in ways}
-    for way in ways:
-        _add_paths(band, guide, top, *way, entered[way], left[way], sums)
-    return sums, left
+def sum_paths(costs: np.ndarray, guide: np.ndarray) -> np.ndarray:
+    """Sum the costs along all paths: float32, shape (t, s, n)."""
+    sums, edge = np.zeros_like(costs), np.zeros(costs.shape[1:], np.float32)
+    for way in DIRECTIONS:
+        _add_paths(costs, guide, 0, *way, edge, np.empty_like(edge), sums)
+    return sums
 
 
 def _count_paths(costs, down, across):

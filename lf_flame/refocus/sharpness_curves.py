@@ -72,17 +72,8 @@ class SlopeSearch:
     confidence: float
     region: Region
 
-    def _repr_html_(self) -> str:
-        """Show the curve in a notebook."""
-        from lf_flame._common.notebook_html import Drawing, paragraph
-
-        ends = (float(self.slopes[0]), float(self.slopes[-1]))
-        drawing = Drawing(ends, (0.0, float(self.sharpness.max())), ("slope", "sharpness"))
-        drawing.line(self.slopes, self.sharpness)
-        if np.isfinite(self.slope):
-            drawing.line([self.slope] * 2, [0, self.sharpness.max()], dashed=True)
-        words = f"sharpest at slope {self.slope:+.3f}, confidence {self.confidence:.2f}"
-        return drawing.svg("Sharpness against the slope") + paragraph(words)
+    def __repr__(self) -> str:
+        return f"SlopeSearch(slope {self.slope:+.3f}, confidence {self.confidence:.2f})"
 
 
 @dataclass(frozen=True, eq=False)

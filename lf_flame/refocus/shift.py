@@ -18,7 +18,6 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
     view_places,
 )
-from lf_flame.refocus.bands import in_bands
 from lf_flame.refocus.interpolation import shift_taps
 from lf_flame.refocus.unknown_pixels import of_known_pixels
 
@@ -33,7 +32,6 @@ JOBS = 4
 are enough rows. It is constant, so that the bits do not depend on the number of threads."""
 
 
-@in_bands
 @of_known_pixels()
 def shift_and_sum(
     light_field: Views,

@@ -5,13 +5,11 @@ from itertools import product
 
 import numpy as np
 
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.refocus._arguments import (
     Views,
     as_views,
     as_weights,
     farthest_slope,
-    shape_of,
 )
 from lf_flame.refocus.focus_map import distinct_by
 from lf_flame.refocus.sharpness import find_sharpest_slopes
@@ -89,7 +87,7 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     """
     weights = as_weights(None, light_field)
     limit = farthest_slope(light_field)
-    small, block = reduced(light_field, SIDE)
+    small, block = _reduced(as_views(light_field))
     tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
     found = find_sharpest_slopes(small, tiles=tiles, weights=weights)
     slopes = block * np.array([one.slope for one in found]).reshape(tiles)
@@ -115,36 +113,16 @@ def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     return sure & (agrees | (confidence >= ALONE))
 
 
-def reduced(light_field: Views, side: int) -> tuple[np.ndarray, int]:
-    """Grey views, with blocks of lenslets averaged so that the longer side is about `side`.
+def _reduced(views: np.ndarray) -> tuple[np.ndarray, int]:
+    """Grey views, averaged over blocks of lenslets to a longer side of about `SIDE`.
 
-    Incomplete blocks at the ends are left out.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, t / block, s / block)
-    int
-        Number of lenslets along each side of a block, by which slopes are smaller.
+    Incomplete blocks at the ends are left out. Also returns the lenslets along a block's side, by
+    which slopes are smaller.
     """
-    shape = shape_of(light_field)
-    block = max(1, round(max(shape[2:4]) / side))
-    if not isinstance(light_field, LazyLightField):
-        return _averaged(as_views(light_field), block), block
-    small = np.empty((*shape[:2], *(n // block for n in shape[2:4])), np.float32)
-    for band, part in light_field.bands(block, "reading"):
-        # Blocks belong to the band in which they begin.
-        first, last = -(-band.rows.start // block), -(-band.rows.stop // block)
-        last = min(last, small.shape[2])
-        start = first * block - band.read.start
-        rows = part.views[:, :, start : start + (last - first) * block]
-        small[:, :, first:last] = _averaged(rows, block)
-    return small, block
-
-
-def _averaged(views: np.ndarray, block: int) -> np.ndarray:
-    """Average colours, and whole blocks of lenslets; incomplete blocks are left out."""
+    block = max(1, round(max(views.shape[2:4]) / SIDE))
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
     v, u, t, s = grey.shape
     t, s = t // block, s // block
     cut = grey[:, :, : t * block, : s * block].reshape(v, u, t, block, s, block)
-    return cut.mean(axis=(3, 5), dtype=np.float64).astype(np.float32)  # sums may exceed float32
+    # Sums may exceed float32.
+    return cut.mean(axis=(3, 5), dtype=np.float64).astype(np.float32), block

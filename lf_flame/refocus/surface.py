@@ -26,7 +26,6 @@ from lf_flame.refocus._arguments import (
     as_weights,
     refuse_not_finite,
 )
-from lf_flame.refocus.bands import in_bands
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.unknown_pixels import of_known_pixels
 
@@ -38,7 +37,6 @@ WINDOW = 1.5
 of 15 x 15 for a standard deviation of 5."""
 
 
-@in_bands
 @of_known_pixels()
 def refocus_surface(
     light_field: Views,

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from lf_flame._common.arrays import centred
-from lf_flame.refocus.grey_views import GreyViews
 
 FEWEST = 100
 """Smallest number of pixels with which a view's level is fitted."""
@@ -53,7 +52,7 @@ def even_levels(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def find_levels(
-    views: np.ndarray | GreyViews,
+    views: np.ndarray,
     slope: np.ndarray,
     rows: np.ndarray,
     weights: np.ndarray,
@@ -63,8 +62,8 @@ def find_levels(
 
     Parameters
     ----------
-    views : GreyViews, or ndarray of shape (v, u, t, s)
-        Grey views, which are taken one at a time.
+    views : ndarray, shape (v, u, t, s)
+        Grey views.
     slope : ndarray of float64, shape (rows, s)
         Approximate slopes of the pixels in some rows.
     rows : ndarray of int

@@ -286,33 +286,10 @@ class Scene:
             ]
         )
 
-    def _repr_html_(self) -> str:
-        """Show the layers in a notebook, seen from the side, and as a table."""
-        from lf_flame._common.notebook_html import Drawing, table
-
-        sides = [
-            (
-                layer.depth_mm,
-                *(layer.centre_mm[0] + sign * layer.size_mm[0] / 2 for sign in (1, -1)),
-            )
-            for layer in self.layers
-        ]
-        depths = [depth for depth, _, _ in sides]
-        low, high = min(-bottom for _, bottom, _ in sides), max(-top for _, _, top in sides)
-        drawing = Drawing((min(depths), max(depths)), (low, high), ("depth, mm", "height, mm"))
-        for depth, bottom, top in sides:
-            drawing.line([depth, depth], [-bottom, -top])
-        rows = [
-            (
-                f"{layer.depth_mm:g}",
-                "{:g} x {:g}".format(*layer.size_mm),
-                "{:g}, {:g}".format(*layer.centre_mm),
-                "opaque" if layer.opaque else "adds light",
-            )
-            for layer in self.layers
-        ]
-        headings = ("depth, mm", "size, mm (height x width)", "centre, mm (down, right)", "matter")
-        return drawing.svg("Layers from the side") + table(headings, rows)
+    def __repr__(self) -> str:
+        depths = ", ".join(f"{layer.depth_mm:g}" for layer in self.layers[:8])
+        more = ", ..." if len(self.layers) > 8 else ""
+        return f"Scene(layers at {depths}{more} mm)"
 
     @property
     def front_to_back(self) -> tuple[Layer, ...]:

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from lf_flame._common.arrays import area_average, spread
+from lf_flame.datasets.encodings import area_average, spread
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views, fourier_slice, shift_and_sum, sparse_aperture
 from lf_flame.systems.base import RefocusingSystem, ViewIndices

@@ -14,9 +14,9 @@ from h5py import File
 from PIL import Image
 from scipy.io import savemat
 
-from lf_flame import InputError
+from lf_flame import InputError, LightField
 from lf_flame._common.memory import LIMIT, check_memory, memory_limit
-from lf_flame.formats import read_light_field
+from lf_flame.formats import read_light_field, write_light_field
 from lf_flame.scenes.scene_files import read_scene
 
 
@@ -79,6 +79,10 @@ def write_hdf5(path):
         file.create_dataset("LF", data=np.zeros((2, 2, 500, 1000), np.float32), compression="gzip")
 
 
+def write_zarr(path):
+    write_light_field(LightField(np.zeros((2, 2, 500, 1000), np.float32)), path)
+
+
 def write_mat(path):
     savemat(path, {"LF": np.zeros((2, 2, 500, 1000), np.float32)}, do_compression=True)
 
@@ -99,6 +103,7 @@ SEARCH = 140 * 0.5 + 8 * 0.5
         ("folder", write_folder, 4 + SEARCH),
         ("folder.zip", write_zip, 4 + SEARCH),
         ("a.h5", write_hdf5, 16),
+        ("a.zarr", write_zarr, 16),
         ("a.mat", write_mat, 16 + 16),
     ],
 )

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from lf_flame._common.recorded_paths import recorded_path
+from lf_flame._common.output_folders import recorded_path
 
 
 @pytest.mark.parametrize("out", ["results/o", "results", "deep/er/store/o", "plain/o", "."])

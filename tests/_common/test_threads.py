@@ -210,8 +210,10 @@ def test_damaged_files_and_a_full_disk_cost_a_compilation(loop, tmp_path):
     kept = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     assert loop("loop.py", **kept).returncode == 0
     for kind, content in (("nbi", b"\x80\x05\x95"), ("nbc", b"no pickle")):
-        (path,) = tmp_path.rglob(f"*.{kind}")
-        path.write_bytes(content)
+        paths = list(tmp_path.rglob(f"*.{kind}"))
+        assert paths
+        for path in paths:
+            path.write_bytes(content)
         assert loop("loop.py", **kept).stdout == "[0.0, 2.0, 4.0]\n"
     shutil.rmtree(tmp_path / "cache")
     full = loop("-c", "import resource, loop; resource.setrlimit(resource.RLIMIT_FSIZE, (99, 99));"

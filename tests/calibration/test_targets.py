@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from checkerboards import Bench
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.calibration import find_lattice, measure_target
 
 BENCH = Bench()
@@ -113,27 +113,6 @@ def test_a_board_with_a_white_margin_has_only_its_inner_corners():
     board[(y < 7) | (y >= 42) | (x < 7) | (x >= 49)] = 1.0
     indices, _ = find_lattice(board)
     assert [len(np.unique(column)) for column in indices.T] == [4, 5]
-
-
-def noise_alone(shape):
-    return np.random.default_rng(2).uniform(size=shape)
-
-
-@pytest.mark.parametrize(
-    ("picture", "said"),
-    [
-        (noise_alone((5, 5, 40, 40)), "at least 3 x 3 corners"),
-        (np.ones((5, 5, 40, 40)), "at least 3 x 3 corners"),
-        (BENCH.picture(400.0, 22.0).views, r"4 x 4 squares"),
-        (BENCH.picture(400.0, 6.5, dots=True).views, "check that it is a checkerboard"),
-        (BENCH.picture(400.0, 5.0).views[:1], "at least 3 x 3 views"),
-        (BENCH.picture(430.0, 5.0).views[::-1], "by row and column"),
-        (BENCH.picture(430.0, 5.0).views.transpose(1, 0, 2, 3), "by row and column"),
-    ],
-)
-def test_what_is_no_target_is_refused_in_a_sentence(picture, said):
-    with pytest.raises(InputError, match=said):
-        measure_target(LightField(picture))
 
 
 def test_the_fall_off_of_the_views_is_measured_from_the_board():

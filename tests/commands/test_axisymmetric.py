@@ -70,21 +70,6 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
-    np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
-    np.save(tmp_path / "bright.npy", views + np.float32(0.2))
-    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, *COARSE]
-    sections = []
-    for name, more in (("ball", []), ("bright", ["--dark", tmp_path / "dark.npy"])):
-        out = tmp_path / f"{name}-found"
-        result = run("abel", tmp_path / f"{name}.npy", *source[1:], *words, *more, "--out", out)
-        assert result.exit_code == 0, result.output
-        assert not (out / "sigma.tif").exists()
-        sections.append(tifffile.imread(out / "section.tif"))
-    assert sections[1] == pytest.approx(sections[0], abs=0.01 * PEAK)
-
-
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
     assert run("abel", *source, "--central", *COARSE, "--out", out).exit_code == 0
@@ -109,25 +94,6 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     assert "not axisymmetric" in result.output
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--radius", 0.1], "at least four pixels"),
-        (["--radius", -1], "--radius must be above 0"),
-        (["--radius", 1e20], "--radius must be above 0 and at most the camera's focus distance"),
-        (["--bootstrap", 1000000000], "bootstrap must be 0, or 2 to 10000"),
-        (["--strength", "inf"], "'inf' is no finite number"),
-        (["--axis-depth", 1e20], "Depths must lie above -326 mm"),
-        (["--block", 7], "block must be"),
-        (["--burner", 50], "burner_mm must be within the field"),
-    ],
-)
-def test_bad_values_are_refused(source, tmp_path, words, said):
-    result = run("abel", *source, *words, "--out", tmp_path / "out")
-    assert said in f"{result.exception} {result.output}"
-    assert not (tmp_path / "out").exists()
-
-
 ONE_VIEW = CAMERA.replace("views = 5", "views = 1").replace("0.4", "2.0")
 
 
@@ -145,12 +111,3 @@ def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path, dr
     assert "would not show" in result.output
     section = tifffile.imread(tmp_path / "out" / "section.tif") * views.max()
     assert section.max() == pytest.approx(PEAK, rel=0.2)
-
-
-def test_light_field_of_one_pixel_is_refused(tmp_path):
-    (tmp_path / "camera.toml").write_text(CAMERA.replace("[48, 60]", "[1, 1]"))
-    np.save(tmp_path / "one.npy", np.ones((5, 5, 1, 1), np.float32))
-    result = run(
-        "abel", tmp_path / "one.npy", "--camera", tmp_path / "camera.toml", "--axes", "vuts"
-    )
-    assert "8 columns of pixels or more, got views of 1 x 1" in str(result.exception)

@@ -108,20 +108,6 @@ def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
     assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
 
 
-@pytest.mark.slow
-def test_emission_is_found_by_the_calibration(boards, tmp_path):
-    """A board is a sheet that glows as its squares do; cells are in mm, depths from the zero."""
-    placed, out, _ = boards
-    source, law = placed[1].rpartition("@")[0], out / "calibration.toml"
-    words = ("--camera", law, "--depth-mm", -8, "--bootstrap", 0)
-    done = run("reconstruct", source, *words, "--out", tmp_path / "r")
-    assert done.exit_code == 0, done.output
-    record = json.loads((tmp_path / "r" / "reconstruct.json").read_text())
-    assert record["depths_mm"] == [-8.0]
-    assert record["cell_mm"][0] == pytest.approx(BENCH.scale(ZERO - 8), rel=3e-4)
-    assert imread(tmp_path / "r" / "emission.tif").mean() == pytest.approx(0.5, abs=0.05)
-
-
 def test_a_file_and_a_calibration_say_what_mm_they_give(boards, tmp_path):
     placed, out, _ = boards
     source, law = placed[0].rpartition("@")[0], out / "calibration.toml"
@@ -140,9 +126,6 @@ def test_a_file_and_a_calibration_say_what_mm_they_give(boards, tmp_path):
     camera = out / "camera.toml"
     (near, far) = (depth - (400 - ZERO) for depth in (near, far))
     assert f"{near:.2g}"[:3] in run("info", source, "--camera", camera).output
-    other = tmp_path / "other.npy"
-    np.save(other, np.ones((4, 4, 36, 44), np.float32))
-    assert "3 x 3 views" in str(run("info", other, "--camera", law).exception)
 
 
 def test_lines_of_the_reader_stand_above_the_progress_bar(boards):
@@ -151,44 +134,6 @@ def test_lines_of_the_reader_stand_above_the_progress_bar(boards):
     lines = [line for line in said if "views of 36 x 44 pixels" in line]
     assert len(lines) == len(DEPTHS)
     assert all(line.startswith("3 x 3 views") for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("command", "words", "said"),
-    [
-        ("refocus", ("--depth-mm", 100), "holds for depths from -37.5 to 37.5 mm"),
-        ("refocus", ("--depth-mm", 0, "--f-number", 8), "thin-lens camera"),
-        ("abel", ("--axis-depth", 40), "holds for depths from -37.5 to 37.5 mm"),
-    ],
-)
-def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
-    placed, out, _ = boards
-    source = placed[0].rpartition("@")[0]
-    law = out / "calibration.toml"
-    done = run(command, source, "--camera", law, *words, "--out", tmp_path / "x")
-    assert done.exit_code != 0
-    assert said in done.output + str(done.exception)
-    assert not (tmp_path / "x").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda placed: placed[:2], "3 different distances"),
-        (lambda placed: [*placed[:3], placed[3].replace("@25", "@nan")], "its depth in mm"),
-        (lambda placed: [*placed[:3], placed[3].partition("@")[0]], "its depth in mm"),
-        (lambda placed: [*placed, "--step-mm", 10], "and not both"),
-        (lambda placed: [*placed[:1], placed[1].partition("@")[0], "--step-mm", 9], "not both"),
-        (lambda placed: [*placed[:3], "none.npz@25"], "there is no"),
-        (lambda placed: [*placed[:3], placed[0].replace("@-25", "@25")], "which picture"),
-    ],
-)
-def test_bad_targets_are_refused_in_a_sentence(boards, tmp_path, change, said):
-    done = run("calibrate", *change(boards[0]), "--square-mm", 5, "--out", tmp_path / "x")
-    assert done.exit_code != 0
-    assert said in done.output + str(done.exception)
-    assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.slow

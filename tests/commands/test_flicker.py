@@ -15,7 +15,6 @@ from skimage.io import imread, imsave
 
 from lf_flame import (
     PAPER_CAMERA,
-    InputError,
     Layer,
     LightField,
     Scene,
@@ -24,7 +23,7 @@ from lf_flame import (
 from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.reading_options import Reading
-from lf_flame.flame_video import find_flicker, measure_flame
+from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.flame_video.flame_series import REPEATED, Measures, measure_frames
 from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK
 from lf_flame.formats import reading, write_light_field
@@ -160,6 +159,9 @@ def test_level_pixel_and_burner_are_heeded(video, tmp_path):
     assert found["tip_row"] < plain.tip_row - 1
     assert found["height_mm"] == pytest.approx(0.5 * (40.5 - found["tip_row"]))
     assert found["width_mm"] > 0.5 * plain.width
+    # The swing of a tip that crosses rows, in mm.
+    resolvable = record_of(tmp_path / "out")["flicker"]["resolvable"]
+    assert resolvable == pytest.approx(0.5 * row_error(0.2))
 
 
 @pytest.mark.slow
@@ -216,58 +218,6 @@ def test_doubtful_frames_are_told(still, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--slope", 1, "--depth-mm", 3, "--camera", "CAMERA"], "either --slope or --depth-mm"),
-        (["--depth-mm", 3], "need each other"),
-        (["--camera", "CAMERA"], "need each other"),
-        (["--slope", "nan"], "--slope must be finite"),
-        (["--burner-row", 48], "burner_row must lie within"),
-        (["--depth-mm", -400, "--camera", "CAMERA"], "main lens"),
-        (["--slope", 1e308], "shifted by more than the image"),
-        (["--out", "SOURCE"], "exists; name another folder"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_writes_nothing(still, camera_file, tmp_path, words, message):
-    out = tmp_path / "out"
-    known = {"CAMERA": camera_file, "SOURCE": still}
-    words = [known.get(word, word) for word in words]
-    before = set(still.iterdir())
-    result = run("flicker", still, "--frames-per-second", 50, "--out", out, *words)
-    assert isinstance(result.exception, InputError), result.output
-    assert message in str(result.exception)
-    assert not out.exists()
-    assert set(still.iterdir()) == before
-
-
-@pytest.mark.parametrize("rate", ["nan", "1e308", "0"])
-def test_a_frame_rate_that_no_camera_has_is_refused(still, tmp_path, rate):
-    for command in (["flicker"], ["process", "--steps", "height"]):
-        words = [*command, still, "--frames-per-second", rate, "--out", tmp_path / "out"]
-        assert "Invalid value for '--frames-per-second'" in run(*words).output
-
-
-@pytest.mark.parametrize("option", ["--level", "--pixel-mm"])
-def test_a_measure_that_is_no_number_is_refused(still, tmp_path, option):
-    words = ["--frames-per-second", 50, option, "nan", "--out", tmp_path / "out"]
-    assert f"Invalid value for '{option}'" in run("flicker", still, *words).output
-
-
-def test_frames_that_do_not_fit_are_one_sentence(still, camera_file, tmp_path):
-    words = ["--frames-per-second", 50, "--out", tmp_path / "out"]
-    (tmp_path / "other.toml").write_text(CAMERA.replace("views = 5", "views = 7"))
-    other = ["--camera", tmp_path / "other.toml", "--depth-mm", 0]
-    assert "has 7 x 7 views" in str(run("flicker", still, *words, *other).exception)
-    few = [still / f"{number}.npy" for number in range(3)]
-    assert "needs 16 frames at least, got 3 frames" in str(run("flicker", *few, *words).exception)
-    replace(still, 9, np.ones((5, 5, 48, 41), np.float32))
-    assert "must be of one shape" in str(run("flicker", still, *words).exception)
-    (still / "9.npy").write_bytes(b"no array")
-    assert "9.npy" in str(run("flicker", still, *words).exception)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
     "names",
     [
         ["a", "a2b9", "a2b10", "a010b1", "a10b2", "b1"],
@@ -311,10 +261,6 @@ def test_numbers_that_may_be_no_counts_are_told():
         found = seconds(*names)
         assert found.seconds == pytest.approx([0, 0.01, 0.02])
         assert "do not hold one number" in found.notes[0]
-    with pytest.raises(InputError, match="the same number"):
-        seconds("f1", "f01", "f2")
-    with pytest.raises(InputError, match="no multiples of one step"):
-        seconds("t_0.000", "t_0.011", "t_0.018", "t_0.031")
 
 
 @pytest.mark.parametrize(
@@ -332,25 +278,6 @@ def test_times_from_a_file(tmp_path, text):
     )
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("1\n2\n", "each of the 3 frames, got 2"),
-        ("1\n2\n2\n", "rise from frame to frame"),
-        ("1\nnan\n3\n", "rise from frame to frame"),
-        ("1\n1e305\n2e305\n", "at most 1e\\+12 s"),
-        ("1\ntwo\n3\n", "a time in s on each line"),
-        ("1,2\n2,3\n3,4\n", "one column of times"),
-        ("time_s,x\n1,2\n,3\n3,4\n", "a time in s on each line"),
-        ("", "got 0"),
-    ],
-)
-def test_a_file_that_holds_no_times_is_one_sentence(tmp_path, text, says):
-    (tmp_path / "times.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=says):
-        read_timestamps(tmp_path / "times.csv", 3)
-
-
 def small_flame(height_px):
     """A rectangle of light whose tip lies between rows, in 3 x 3 views of 40 x 16 pixels."""
     picture = np.zeros((40, 16), np.float32)
@@ -366,41 +293,18 @@ def write_video(folder, names, heights):
         np.save(folder / f"{name}.npy", small_flame(height))
 
 
-@pytest.mark.slow
-def test_the_frequency_of_a_video_with_gaps(tmp_path):
-    """12 Hz at 100 frames a second, of which a third is missing."""
-    counts = np.sort(np.random.default_rng(1).choice(90, 60, replace=False)) - 40
-    heights = 20 + 5 * np.sin(2 * np.pi * 12 * counts / 100)
-    write_video(tmp_path / "video", [f"n_{n:+d}" for n in counts], heights)
-    words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
-    result = run("flicker", tmp_path / "video", *words)
-    assert result.exit_code == 0, result.output
-    assert "are missing" in result.output
-    assert record_of(tmp_path / "out")["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
-    (tmp_path / "times.txt").write_text("\n".join(f"{1.7e9 + n / 100:.3f}" for n in counts))
-    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "other"]
-    assert run("flicker", tmp_path / "video", *words).exit_code == 0
-    assert record_of(tmp_path / "other")["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
-    assert float(rows_of(tmp_path / "other")[1]["time_s"]) == 1.7e9 + counts[1] / 100
-
-
-def test_times_are_stated_in_one_way(still, tmp_path):
-    (tmp_path / "times.txt").write_text("\n".join(map(str, range(16))))
-    for words in ((), ("--timestamps", tmp_path / "times.txt", "--frames-per-second", 50)):
-        result = run("flicker", still, *words, "--out", tmp_path / "out")
-        assert "either --frames-per-second or --timestamps" in str(result.exception)
-
-
 def test_a_frame_far_out_of_the_others_is_told_and_left_out(tmp_path):
-    counts = np.arange(40)
+    """12 Hz at 100 frames a second, of which a third is missing."""
+    counts = np.sort(np.random.default_rng(1).choice(90, 60, replace=False))
     heights = 12 + 1.5 * np.sin(2 * np.pi * 12 * counts / 100)
     heights[17] = 25.0
     write_video(tmp_path / "video", [f"f{n}" for n in counts], heights)
     words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
     result = run("flicker", tmp_path / "video", *words)
-    assert "1 of 40 frames, first f17.npy: The height is far from" in result.output
+    assert "are missing" in result.output
+    assert f"1 of 60 frames, first f{counts[17]}.npy: The height is far from" in result.output
     record = record_of(tmp_path / "out")
-    assert record["outliers"] == ["f17.npy"]
+    assert record["outliers"] == [f"f{counts[17]}.npy"]
     assert record["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
 
 
@@ -434,19 +338,6 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
     assert len(first) == 36
     times, heights = ([float(row[key]) for row in first] for key in ("time_s", "height_px"))
     assert found == pytest.approx(find_flicker(times, heights).frequency_hz, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_a_flame_that_grows_has_no_flicker_in_mm_either(tmp_path):
-    """By a tenth of a row a frame, which crosses 10 rows a second."""
-    write_video(tmp_path / "video", [f"f{n}" for n in range(60)], 10 + 0.1 * np.arange(60))
-    words = ["--frames-per-second", 100, "--pixel-mm", 0.5, "--out", tmp_path / "out"]
-    result = run("flicker", tmp_path / "video", *words)
-    assert "flickers at" not in result.output
-    assert "than the tip's row can be told (0.05 mm)" in result.output
-    found = record_of(tmp_path / "out")["flicker"]
-    assert found["resolvable"] == pytest.approx(0.05)
-    assert found["unresolved"][0]["frequency_hz"] == pytest.approx(10, abs=0.1)
 
 
 def test_dark_frames_that_are_alike_are_no_repetition(tmp_path):
@@ -484,23 +375,12 @@ def test_pictures_that_are_likely_coded_get_a_note(tmp_path, suffix, kind):
     assert "gamma-coded" in record_of(tmp_path / "out")["notes"][0]
 
 
-def test_what_is_no_sequence_is_told(tmp_path):
+def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
     for name in ("1.npy", "2.npy", "3.png", "notes.txt", ".4.npy"):
         (tmp_path / name).touch()
-    with pytest.raises(InputError, match=r"several kinds \(2 x .npy, 1 x .png\)"):
-        find_frames([tmp_path])
     found = find_frames([tmp_path], [tmp_path / "3.png"])
     assert [path.name for path in found] == ["1.npy", "2.npy"]
     assert find_frames([tmp_path / "[12].npy"]) == found
-    with pytest.raises(InputError, match="pattern"):
-        find_frames([tmp_path / "*.tif"])
-    with pytest.raises(InputError, match="no such file"):
-        find_frames([tmp_path / "1.npy", tmp_path / "9.npy"])
-    with pytest.raises(InputError, match="more than once"):
-        find_frames([tmp_path / "1.npy", tmp_path / "1.npy"])
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no light fields"):
-        find_frames([tmp_path / "empty"])
 
 
 def test_what_is_kept_of_a_video(tmp_path):
@@ -542,19 +422,6 @@ def test_folders_of_views_are_frames(tmp_path):
     frames = list(read_frames(paths, Reading(order="col,row")))
     for frame, scale in zip(frames, (1.0, 0.5, 0.0), strict=True):
         assert frame.views == pytest.approx(scale * views.swapaxes(0, 1), abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("reading", "message"),
-    [
-        (Reading(bayer="rggb"), "--bayer does not apply to .* without --white or --pitch"),
-        (Reading(pitch=9.0, order="col,row"), "--order does not apply to the raw image"),
-    ],
-)
-def test_options_that_frames_cannot_take_are_refused(tmp_path, reading, message):
-    np.save(tmp_path / "f0.npy", np.ones((3, 3, 8, 9), np.float32))
-    with pytest.raises(InputError, match=message):
-        next(read_frames([tmp_path / "f0.npy"], reading))
 
 
 def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):

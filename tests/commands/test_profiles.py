@@ -8,8 +8,6 @@ import pytest
 import tifffile
 from programs import run
 
-from lf_flame import InputError
-
 
 @pytest.fixture
 def folder(tmp_path):
@@ -69,40 +67,7 @@ def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
 FILES = ("emission.tif", "draws.tif")
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_a_file_that_was_cut_is_named(folder, tmp_path, name):
-    (folder / name).write_bytes((folder / name).read_bytes()[:100])
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert f"{name} cannot be read: it is damaged" in str(result.exception)
-    assert not (tmp_path / "out").exists()
-
-
 PLANES = np.ones((2, 6, 8), np.float32)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "says"),
-    [
-        ("draws.tif", PLANES[:, :3], "must hold planes as emission.tif does"),
-        ("emission.tif", np.stack([PLANES] * 2), "must hold 2 planes, got 4"),
-        ("draws.tif", PLANES[:1], "must hold 2 planes of float32"),
-        ("emission.tif", PLANES[0, 0], "must hold pictures of rows and columns"),
-        ("emission.tif", PLANES.astype(np.float64), "must hold 2 planes of float32"),
-        ("draws.tif", PLANES * np.float32(np.nan), "must hold finite numbers"),
-        ("draws.tif", b"no picture", "cannot be read"),
-        ("emission.tif", b"II*\0\x08\0\0\0" + 300 * b"\xff", "cannot be read"),
-    ],
-)
-def test_files_that_a_record_vouches_for_are_checked_all_the_same(
-    folder, tmp_path, name, content, says
-):
-    if isinstance(content, bytes):
-        (folder / name).write_bytes(content)
-    else:
-        tifffile.imwrite(folder / name, content)
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert isinstance(result.exception, InputError)
-    assert says in str(result.exception)
 
 
 @pytest.mark.slow
@@ -148,31 +113,3 @@ def test_one_plane_is_read_back_as_one(tmp_path, count):
     rows = rows_of(tmp_path / "out" / "axial.csv")
     assert [float(row["emission"]) for row in rows] == [44, 36, 28, 20, 12, 4]
     assert all((row["standard_deviation"] != "") == (count > 1) for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"cell_mm": [1.0]}, "must hold a number for each plane"),
-        ({"depths_mm": [], "cell_mm": []}, "must hold a number for each plane"),
-        ({"cell_mm": [1.0, 0.0]}, "cell_mm must hold lengths from"),
-        ({"cell_mm": [1.0, 1e308]}, "cell_mm must hold lengths from"),
-    ],
-)
-def test_a_record_that_does_not_fit_is_refused(folder, tmp_path, changes, says):
-    sign(folder, **changes)
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert isinstance(result.exception, InputError)
-    assert says in str(result.exception)
-
-
-def test_what_cannot_be_used_is_refused(folder, tmp_path):
-    out = tmp_path / "out"
-    assert "must lie within" in str(run("profiles", folder, "--across", 9, "--out", out).exception)
-    (folder / "reconstruct.json").unlink()
-    said = str(run("profiles", folder, "--out", out).exception)
-    assert "flames is no folder of `lf-flame reconstruct`: there is no reconstruct.json" in said
-    (folder / "abel.json").write_text("{}")
-    said = str(run("profiles", folder, "--out", out).exception)
-    assert "has written its profiles: axial.csv and radial.csv" in said
-    assert not out.exists()

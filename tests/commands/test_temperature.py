@@ -106,41 +106,6 @@ def test_sections_of_abel_have_their_temperatures(colours, tmp_path, drawn):
     assert "single wavelength" in record["notes"][0]
 
 
-def test_sections_that_do_not_fit_are_one_sentence(colours, tmp_path):
-    green, red = colours
-    emission = np.ones((HEIGHTS, RADII))
-    write_section(tmp_path / "other", emission, emission, axis_mm=0.3)
-    write_section(tmp_path / "bare", emission)
-    write_section(tmp_path / "low", emission[1:], emission[1:])
-    write_section(tmp_path / "nan", np.nan * emission, emission)
-    damaged = write_section(tmp_path / "damaged", emission, emission)
-    (damaged / "section.tif").write_bytes((red / "section.tif").read_bytes()[:200])
-    (tmp_path / "empty").mkdir()
-    for name, says in {
-        "other": "--axis-mm 0.25 --axis-depth -3.0 --radius 4.0 --burner -12.5",
-        "bare": "call lf-flame abel with --bootstrap 20",
-        "low": "must be of one shape",
-        "nan": "finite float32",
-        "damaged": "section.tif cannot be read: it is damaged",
-        "empty": "must all be of lf-flame abel or all of lf-flame reconstruct",
-    }.items():
-        words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
-        result = run("temperature", green, tmp_path / name, *words)
-        assert says in str(result.exception), name
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--wavelengths", 5.5e-4, 6.5e-4], "if these are mm, give 550 and 650"),
-        (["--wavelengths", 550, 650, "--soot-exponent", 6], "soot_exponent must be from -1 to 5"),
-    ],
-)
-def test_numbers_out_of_range_are_refused(colours, tmp_path, words, says):
-    assert says in str(run("temperature", *colours, *words, "--out", tmp_path / "out").exception)
-
-
 @pytest.mark.slow
 def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     record = json.loads((colours[1] / "abel.json").read_text())
@@ -154,25 +119,6 @@ def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     assert "order of the folders" in result.output
     assert f"{colours[1]} was made of files" in result.output
     assert "flame.jpg" not in result.output
-
-
-@pytest.mark.slow
-def test_a_black_level_that_was_left_in_is_warned_of(tmp_path):
-    """By Wien's law the ratio of 1,775 K becomes that of 3,300 K."""
-    folders = [
-        write_section(tmp_path / name, emission, 1e-3 * emission)
-        for name, emission in (
-            ("green", soot(550.0, kelvin_of_nodes()) + 3),
-            ("red", soot(650.0, kelvin_of_nodes()) + 3),
-        )
-    ]
-    words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
-    result = run("temperature", *folders, *words)
-    assert result.exit_code == 0
-    assert "Warning: 96 of 96 temperatures are none of soot in a flame" in result.output
-    assert "a black level was left in" in result.output
-    record = json.loads((tmp_path / "out" / "temperature.json").read_text())
-    assert "1000 to 3000 K" in record["warnings"][0]
 
 
 def warned(*kelvin, calibrated):
@@ -191,15 +137,3 @@ def test_temperatures_of_no_flame_are_warned_of_where_they_are_most():
     # Hotter than the furnace, as flames often are.
     assert not warned(1900, 1900, 1600, calibrated=1700)
     assert not warned(np.nan, np.nan, calibrated=1700)
-
-
-def test_a_full_disk_is_told_with_the_file(colours, tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError("384 requested and 0 written")  # as NumPy says it
-
-    monkeypatch.setattr(tifffile, "imwrite", full)
-    words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
-    error = run("temperature", *colours, *words).exception
-    assert isinstance(error, OSError)
-    assert error.filename == str(tmp_path / "out")
-    assert error.strerror == "384 requested and 0 written"

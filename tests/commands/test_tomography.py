@@ -120,49 +120,6 @@ def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
     assert not (plain / "sigma.tif").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ([], "either --depths FROM TO STEP or --depth-mm"),
-        (["--depths", 0, 4, 2, "--depth-mm", 1], "either --depths"),
-        (["--depths", 0, 4, 3], "must divide"),
-        (["--depth-mm", -326], "main lens"),
-        (["--depth-mm", 0, "--noise", "nan"], "'nan' is no finite number"),
-        (["--depth-mm", 0, "--l-curve", "--penalty", "variation"], "leave it out with"),
-        (
-            ["--depth-mm", 0, "--dark", "SMALL"],
-            "must have the light field's shape",
-        ),
-        (["--depths", 1e308, 6, 6], "at most 200 planes"),
-        (["--depths", -6, 6, 1e-320], "at most 200 planes"),
-        (["--depth-mm", 1e9], "beyond which all is as at infinity"),
-        (["--depth-mm", 0, "--noise", 1e20], "at most the light field's largest"),
-        (["--depth-mm", 0, "--bootstrap", 10**9], "2 to 10000"),
-        (["--depth-mm", 0, "--seed", -1], "range x>=0"),
-        (["--depth-mm", 0, "--optical-thickness", "thin"], "must be a number or a TIFF file"),
-        (["--depth-mm", 0, "--optical-thickness", 5], "at most 2 in total, got 5"),
-        (["--depth-mm", 0, "--optical-thickness", "no.tif"], "there is no such file"),
-        (["--depth-mm", 0, "--optical-thickness", "TWO"], "1 planes of 48 x 60 pixels, got shape"),
-        (["--depth-mm", 0, "--optical-thickness", "LEVELS"], "floating-point numbers, got uint8"),
-        (["--depth-mm", 0, "--optical-thickness", "BROKEN"], "broken.tif cannot be read"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_writes_nothing(
-    source, camera_file, tmp_path, words, message
-):
-    np.save(tmp_path / "small.npy", np.zeros((5, 5, 8, 8), np.float32))
-    tifffile.imwrite(tmp_path / "two.tif", np.zeros((2, 48, 60), np.float32))
-    tifffile.imwrite(tmp_path / "levels.tif", np.zeros((48, 60), np.uint8))
-    (tmp_path / "broken.tif").write_bytes(b"no picture")
-    files = {"SMALL": "small.npy", "TWO": "two.tif", "LEVELS": "levels.tif", "BROKEN": "broken.tif"}
-    words = [tmp_path / files[word] if word in files else word for word in words]
-    out = tmp_path / "out"
-    result = run("reconstruct", source, "--camera", camera_file, "--out", out, *words)
-    assert result.exit_code != 0
-    assert message in f"{result.output} {result.exception}"
-    assert not out.exists() or not any(out.iterdir())
-
-
 @pytest.mark.slow
 def test_absorption_is_given_back(source, camera_file, tmp_path):
     """The nearer flame is its own (1 - exp(-tau)) / tau brighter, the other one exp(tau) more."""
@@ -188,89 +145,6 @@ def test_absorption_is_given_back(source, camera_file, tmp_path):
         "optical_thickness": "0.4",
         "greatest_optical_thickness": 0.4,
     }
-
-
-def test_a_light_field_of_another_camera_is_refused(source):
-    result = run("reconstruct", source, "--depth-mm", 0)
-    assert "270 x 540 lenslets" in str(result.exception)
-
-
-def test_a_figure_is_a_png(tmp_path):
-    result = run("resolution", "--figure", tmp_path / "resolution.txt")
-    assert "must end in .png" in str(result.exception)
-
-
-def reconstruct_two_colours(camera_file, folder, bootstrap=4):
-    """Emission at 550 and 650 nm of a flame at 6 mm of 1,900 K and one at -4 mm of 1,700 K."""
-    words = ["--camera", camera_file, *COARSE, "--strength", 0.01]
-    for name, colour in (("green", 550), ("red", 650)):
-        scale = [float(emission_of(colour, kelvin)) for kelvin in (1900.0, 1700.0)]
-        np.save(folder / f"{name}.npy", two_flames(scale))
-        out = ["--out", folder / name, "--bootstrap", bootstrap]
-        result = run("reconstruct", folder / f"{name}.npy", *words, *out)
-        assert result.exit_code == 0, result.output
-
-
-def emission_of(wavelength_nm, kelvin):
-    """Planck's law times wavelength^-1, relative to 650 nm at 1,900 K."""
-
-    def planck(nm, temperature):
-        return nm**-6.0 / np.expm1(14.387768775e6 / (nm * temperature))
-
-    return planck(wavelength_nm, kelvin) / planck(650.0, 1900.0)
-
-
-def two_flames(brightness):
-    camera = replace(PAPER_CAMERA, views=5, lenslets=(48, 60))
-    texture = flame_texture(4.0, 0.4, cell_mm=0.05)
-    layers = [
-        Layer(bright * texture, depth, (4.0, 2.56), (0.0, x))
-        for bright, depth, x in zip(brightness, (6.0, -4.0), (-1.6, 1.6), strict=True)
-    ]
-    views = render(Scene(layers), camera, tolerance=1e-6).views
-    noise = np.random.default_rng(int(1e6 * brightness[1])).standard_normal(views.shape, np.float32)
-    return views + np.float32(0.005 * max(brightness)) * noise
-
-
-@pytest.mark.slow
-def test_temperatures_of_two_flames_come_back(camera_file, tmp_path):
-    reconstruct_two_colours(camera_file, tmp_path)
-    green, red, out = (tmp_path / name for name in ("green", "red", "hot"))
-    result = run("temperature", green, red, "--wavelengths", 550, 650, "--out", out)
-    assert result.exit_code == 0, result.output
-    kelvin, sigma = (
-        tifffile.imread(out / f"{name}.tif") for name in ("temperature", "temperature_sigma")
-    )
-    emission = tifffile.imread(red / "emission.tif")
-    for plane, wanted in enumerate((1900.0, 1700.0)):
-        bright = emission[plane] > 0.5 * emission[plane].max()
-        assert np.median(kelvin[plane][bright]) == pytest.approx(wanted, abs=15)
-        assert np.all(sigma[plane][bright] > 0)
-    assert np.isnan(kelvin[:, :3]).mean() > 0.9  # no flame
-    other = run("temperature", red, green, "--wavelengths", 650, 550, "--out", tmp_path / "other")
-    assert other.exit_code == 0
-    assert np.array_equal(
-        np.isnan(tifffile.imread(tmp_path / "other" / "temperature.tif")), np.isnan(kelvin)
-    )
-
-
-@pytest.mark.slow
-def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
-    words = ["--camera", camera_file, "--strength", 0.01, "--block", 2]
-    for name, depths, bootstrap in (("a", (6, -4), 2), ("b", (6, -3), 0), ("c", (6, -4), 0)):
-        planes = [word for depth in depths for word in ("--depth-mm", depth)]
-        out = ["--out", tmp_path / name, "--bootstrap", bootstrap]
-        assert run("reconstruct", source, *words, *planes, *out).exit_code == 0
-    for first, second, says in (("a", "b", "the same planes"), ("a", "c", "--bootstrap 20")):
-        result = run(
-            "temperature", tmp_path / first, tmp_path / second, "--wavelengths", 550, 650,
-            "--out", tmp_path / "out",
-        )  # fmt: skip
-        assert says in str(result.exception)
-    (tmp_path / "a" / "emission.tif").write_bytes(b"no picture")
-    broken = run("temperature", tmp_path / "a", tmp_path / "a", "--wavelengths", 550, 650)
-    assert "emission.tif cannot be read" in str(broken.exception)
-    assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 
 def without_solvers(code):

@@ -1,12 +1,11 @@
 """lf-flame view and lf-flame demo."""
 
-import json
 import re
 import signal
 import subprocess
 import sys
 import urllib.request
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,41 +43,6 @@ def test_a_single_file_is_written(source, tmp_path):
     assert "<h1>&lt;b&gt;</h1>" in text
     assert "<b>" not in text
     assert len(text) < 1e6
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--single-file", "SOURCE"], "is read, and cannot be replaced"),
-        (["--single-file", "SOURCE.png"], "must end in .html"),
-        (["--slopes", "2", "-2"], "two slopes, the lower one first"),
-        (["--slopes", "nan", "2"], "two slopes, the lower one first"),
-        (["--slopes", "-400", "400"], "two slopes, the lower one first, from -30 to 30"),
-        (["--megabytes", "0"], "is not in the range"),
-        (["--megabytes", "nan"], "no finite number"),
-        (["--camera", "CAMERA"], "The camera has 15 x 15 views"),
-        (["--port", "700000"], "is not in the range"),
-        (["--interpolation", "sinc"], "'sinc' needs the program, and a single file asks none"),
-        (["--network", "."], "A network needs the program, and a single file asks none"),
-        (["--network", ".", "--interpolation", "cubic"], "does not apply to a network"),
-        (["--interpolation", "best"], "is not one of"),
-    ],
-)
-def test_what_cannot_be_shown_is_one_sentence(source, tmp_path, words, message):
-    before = source.read_bytes()
-    camera = tmp_path / "camera.json"
-    camera.write_text(json.dumps({"camera": asdict(PAPER_CAMERA)}))
-    words = [word.replace("SOURCE", str(source)).replace("CAMERA", str(camera)) for word in words]
-    result = run("view", source, "--single-file", tmp_path / "page.html", *words)
-    assert result.exit_code != 0
-    assert message in result.output + str(result.exception)
-    assert not (tmp_path / "page.html").exists()
-    assert source.read_bytes() == before
-
-
-def test_what_is_no_network_is_one_sentence(source, tmp_path):
-    result = run("view", source, "--network", tmp_path)
-    assert "no finished run" in str(result.exception)
 
 
 @pytest.mark.slow

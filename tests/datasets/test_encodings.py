@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame._common.arrays import area_average, spread
 from lf_flame.datasets.encodings import InputEncoding
 
@@ -65,8 +65,3 @@ def test_of_an_even_number_of_views_the_one_before_the_middle_is_central():
     views[1] = np.arange(1, 7)[:, None, None] / 8
     shown = InputEncoding("views").encode(LightField(views), SIZE)
     np.testing.assert_array_equal(shown[0, 0], [1 / 8, 3 / 8, 6 / 8])
-
-
-def test_a_grid_without_views_is_refused():
-    with pytest.raises(InputError, match="grid must be at least 1 view"):
-        InputEncoding("grid", grid=0)

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.datasets.split import split_indices
 
 
@@ -27,8 +26,3 @@ def test_samples_are_drawn_by_the_seed():
     np.testing.assert_array_equal(one, same)
     assert set(one) != set(other)
     assert set(one) != set(range(30))
-
-
-def test_too_few_samples_are_refused():
-    with pytest.raises(InputError, match="2 samples are too few to split"):
-        split_indices(2, (0.7, 0.15, 0.15), seed=1)

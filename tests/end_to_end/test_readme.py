@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
-from programs import run_here
+from programs import code_blocks, run_here
 
 from lf_flame.commands import cli
 
@@ -29,10 +29,6 @@ TEXTS = [
 
 def names(paths):
     return [str(path.relative_to(ROOT)) for path in paths]
-
-
-def code_blocks(text, language):
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 def without_code(text):
@@ -200,20 +196,16 @@ def test_presets_that_are_named_exist():
             assert f"[presets.{preset}]" in recipes
 
 
-def test_tables_are_made_in_a_fresh_clone(tmp_path):
+def test_tables_are_made_in_a_fresh_clone(asked, tmp_path):
     """Results that came with the clone do not stand for runs that are not there."""
-    for name in ("Makefile", "setup.cfg", "pyproject.toml"):
-        shutil.copy(ROOT / name, tmp_path)
-    for folder in ("data_gen", "experiments"):
-        shutil.copytree(ROOT / folder, tmp_path / folder)
+    shutil.copytree(RESULTS / "closed-form", tmp_path / "experiments" / "results" / "closed-form")
     for table in ("table1.csv", "table2.csv"):
         (tmp_path / "experiments" / "results" / "closed-form" / table).touch()
-    command = ["make", "-n", "tables", "PRESET=closed-form", "RUN=closed-form"]
-    asked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    steps = asked("tables", "PRESET=closed-form", "RUN=closed-form")
     for step in ("dataset", "train", "evaluate"):
         for kind in ("shapes", "flames"):
-            assert re.search(rf"(lf-flame|-m experiments) {step} \S*{kind}", asked), (step, kind)
-    assert "--out experiments/" not in asked  # what came with the clone stays as it is
+            assert re.search(rf"(lf-flame|-m experiments) {step} \S*{kind}", steps), (step, kind)
+    assert "--out experiments/" not in steps  # what came with the clone stays as it is
 
 
 def test_every_deviation_the_code_cites_is_listed():

@@ -4,13 +4,15 @@ import importlib
 import json
 import math
 import re
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from experiments.paths import REFERENCE
 from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
+
+REFERENCE = Path(__file__).parents[2] / "experiments" / "results"
 
 
 def read(name):

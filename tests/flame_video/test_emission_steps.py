@@ -5,7 +5,6 @@ import pytest
 import zarr
 from click.testing import CliRunner
 
-from lf_flame import InputError
 from lf_flame.calibration import read_lens
 from lf_flame.commands.cli import commands
 from lf_flame.flame_video import find_steps
@@ -97,14 +96,6 @@ def test_a_calibration_goes_with_emission_and_channels(folder):
     steps = ["--steps", "emission", "--depth-mm", 0]
     done = run("process", folder / "grey.npy", *steps, *words[:-1], folder / "a" / "out.zarr")
     assert "must have a channel for each of the calibration's 2 colours" in str(done.exception)
-
-
-@pytest.mark.parametrize("names", ["temperature", "temperature,emission", "emission,temperature"])
-def test_a_temperature_needs_emission_before_it_and_colours(folder, names):
-    camera = read_lens(folder / "camera.toml")
-    colours = None if names.startswith("emission") else COLOURS
-    with pytest.raises(InputError, match="temperature needs the step emission before it, and a"):
-        find_steps(names, camera=camera, depths_mm=(0.0,), colours=colours)
 
 
 def test_another_gain_is_another_step(folder):

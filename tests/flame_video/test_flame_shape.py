@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.flame_video import measure_flame, row_error
 from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK, SPARK, SPECK
 
@@ -55,18 +54,13 @@ def test_a_ramp_has_its_tip_exactly_between_rows():
 
 def test_lengths_are_in_the_pixels_unit_and_count_from_the_burner():
     image = gaussian()
-    pixels, mm = measure_flame(image), measure_flame(image, pixel_mm=0.25, burner_row=50.0)
+    pixels, mm = measure_flame(image), measure_flame(9 * image, pixel_mm=0.25, burner_row=50.0)
     assert mm.height == pytest.approx(0.25 * (pixels.height - 9.5))
     assert mm.width == pytest.approx(0.25 * pixels.width)
     assert mm.area == pytest.approx(0.0625 * pixels.area)
-    assert mm.tip_row == pixels.tip_row
-    assert (mm.contour == pixels.contour).all()
-
-
-def test_the_scale_of_the_radiance_does_not_matter():
-    one, other = measure_flame(gaussian()), measure_flame(1e5 * gaussian().astype(np.float32))
-    assert other.height == pytest.approx(one.height, abs=1e-5)
-    assert other.brightness == pytest.approx(1e5 * one.brightness)
+    assert mm.tip_row == pytest.approx(pixels.tip_row)
+    assert mm.contour == pytest.approx(pixels.contour)
+    assert mm.brightness == pytest.approx(9 * pixels.brightness)
 
 
 @pytest.mark.parametrize("level", [0.1, 0.2, 0.5, 0.7])
@@ -266,24 +260,3 @@ def test_a_saturated_picture_is_told():
         assert found.area > 1.2 * measure_flame(gaussian()).area
     assert measure_flame(np.minimum(gaussian(), 0.97)).warnings == ()
     assert measure_flame(np.round(255 * gaussian()).astype(np.uint8)).warnings == ()
-
-
-@pytest.mark.parametrize(
-    ("image", "options", "message"),
-    [
-        (np.ones((4, 4, 3)), {}, "grey image"),
-        (np.ones((4, 9)), {}, "5 x 5"),
-        (np.full((5, 5), np.nan), {}, "finite"),
-        (np.ones((4, 4), complex), {}, "grey image"),
-        (gaussian(), {"level": 0.0}, "level must be"),
-        (gaussian(), {"level": 1.0}, "level must be"),
-        (gaussian(), {"level": np.nan}, "level must be"),
-        (gaussian(), {"pixel_mm": 0.0}, "pixel_mm must be"),
-        (gaussian(), {"pixel_mm": np.inf}, "pixel_mm must be"),
-        (gaussian(), {"burner_row": 60.0}, "burner_row must"),
-        (gaussian(), {"burner_row": np.nan}, "burner_row must"),
-    ],
-)
-def test_bad_input_is_refused(image, options, message):
-    with pytest.raises(InputError, match=message):
-        measure_flame(image, **options)

@@ -247,22 +247,6 @@ def test_a_picture_that_is_damaged_or_lost_is_named(made, tmp_path):
             read(made)
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        ("refocus@10mm", r"refocus@10mm needs the camera"),
-        ("refocus@x", r"at a depth, as refocus@10mm, or a slope, as refocus@0\.5, got 'x'"),
-        ("height,decode", "decode must be the first"),
-        ("height,height", "once, got 'height' twice"),
-        ("emission", "needs the camera, and depths"),
-        ("../height", r"Steps must be of .*, got '\.\./height'"),
-    ],
-)
-def test_steps_that_cannot_be(names, message):
-    with pytest.raises(InputError, match=message):
-        find_steps(names)
-
-
 def test_missing_numbers_are_gaps_but_dates_are_not():
     paths = [Path(f"f{number}.png") for number in (2, 4, 8)]
     rows, times = with_gaps(paths, times_by_names(paths, 10.0), 10.0)

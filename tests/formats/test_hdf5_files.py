@@ -335,12 +335,3 @@ def test_without_h5py_one_sentence_says_what_to_install(tmp_path, monkeypatch):
         read_light_field(path)
     savemat(path, {"LF": numbered(np.uint8)})
     assert read_light_field(path).views.shape == SHAPE
-
-
-def test_matlab_files_that_are_none_are_refused(tmp_path):
-    (tmp_path / "a.mat").write_bytes(b"anything")
-    savemat(tmp_path / "b.mat", {"LF": np.ones((3, 4))}, format="4")
-    with pytest.raises(InputError, match=r"a\.mat is no MATLAB file of version 5 or 7\.3"):
-        read_light_field(tmp_path / "a.mat")
-    with pytest.raises(InputError, match=r"b\.mat is no MATLAB file of version 5 or 7\.3"):
-        read_light_field(tmp_path / "b.mat")

@@ -160,15 +160,3 @@ def test_white_images_that_do_not_fit_are_refused_or_noted(tmp_path, said):
     (tmp_path / "w.RAW").write_bytes(packed)
     read_raw(tmp_path / "a.lfr", tmp_path / "w.RAW", views=VIEWS)
     assert "is of camera B2, the picture of B5143909630" in said()
-
-
-@pytest.mark.parametrize("options", [{"pitch": 12.0}, {"layout": "hexagonal"}])
-def test_what_a_lytro_picture_states_itself_is_not_taken(tmp_path, options):
-    write_picture(tmp_path / "a.lfr", "ILLUM", 0.8)
-    with pytest.raises(InputError, match="do not apply to the Lytro picture"):
-        read_raw(tmp_path / "a.lfr", **options)
-    for name, value in (("order", "row,col"), ("grid", "3x3")):
-        with pytest.raises(InputError, match="do not apply to the Lytro picture"):
-            read_light_field(tmp_path / "a.lfr", **{name: value})
-    with pytest.raises(InputError, match="axes are those of an array"):
-        read_light_field(tmp_path / "a.lfr", axes="vuts")

@@ -1,9 +1,7 @@
 """Raw lenslet images: grids found to a small part of a pixel, light and slopes kept."""
 
-import json
-import math
 import re
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from hypothesis import strategies as st
 from micro_images import nearest_lenslet
 from scipy import ndimage
 
-from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
+from lf_flame import InputError, Layer, LightField, Scene, render
 from lf_flame.formats import read_light_field, read_raw, write_view_folder
 from lf_flame.formats.images import write_image
 from lf_flame.formats.raw.grid_fit import _peaks, flattened
@@ -22,7 +20,7 @@ from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.reading import decode_raw
 from lf_flame.formats.raw.resampling import MOVE, _weights
 from lf_flame.formats.raw.white_image import estimate_grid
-from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
+from lf_flame.refocus import all_in_focus, find_sharpest_slope
 from lf_flame.refocus.focus_map import TRUSTED
 
 MICROSCOPE = Path(__file__).parents[3] / "shared" / "lightfields" / "guv"
@@ -80,25 +78,21 @@ def test_random_grids_are_found(layout, rng):
         assert found.rotation == pytest.approx(true.rotation, abs=3e-4)
 
 
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-def test_a_clean_grid_is_found_to_a_hundredth_of_a_pixel(layout, rng):
-    true, shape = random_grid(layout, rng), (401, 503)
-    found = estimate_grid(white_image(true, shape, rng, falloff=0.4))
-    assert farthest(found, true, shape) < 0.01
-
-
-def test_a_separate_row_pitch_is_found(rng):
-    true = LensletGrid(20, 30, 14.3, 0.02, "rectangular", row_pitch=12.1)
-    found = estimate_grid(white_image(true, (300, 380), rng, radius=0.4))
-    assert found.row_pitch == pytest.approx(12.1, abs=0.002)
-    assert farthest(found, true, (300, 380)) < 0.02
-
-
-@pytest.mark.parametrize(("radius", "layout"), [(0.2, "hexagonal"), (0.5, "rectangular")])
-def test_small_and_touching_micro_images_are_found(radius, layout, rng):
-    true = LensletGrid(20, 30, 15.2, 0.02, layout)
-    found = estimate_grid(white_image(true, (400, 420), rng, radius=radius, noise=0.02))
-    assert farthest(found, true, (400, 420)) < 0.02
+@pytest.mark.parametrize(
+    ("true", "look", "error"),
+    [
+        (LensletGrid(71.3, 18.6, 13.7, 0.031, "rectangular"), {"falloff": 0.4}, 0.01),
+        (LensletGrid(71.3, 18.6, 13.7, -0.031, "hexagonal"), {"falloff": 0.4}, 0.01),
+        (LensletGrid(20, 30, 14.3, 0.02, row_pitch=12.1), {"radius": 0.4}, 0.02),
+        (LensletGrid(20, 30, 15.2, 0.02, "hexagonal"), {"radius": 0.2, "noise": 0.02}, 0.02),
+        (LensletGrid(20, 30, 15.2, 0.02), {"radius": 0.5, "noise": 0.02}, 0.02),
+    ],
+)
+def test_grids_are_found_to_a_hundredth_of_a_pixel(true, look, error, rng):
+    """In clean images; with rows closer than columns; of small or touching micro-images."""
+    found = estimate_grid(white_image(true, (401, 503), rng, **look))
+    assert found.row_pitch == pytest.approx(true.row_pitch, abs=0.002)
+    assert farthest(found, true, (401, 503)) < error
 
 
 @pytest.mark.slow
@@ -128,27 +122,6 @@ def test_kinds_of_white_images(rng):
     ):
         assert farthest(estimate_grid(image), true, shape) < 0.02
     assert farthest(estimate_grid(white, 14, "hexagonal"), true, shape) < 0.02
-
-
-def test_images_without_a_grid_are_refused(rng):
-    stripes = np.tile(np.sin(np.arange(300) / 2), (300, 1)) + rng.uniform(size=(300, 300))
-    blobs = ndimage.gaussian_filter(rng.uniform(size=(300, 300)), 4)
-    noise, ramp = rng.uniform(size=(300, 300)), np.add.outer(np.arange(300), np.arange(300))
-    for image in (np.zeros((300, 300)), np.ones((300, 300)), noise, ramp, stripes, blobs):
-        with pytest.raises(InputError, match="No regular array of micro-images was found"):
-            estimate_grid(image)
-
-
-def test_a_grid_other_than_stated_is_refused(rng):
-    white = white_image(LensletGrid(20, 30, 12.2, 0.0, "hexagonal"), (300, 320), rng)
-    with pytest.raises(InputError, match="every 12 pixels, not every 30"):
-        estimate_grid(white, pitch=30)
-    with pytest.raises(InputError, match="layout must be hexagonal, .* got 'rectangular'"):
-        estimate_grid(white, layout="rectangular")
-    with pytest.raises(InputError, match="straight columns.*numpy.rot90"):
-        estimate_grid(white.T)
-    with pytest.raises(InputError, match="3 x 3 micro-images"):
-        estimate_grid(white[:45, :60])
 
 
 def spots(darker):
@@ -196,21 +169,6 @@ def test_peaks_are_found_from_a_step_and_a_half_away(down, along):
     assert curvature[0] == pytest.approx(2 - 2 * np.exp(-(step**2) / (2 * 3.0**2)), rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((np.ones((50, 50)), 2.0), "pitch must lie between 4 pixels and .* got 2.0"),
-        ((np.ones((50, 50)), 10, "square"), "layout must be one of rectangular, hexagonal"),
-        ((np.ones((8, 50)),), "at least 16 pixels high and wide, got 8 x 50"),
-        ((np.ones(50),), r"shape \(50,\)"),
-        ((np.full((50, 50), np.nan),), "must be finite, got 2500 NaN"),
-    ],
-)
-def test_white_images_that_cannot_be_used(arguments, message):
-    with pytest.raises(InputError, match=message):
-        estimate_grid(*arguments)
-
-
 @given(
     pitch=st.floats(3, 20),
     row_pitch=st.floats(3, 20),
@@ -240,13 +198,6 @@ def test_whole_micro_images_are_a_block_that_cannot_grow(pitch, row_pitch, rotat
     assert grid.count(shape) == grid.centres(shape).shape[:2] == (len(rows), len(columns))
 
 
-def test_a_grid_goes_through_json():
-    grid = grid_from_pitch((100, 120), np.float32(14.3), (7, 8), 0.01, "hexagonal")
-    assert LensletGrid(**json.loads(json.dumps(asdict(grid)))) == grid
-    assert (grid.y0, grid.x0) == (7, 8)
-    assert grid.row_pitch == pytest.approx(14.3 * math.sqrt(3) / 2)
-
-
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
 def test_a_stated_pitch_fills_the_image_evenly(layout):
     grid = grid_from_pitch((100, 131), 10, layout=layout)
@@ -254,28 +205,8 @@ def test_a_stated_pitch_fills_the_image_evenly(layout):
     assert centres.shape[:2] == ((10, 13) if layout == "rectangular" else (11, 12))
     first, last = centres.min(axis=(0, 1)), centres.max(axis=(0, 1))
     np.testing.assert_allclose(first + last, (99, 130))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (((9, 100), 10), "No micro-image of 10 x 10 pixels lies whole in the image of 9 x 100"),
-        (((90, 100), 0.5), "pitch must be at least 1 pixel, got 0.5"),
-        (((90, 100), np.nan), "pitch must be at least 1 pixel, got nan"),
-        (((90, 100), 10, (3, np.inf)), "x0 and y0 of a micro-image must be finite"),
-        (((90, 100), 10, (3, 4, 5)), "centre must be"),
-        (((90, 100), 10, None, 1.0), "rotation must lie within pi/4"),
-        (((90, 100), 10, None, 0, "square"), "layout must be one of"),
-    ],
-)
-def test_grids_that_cannot_be(arguments, message):
-    with pytest.raises(InputError, match=message):
-        grid_from_pitch(*arguments)
-
-
-def test_a_grid_beside_the_image_is_refused():
-    with pytest.raises(InputError, match="No micro-image"):
-        LensletGrid(0, 0, 40).block((30, 300))
+    stated = grid_from_pitch((100, 120), 14.3, (7, 8), 0.01, layout)
+    assert (stated.y0, stated.x0, stated.rotation) == (7, 8, 0.01)
 
 
 @pytest.fixture
@@ -355,9 +286,6 @@ def test_the_views_asked_for():
     raw = np.ones((100, 100))
     for pitch, views in ((15, 15), (14.9996, 15), (14.3, 13), (16.0004, 15), (9.7, 9)):
         assert decode_raw(raw, LensletGrid(50, 50, pitch)).views.shape[:2] == (views, views)
-    for views in (0, 41, 2.5):
-        with pytest.raises(InputError, match=f"from 1 to twice the 20 pixels .* got {views}"):
-            decode_raw(raw, LensletGrid(50, 50, 20), views)
 
 
 @pytest.mark.parametrize(("rotation", "bayer"), [(0.004, "gbrg"), (-0.03, None), (0.4, "gbrg")])
@@ -428,63 +356,6 @@ def test_own_views_are_those_nearest_to_their_lenslet():
     assert replace(grid, layout="rectangular").own_views(15).all()
 
 
-def test_a_hexagonal_array_needs_two_columns():
-    with pytest.raises(InputError, match="at least two whole lenslets along a row, got 1"):
-        decode_raw(np.ones((60, 16)), LensletGrid(7.5, 30, 10, 0, "hexagonal"))
-
-
-FINE = 3
-"""Simulated pixels along a sensor's pixel, so that a turned sensor can be laid over them."""
-
-
-def on_another_sensor(image, turn, scale):
-    """Lay a sensor, turned and with finer or coarser pixels, over a finely simulated image.
-
-    Returns its image and a function from its pixels (y, x) to those of the fine image.
-    """
-    step = FINE / scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    size = (0.9 * np.array(image.shape) * scale / FINE).astype(int)
-    start = (np.array(image.shape) - 1) / 2 + (1.37, -0.61) - step @ ((size - 1) / 2)
-    parts = (np.arange(FINE) - (FINE - 1) / 2) / FINE
-    shifts = [step @ (a, b) for a in parts for b in parts]
-    samples = [ndimage.affine_transform(image, step, start + n, size, order=1) for n in shifts]
-    return np.mean(samples, axis=0), lambda pixels: pixels @ step.T + start
-
-
-@pytest.mark.slow
-def test_another_sensor_sees_the_same():
-    """A simulated raw image, read by a sensor that is turned, shifted and of another pitch."""
-    pixels, turn, scale = 15, -0.035, 0.93
-    camera = replace(PAPER_CAMERA, views=pixels * FINE, lenslets=(20, 22))
-    y, x = np.indices((48, 48))
-    texture = 1 + (y // 8 + x // 8) % 2 + 0.3 * np.sin(y / 3) * np.cos(x / 4)
-    size = tuple(0.8 * n for n in camera.field_mm(0))
-    fine = render(Scene([Layer(texture, 10.0, size)]), camera).to_raw().astype(float)
-    whole = grid_from_pitch(fine.shape, pixels * FINE)
-    white = white_image(whole, fine.shape, np.random.default_rng(0), 0.46, gap=0.0, falloff=0.5)
-    fine *= white  # a round aperture, and vignetting
-
-    def read(turn, scale):
-        raw, to_fine = on_another_sensor(fine, turn, scale)
-        white_raw, _ = on_another_sensor(white, turn, scale)
-        grid = estimate_grid(white_raw)
-        light_field = decode_raw(raw, grid, pixels, white_raw).views
-        return light_field, (to_fine(grid.centres(raw.shape)) + 0.5) / (pixels * FINE) - 0.5
-
-    straight, straight_places = read(0.0, 1.0)
-    turned, places = read(turn, scale)
-    np.testing.assert_allclose(places, np.round(places), atol=0.002)  # lenslets, in lenslets
-    offset = np.round(places[0, 0] - straight_places[0, 0]).astype(int)
-    rows, columns = (slice(o, o + n) for o, n in zip(offset, turned.shape[2:4], strict=True))
-    same = straight[:, :, rows, columns]
-    slope, other = find_sharpest_slope(same).slope, find_sharpest_slope(turned).slope
-    assert other == pytest.approx(slope, abs=0.02)
-    clear = (slice(None), slice(3, -3), slice(3, -3))
-    image, other = (shift_and_sum(n, [0, slope])[clear] for n in (same, turned))
-    error = np.sqrt(np.mean((image - other) ** 2))
-    assert error < 0.01 * image.max()
-
-
 def test_a_white_image_takes_out_falloff(rng):
     grid, shape = LensletGrid(160.2, 140.7, 14.3, 0.02), (290, 320)
     white = 300 * white_image(grid, shape, rng, falloff=0.8, gap=0.02)
@@ -530,23 +401,6 @@ def test_an_image_goes_on_beyond_its_border_as_it_ends(rng):
     padded = decode_raw(np.pad(raw, far, mode="edge"), wide, views=7).views
     inner = (..., slice(4, -4), slice(4, -4))  # of four more lenslets on each side
     np.testing.assert_allclose(decode_raw(raw, grid, views=7).views, padded[inner], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("raw", "white", "message"),
-    [
-        (np.ones(30), None, r"raw lenslet image must be grey or coloured, .* shape \(30,\)"),
-        (np.ones((30, 30), complex), None, "type complex128"),
-        (np.full((30, 30), np.inf), None, "raw lenslet image must be finite, got 900"),
-        (np.ones((30, 30)), np.ones((30, 31)), "must have the raw image's shape"),
-        (np.ones((30, 30)), np.full((30, 30), np.nan), "white lenslet image must be finite"),
-        (np.ones((30, 30)), np.zeros((30, 30)), "must be bright in the middle"),
-        (np.ones((4, 30)), None, "No micro-image of 6 x 6 pixels lies whole"),
-    ],
-)
-def test_raw_images_that_cannot_be_used(raw, white, message):
-    with pytest.raises(InputError, match=message):
-        decode_raw(raw, LensletGrid(2.5, 2.5, 6), white=white)
 
 
 BAYER = {"red": 0.52, "green": 1.0, "blue": 0.61}

@@ -5,7 +5,7 @@ import pytest
 import tifffile
 from micro_images import nearest_lenslet, waves
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import LensletGrid, decode_raw, estimate_grid
 from lf_flame.formats.raw import white_views
@@ -117,17 +117,6 @@ def test_views_of_the_white_image_give_reflectance():
     np.testing.assert_allclose(one, other, rtol=1e-5)
     np.testing.assert_allclose(one[7, 7, 2, 2], [0.125, 0.25, 0.15], rtol=1e-4)
     np.testing.assert_allclose(other / itself, 0.25 / 3, rtol=1e-4)
-
-
-def test_a_mosaic_is_stated_as_what_it_can_be():
-    grid = LensletGrid(7, 7, 10)
-    for raw, pattern, message in (
-        (np.ones((60, 60)), "rgbg", "bayer must be one of rggb, bggr, grbg, gbrg, got 'rgbg'"),
-        (np.ones((60, 60, 3)), "rggb", r"one channel, got an image of shape \(60, 60, 3\)"),
-        (np.ones((61, 60)), "rggb", "even number of rows and of columns"),
-    ):
-        with pytest.raises(InputError, match=message):
-            decode_raw(raw, grid, bayer=pattern)
 
 
 @pytest.mark.slow

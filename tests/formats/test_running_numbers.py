@@ -9,7 +9,7 @@ from tifffile import imwrite
 
 from lf_flame import InputError, LightField, read_light_field
 from lf_flame.commands.cli import commands
-from lf_flame.formats import open_light_field, scan_view_folder, write_lenslet_image
+from lf_flame.formats import scan_view_folder, write_lenslet_image
 from lf_flame.formats.view_files.parallax_order import find_order
 from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.refocus import find_sharpest_slope
@@ -73,11 +73,32 @@ def test_the_stated_grid_is_that_of_the_light_field(tmp_path, rng, order, kind):
     assert find_sharpest_slope(found, np.arange(-2, 2.1, 0.25)).slope == pytest.approx(1, abs=0.02)
 
 
-def test_an_opened_array_is_in_the_order_of_the_one_read(tmp_path, rng):
-    views = moved(rng)
-    path, stated = write(tmp_path / "a", counted(views, "col,-row"), ".npy")
-    opened = open_light_field(path, grid="3x5", **stated)
-    np.testing.assert_array_equal(opened.view(1, 4), views[1, 4] / np.float32(255))
+@pytest.mark.parametrize(
+    ("side", "order"),
+    [
+        (2, "row,col"),
+        (3, "-row,col"),
+        (2, "col,row"),
+        (2, "snake,row,col"),
+        (4, "snake,-row,col"),
+        (3, "snake,col,row"),
+    ],
+)
+def test_a_square_needs_no_grid(tmp_path, rng, side, order):
+    views = moved(rng, views=(side, side))
+    row = counted(views, order)
+    (folder, _), (pages, _) = (write(tmp_path / "a", row, kind) for kind in ("folder", ".tif"))
+    for given in (None, order):
+        for path in (folder, pages):
+            found = read_light_field(path, order=given).views
+            np.testing.assert_array_equal(found, views / np.float32(255))
+    if "snake" in order:
+        assert f"order {order}, every other" in scan_view_folder(folder).describe()
+    else:
+        lines = row.reshape(side, *views.shape[1:])
+        imwrite(tmp_path / "b.tif", lines, imagej=True, metadata={"axes": "TZYX"})
+        found = read_light_field(tmp_path / "b.tif").views
+        np.testing.assert_array_equal(found, views / np.float32(255))
 
 
 @pytest.mark.parametrize(("shape", "grid"), [((3, 5), "3x5"), ((3, 3), None)])
@@ -110,12 +131,6 @@ def test_names_may_count_columns_before_rows_of_the_stated_grid(tmp_path, rng):
         np.testing.assert_array_equal(np.argwhere(weights == 0), [[2, 3]])
     with pytest.raises(InputError, match="5 x 3 views does not fit .* of 3 x 5"):
         read_light_field(tmp_path, grid="5x3")
-
-
-def test_without_a_grid_the_refusal_names_those_that_fit(rng):
-    for count, said in ((35, "--grid 5x7 or 7x5, or as --grid 1x35, if"), (7, "as --grid 1x7, if")):
-        with pytest.raises(InputError, match=said):
-            fold(rng.normal(size=(count, 30, 30)), "views")
 
 
 def test_where_the_parallax_does_not_tell_the_stated_grid_is_filled_row_by_row(rng):

@@ -6,7 +6,7 @@ import tifffile
 from click.testing import CliRunner
 from micro_images import waves
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.commands.cli import commands
 from lf_flame.formats import (
     DecodePlan,
@@ -128,29 +128,28 @@ def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout):
     np.testing.assert_allclose(plain, np.median(plain), rtol=1e-3)
 
 
-def test_what_is_known_comes_back_from_npz(tmp_path):
+def test_weights_and_what_is_known_come_back_from_npz(tmp_path):
     rng = np.random.default_rng(1)
     views, valid = rng.uniform(size=(3, 4, 6, 7)), rng.uniform(size=(3, 4, 6, 7)) > 0.2
-    write_light_field(LightField(views, valid=valid), tmp_path / "a.npz")
-    np.savez(tmp_path / "b.npz", field=views.transpose(2, 3, 0, 1), valid=valid.astype(np.uint8))
+    weights = rng.uniform(size=(3, 4)).astype(np.float32)
+    weights[0, 0] = 0
+    write_light_field(LightField(views, weights=weights, valid=valid), tmp_path / "a.npz")
+    stored = {"field": views.transpose(2, 3, 0, 1), "valid": valid.astype(np.uint8)}
+    np.savez(tmp_path / "b.npz", **stored, weights=weights)
     for name, axes in (("a", None), ("b", "tsvu")):
         found = read_light_field(tmp_path / f"{name}.npz", axes=axes)
+        np.testing.assert_array_equal(found.views, views.astype(np.float32))
+        np.testing.assert_array_equal(found.weights, weights)
         np.testing.assert_array_equal(found.valid, valid)
     turned = read_light_field(tmp_path / "a.npz", order="-row,col")
     np.testing.assert_array_equal(turned.valid, valid[::-1])
+    np.testing.assert_array_equal(turned.weights, weights[::-1])
     less = read_light_field(tmp_path / "a.npz", dark=tmp_path / "a.npz")
     np.testing.assert_array_equal(less.valid, valid)
     write_light_field(LightField(views), tmp_path / "c.npz")
-    assert read_light_field(tmp_path / "c.npz").valid is None
-
-
-@pytest.mark.parametrize(
-    "valid", [np.ones((4, 3, 6, 7)), np.full((3, 4, 6, 7), 2), np.full((3, 4, 6, 7), 1j)]
-)
-def test_odd_masks_in_npz_are_refused(tmp_path, valid):
-    np.savez(tmp_path / "a.npz", views=np.ones((3, 4, 6, 7), np.float32), valid=valid)
-    with pytest.raises(InputError, match="valid must"):
-        read_light_field(tmp_path / "a.npz")
+    plain = read_light_field(tmp_path / "c.npz")
+    assert plain.weights is None
+    assert plain.valid is None
 
 
 def test_commands_say_what_is_unknown_and_which_files_do_not_hold_it(tmp_path):

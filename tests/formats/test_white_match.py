@@ -1,9 +1,11 @@
 """White images that fit a raw one, and others, made pixel by pixel by geometry of their own."""
 
 import logging
+from functools import partial
 
 import numpy as np
 import pytest
+from micro_images import nearest_lenslet
 from scipy import ndimage
 
 from lf_flame import InputError
@@ -30,19 +32,12 @@ def uniform(y, x):
 def sensor(scene=uniform, pitch=PITCH, radius=0.47, slope=4.0, hexagonal=False, moved=0):
     """Round micro-images of a plane that moves by `slope` pitches over a micro-image."""
     y, x = (n.astype(float) for n in np.indices(SHAPE))
-    y, x = (y - 20.3) / pitch, (x - moved - 31.6) / pitch
-    nearest, place = np.full(SHAPE, np.inf), np.zeros((4, *SHAPE))
-    height = np.sqrt(3) / 2 if hexagonal else 1.0
-    for step in (-1, 0, 1):
-        row = np.rint(y / height) + step
-        offset = row % 2 / 2 if hexagonal else 0.0
-        column = np.rint(x - offset) + offset
-        down, right = y - row * height, x - column
-        closer = np.hypot(down, right) < nearest
-        nearest = np.where(closer, np.hypot(down, right), nearest)
-        place = np.where(closer, [row * height, column, down, right], place)
-    lit = np.clip((radius - nearest) * pitch + 0.5, 0, 1) * (1 - 0.4 * (nearest / radius) ** 2)
-    return lit * scene(place[0] - slope * place[2], place[1] - slope * place[3])
+    row, column, down, right = nearest_lenslet(
+        (y - 20.3) / pitch, (x - moved - 31.6) / pitch, 1.0, hexagonal=hexagonal
+    )
+    height, far = np.sqrt(3) / 2 if hexagonal else 1.0, np.hypot(down, right)
+    lit = np.clip((radius - far) * pitch + 0.5, 0, 1) * (1 - 0.4 * (far / radius) ** 2)
+    return lit * scene(row * height - slope * down, column - slope * right)
 
 
 def said_of(raw, white, step=1):
@@ -59,70 +54,52 @@ def noisy(image, level=0.002):
     return image + level * np.random.default_rng(3).standard_normal(SHAPE)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hexagonal", [False, True])
-@pytest.mark.parametrize(
-    ("scene", "slope"), [(textured, 0.0), (textured, -9.0), (small_flame, 4.0), (small_flame, -9.0)]
-)
-def test_a_white_image_that_fits_is_taken_in_silence(scene, slope, hexagonal):
-    white = sensor(hexagonal=hexagonal)
-    raw = noisy(sensor(scene, slope=slope, hexagonal=hexagonal))
-    assert said_of(raw, white) == "nothing"
+def plane(scene=textured, **options):
+    return lambda: noisy(sensor(scene, **options))
+
+
+def flat(turned=False, **options):
+    return lambda: np.rot90(sensor(**options), 2 * turned)
+
+
+def one_side(edge):
+    """A flame far out of focus, beside the picture: its light comes through the aperture's rim."""
+    return plane(lambda y, x: 1.0 * (x > edge), slope=9.0)
+
+
+OTHERS = [flat(pitch=12.1), flat(pitch=9.5), flat(moved=5), flat(moved=4), flat(turned=True)]
+PAIRS = [
+    *(
+        (plane(scene, slope=slope, hexagonal=hexagonal), flat(hexagonal=hexagonal), "nothing")
+        for scene, slope in ((textured, 0.0), (textured, -9.0), (small_flame, 4), (small_flame, -9))
+        for hexagonal in (False, True)
+    ),
+    (partial(noisy, np.zeros(SHAPE)), flat(), "nothing"),
+    (lambda: sensor(textured) + 0.06, flat(), "nothing"),  # with a black level
+    (lambda: np.minimum(30 * sensor(textured), 1), flat(), "nothing"),  # overexposed
+    (plane(radius=0.3), flat(), "nothing"),
+    (one_side(23.5), flat(), "nothing"),
+    (one_side(24.5), flat(), "nothing"),
+    (plane(radius=0.9), flat(radius=0.4), "nothing"),  # no gaps that could be compared
+    *((plane(small_flame), other, "refused") for other in OTHERS),
+    *((lambda: plane()() + 0.1, lambda x=other: x() + 0.1, "refused") for other in OTHERS),
+    (plane(hexagonal=True), flat(hexagonal=True, moved=5), "refused"),
+    (plane(), flat(moved=2), "warned"),
+    (plane(), flat(radius=0.24), "warned"),
+    (plane(radius=0.6), flat(radius=0.4), "warned"),
+]
 
 
 @pytest.mark.slow
-def test_raw_images_without_light_black_or_overexposed_are_taken():
-    white, raw = sensor(), sensor(textured)
-    for image in (
-        noisy(0 * raw),
-        raw + 0.06,
-        np.minimum(30 * raw, 1),
-        sensor(textured, radius=0.3),
-    ):
-        assert said_of(image, white) == "nothing"
-
-
-@pytest.mark.slow
-def test_a_flame_that_lights_one_side_of_the_micro_images_is_taken():
-    """A plane far out of focus, beside the picture: light comes through the rim of the aperture."""
-    for edge in (23.5, 24.5):
-        raw = noisy(sensor(lambda y, x, at=edge: 1.0 * (x > at), slope=9.0))
-        assert said_of(raw, sensor()) == "nothing"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("scene", "dark"), [(textured, 0.1), (small_flame, 0.0)])
-def test_a_white_image_of_another_pitch_moved_or_turned_is_refused(scene, dark):
-    raw = noisy(sensor(scene)) + dark
-    for white in (sensor(pitch=12.1), sensor(pitch=9.5), sensor(moved=5), sensor(moved=4)):
-        assert said_of(raw, white + dark) == "refused"
-    assert said_of(raw, sensor()[::-1, ::-1] + dark) == "refused"
+@pytest.mark.parametrize(("raw", "white", "said"), PAIRS)
+def test_pairs_that_fit_are_taken_in_silence_and_others_are_not(raw, white, said):
+    assert said_of(raw(), white()) == said
 
 
 def test_the_textured_plane_fits_its_white_image_and_no_turned_one():
     raw, white = sensor(textured), sensor()
     assert said_of(raw, white) == "nothing"
     assert said_of(raw, white[::-1, ::-1]) == "refused"
-
-
-@pytest.mark.slow
-def test_hexagonal_arrays_that_are_moved_are_refused():
-    raw = noisy(sensor(textured, hexagonal=True))
-    assert said_of(raw, sensor(hexagonal=True, moved=5)) == "refused"
-
-
-@pytest.mark.slow
-def test_a_white_image_that_is_moved_a_little_or_stopped_down_is_warned_of():
-    raw = sensor(textured)
-    assert said_of(raw, sensor(moved=2)) == "warned"
-    assert said_of(raw, sensor(radius=0.24)) == "warned"
-    assert said_of(sensor(textured, radius=0.6), sensor(radius=0.4)) == "warned"
-
-
-@pytest.mark.slow
-def test_a_raw_image_without_gaps_shows_no_misfit():
-    """The aperture fills the micro-images, so that there is nothing to hold against the gaps."""
-    assert said_of(noisy(sensor(textured, radius=0.9)), sensor(radius=0.4)) == "nothing"
 
 
 def test_a_refusal_needs_every_sign():

@@ -178,20 +178,6 @@ def test_imagenet_gives_up_in_one_sentence(monkeypatch, tmp_path):
         build_backbone(GREY, "imagenet")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"backbone_depth": "conv6"}, "one of conv3, conv4, conv5, none, got 'conv6'"),
-        ({"dropout": 1.0}, r"dropout must be in \[0, 1\)"),
-        ({"dropout_place": "attic"}, "one of image, vector, none"),
-        ({"neck": "long"}, "neck must be one of pooled, positions"),
-    ],
-)
-def test_impossible_options_are_refused(options, message):
-    with pytest.raises(InputError, match=message):
-        build_refocus_resnet50(IMAGE, **{"backbone_depth": "none"} | options)
-
-
 @pytest.mark.slow
 def test_without_a_backbone_the_picture_is_the_feature_map(rng, tmp_path):
     model = build_refocus_resnet50(

@@ -223,45 +223,13 @@ def test_networks_that_are_not_there_are_one_sentence(run_folder, exported, tmp_
         assert len(str(caught.value).splitlines()) == 1
 
 
-class Doubling(keras.layers.Layer):
-    def call(self, x):
-        return 2 * x
-
-
-@pytest.mark.parametrize(
-    ("layer", "message"),
-    [
-        (
-            keras.layers.Lambda(lambda x: 2 * x),
-            "hold no keras.layers.Lambda, and code that",
-        ),
-        (Doubling(), "hold no tests.learning.test_prediction.Doubling"),
-        (
-            keras.layers.Conv2D(2, 3),
-            r"into \(38, 62, 2\), but it should turn .* into \(2, 40, 64, 1\)",
-        ),
-    ],
-)
-def test_networks_that_are_not_ours_are_one_sentence(exported, tmp_path, layer, message):
+def test_a_network_of_another_output_is_one_sentence(exported, tmp_path):
     image = keras.Input((*SIZE, 1))
-    card = read_card(exported)
-    path = write_network(tmp_path / "theirs.keras", card, keras.Model(image, layer(image)))
+    theirs = keras.Model(image, keras.layers.Conv2D(2, 3)(image))
+    path = write_network(tmp_path / "theirs.keras", read_card(exported), theirs)
+    message = r"into \(38, 62, 2\), but it should turn .* into \(2, 40, 64, 1\)"
     with pytest.raises(InputError, match=message) as caught:
         load_network(path, read_card(path))
-    assert len(str(caught.value).splitlines()) == 1
-
-
-def test_damaged_networks_are_one_sentence(run_folder, tmp_path):
-    content = bytearray((run_folder / "model.keras").read_bytes())
-    card = read_card(run_folder)
-    path = tmp_path / "model.keras"
-    path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(InputError, match="is not a Keras file, or is cut short"):
-        load_network(path, card)
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(InputError, match="cannot be read: it is damaged") as caught:
-        load_network(path, card)
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -288,21 +256,6 @@ def test_a_file_that_is_no_card_is_not_replaced_by_one(run_folder, tmp_path):
     for _ in range(2):  # a card is
         run("export", run_folder, "--out", tmp_path / "package.keras")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["package.json", "package.keras"]
-
-
-@pytest.mark.slow
-def test_a_network_with_a_flipped_bit_is_refused(exported, tmp_path):
-    """By the checksums of the archive, and not by an image that is slightly off."""
-    content = exported.read_bytes()
-    shutil.copy(exported.with_suffix(".json"), tmp_path / "exported.json")
-    (tmp_path / "exported.keras").write_bytes(
-        content[: len(content) // 2]
-        + bytes([content[len(content) // 2] ^ 1])
-        + content[len(content) // 2 + 1 :]
-    )
-    card = read_card(tmp_path / "exported.keras")
-    with pytest.raises(InputError, match="is damaged, as model.weights.h5 in it does not fit"):
-        load_network(tmp_path / "exported.keras", card)
 
 
 def test_help_says_what_a_prediction_is():

@@ -6,7 +6,6 @@ import keras
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.device_training import _product
 from lf_flame.learning.trainers import all_variables, make_trainer
@@ -147,9 +146,3 @@ def test_the_same_on_jax():
     )
     assert done.returncode == 0, done.stdout[-3000:]
     assert "3 passed" in done.stdout
-
-
-def test_another_backend_is_refused(monkeypatch, samples):
-    monkeypatch.setattr(keras.backend, "backend", lambda: "torch")
-    with pytest.raises(InputError, match="tensorflow and jax; KERAS_BACKEND is torch"):
-        make_trainer(None, 1e-3, 2, samples)

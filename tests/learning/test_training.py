@@ -18,12 +18,11 @@ from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.learning import feature_stream, training, training_run
-from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.trainers import make_trainer
 from lf_flame.learning.training import train
-from lf_flame.learning.training_config import Recipe, TrainingConfig, read_training_config
+from lf_flame.learning.training_config import TrainingConfig, read_training_config
 
 
 @pytest.fixture(scope="module")
@@ -57,28 +56,6 @@ def whole(config, data, tmp_path_factory):
 def change_recipe(config, **changes):
     recipe = replace(config.recipe("smoke"), **changes)
     return replace(config, presets={"smoke": recipe})
-
-
-@pytest.mark.slow
-def test_cached_features_train_like_the_whole_network(rng):
-    """Batch by batch, the trainer's losses on features are those of Keras on the whole model."""
-    images = rng.uniform(size=(4, 32, 40, 1)).astype(np.float32)
-    targets = rng.uniform(size=(4, 2, 32, 40, 1)).astype(np.float32)
-    whole, model = (
-        build_refocus_resnet50((32, 40), 2, "random", "conv3", dropout=0.3, seed=4)
-        for _ in range(2)
-    )
-    whole.compile(keras.optimizers.Adam(1e-4), "mse", jit_compile=False)
-    features = model.get_layer("backbone").predict(images, verbose=0)
-    trainer = make_trainer(model.get_layer("decoder"), 1e-4, 2, {"train": (features, targets)})
-    losses = []
-    for k in (0, 2, 0, 2):
-        whole.reset_metrics()
-        loss = float(whole.train_on_batch(images[k : k + 2], targets[k : k + 2]))
-        losses.append((loss, trainer.train_in_order(np.arange(k, k + 2))))
-    expected, found = np.transpose(losses)
-    np.testing.assert_allclose(found, expected, rtol=1e-5)
-    assert abs(expected[2] - expected[0]) > 1e-4  # the same batch again, with other weights
 
 
 @pytest.mark.slow
@@ -344,23 +321,3 @@ def test_split_is_whole_disjoint_and_seeded():
     assert [len(part) for part in parts.values()] == [160, 20, 20]
     assert sorted(np.concatenate(list(parts.values()))) == list(range(200))
     assert not np.array_equal(parts["test"], split_indices(200, (0.8, 0.1, 0.1), 2)["test"])
-    with pytest.raises(InputError, match="3 samples are too few"):
-        split_indices(3, (0.8, 0.1, 0.1), 1)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"epochs": 0}, "epochs must be from 1 to 999999, got 0"),
-        ({"epochs": -1, "warm_start": True}, "epochs must be from 0 to 999999, got -1"),
-        ({"epochs": 0, "warm_start": True, "schedule": "cosine"}, "schedule needs epochs"),
-        ({"epochs": 1, "learning_rate": -1.0}, "learning_rate must be above 0"),
-        ({"epochs": 1, "bands": 0}, "bands must be from 1 to"),
-        ({"epochs": 1, "refinements": -1}, "refinements must be from 0 to"),
-        ({"epochs": 1, "speed": 2}, "speed is not a known key"),
-        ({"epochs": 1, "schedule": "steps"}, "schedule: input should be 'constant' or 'cosine'"),
-    ],
-)
-def test_impossible_recipes_are_refused(values, message):
-    with pytest.raises(InputError, match=message):
-        build(Recipe, values, "here")

@@ -283,21 +283,3 @@ def test_a_flame_that_dims_but_its_own_light_is_projected():
     projected, light_field = both_ways(scene, small())
     assert "self_absorption" in light_field.plan.kept
     assert_close(projected.refocus(0.4), shift_and_sum(light_field, [0.4]), 1.0)
-
-
-def test_what_cannot_be_projected_is_told_in_one_sentence():
-    scene, camera = Scene([GLOW]), small()
-    projected = Projector(scene, camera, plan_effects(scene, camera))
-    with pytest.raises(InputError, match="interpolation must be one of linear, nearest, cubic"):
-        projected.refocus(0.0, "sinc")
-    with pytest.raises(InputError, match="Blocks of 5 x 3 lenslets do not divide an image"):
-        projected.refocus(0.0, block=(5, 3))
-    with pytest.raises(InputError, match="weights must have the shape of the views, 5 x 5"):
-        projected.refocus(0.0, weights=np.ones((3, 3)))
-    with pytest.raises(InputError, match="slopes must be one or more finite numbers"):
-        projected.refocus([np.nan])
-    with pytest.raises(InputError, match=r"There is no view \(5, 0\)"):
-        projected.align_views(0.0, [(5, 0)])
-    far = Scene([Layer([[1.0]], 0.0, (1.0, 1.0), (90.0, 0.0))])
-    with pytest.raises(InputError, match="lies outside the field"):
-        Projector(far, camera, plan_effects(scene, camera))

@@ -7,15 +7,13 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import correlate1d, gaussian_filter
 
 from lf_flame.refocus import matching
-from lf_flame.refocus.grey_views import GreyViews
 
 SLOPES = np.linspace(-1.0, 1.0, 9)
 
 
 def match_views(views, slopes):
-    """Costs of all rows, band by band."""
-    compared = matching.ComparedViews(GreyViews(views), slopes, np.ones(views.shape[:2]))
-    return np.concatenate([compared.costs(rows, compared.limit()) for rows in compared.bands])
+    compared = matching.ComparedViews(views, slopes, np.ones(views.shape[:2]))
+    return compared.costs(compared.limit())
 
 
 def moved(picture, slope, views=(5, 5)):

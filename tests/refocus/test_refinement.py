@@ -7,7 +7,6 @@ import numba
 import numpy as np
 import pytest
 
-from lf_flame.refocus.grey_views import GreyViews
 from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.refinement import fit_changes, refine_slopes, set_up_equations
 
@@ -19,7 +18,7 @@ def test_the_equations_lead_from_a_near_slope_to_the_right_one(count):
     steps = np.arange(count) - (count - 1) / 2
     views = np.array([[0.3 * (y - 0.7 * v) + 0.2 * (x - 0.7 * u) for u in steps] for v in steps])
     compared = ComparedViews(
-        GreyViews(views.astype(np.float32)), np.linspace(-1, 1, 11), np.ones((count, count))
+        views.astype(np.float32), np.linspace(-1, 1, 11), np.ones((count, count))
     )
     above, below = set_up_equations(compared, np.full((24, 30), 0.68), 0.1)
     inside = (slice(4, -4), slice(4, -4))
@@ -41,7 +40,7 @@ def test_a_change_is_the_ratio_of_the_sums_over_pixels_of_the_same_surface(rng):
 
 def test_threads_change_nothing(rng):
     views = rng.random((3, 3, 40, 30), np.float32)
-    compared = ComparedViews(GreyViews(views), np.linspace(-1, 1, 9), np.ones((3, 3)))
+    compared = ComparedViews(views, np.linspace(-1, 1, 9), np.ones((3, 3)))
     slope, guide = rng.uniform(-1, 1, (40, 30)), rng.uniform(size=(40, 30))
     threads = numba.get_num_threads()
     found = refine_slopes(compared, slope, guide, 0.3)
@@ -58,7 +57,7 @@ def test_after_a_coarse_search_a_change_moves_no_view_by_more_than_a_lenslet():
     """A ramp asks for 0.6, which moves the outermost of five views by 1.2 lenslets."""
     y = np.indices((18, 24))[0]  # with so few pixels no levels of views are looked for
     views = np.array([[0.3 * (y - 0.7 * v)] for v in range(-2, 3)], np.float32)
-    compared = ComparedViews(GreyViews(views), np.linspace(-2, 2, 3), np.ones((5, 1)))
+    compared = ComparedViews(views, np.linspace(-2, 2, 3), np.ones((5, 1)))
     inside = (slice(7, -7), slice(7, -7))
     for slope, refined in ((0.3, 0.7), (0.1, 0.1)):
         found = refine_slopes(compared, np.full((18, 24), slope), np.ones((18, 24)), 0.02)

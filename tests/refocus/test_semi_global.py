@@ -35,28 +35,11 @@ def path_sums(costs, guide):
     return sums
 
 
-def sums_of_bands(costs, guide, cut):
-    """Sums over the paths of two bands of rows, of which the upper one ends before row `cut`."""
-    edge = np.zeros(costs.shape[1:], np.float32)
-    ends = dict.fromkeys(semi_global.DIRECTIONS, edge)
-    bands = [costs[:cut], costs[cut:]]
-    into_lower, into_upper = semi_global._enter_from_below(bands, guide, edge)
-    upper, left = semi_global._sum_paths(
-        bands[0], guide, 0, {**ends, **into_upper}, semi_global.DIRECTIONS
-    )
-    lower, _ = semi_global._sum_paths(
-        bands[1], guide, cut, {**left, **into_lower}, semi_global.DIRECTIONS
-    )
-    return np.concatenate([upper, lower])
-
-
-@pytest.mark.parametrize("cut", [1, 2, 4])
-def test_sums_over_paths_are_the_recursion_written_out(cut, rng):
-    """Whichever rows are in memory together."""
+def test_sums_over_paths_are_the_recursion_written_out(rng):
     costs = rng.uniform(size=(5, 7, 6)).astype(np.float32)
     guide = rng.uniform(0, 0.5, size=(5, 7)).astype(np.float32)
-    expected = path_sums(costs, guide)
-    np.testing.assert_allclose(sums_of_bands(costs, guide, cut), expected, rtol=1e-5)
+    found = semi_global.sum_paths(costs, guide)
+    np.testing.assert_allclose(found, path_sums(costs, guide), rtol=1e-5)
 
 
 def parabolas(truth):
@@ -71,7 +54,7 @@ def test_a_lone_wrong_slope_loses_and_bare_pixels_take_their_side_of_an_edge():
     costs = parabolas(truth)
     costs[9, 5] = parabolas(np.array(0.75))
     costs[:, 9:15] = 0.5  # bare beside the edge
-    slope, confidence = choose_slopes([costs], SLOPES, left * 1.0, 2.0, 0.25)
+    slope, confidence = choose_slopes(costs, SLOPES, left * 1.0, 2.0, 0.25)
     assert np.abs(slope - truth).max() < 0.05
     assert confidence[:, 9:15].max() == 0
     assert confidence[9, 5] < 0.2 < confidence[4, 3]
@@ -79,19 +62,19 @@ def test_a_lone_wrong_slope_loses_and_bare_pixels_take_their_side_of_an_edge():
 
 def test_the_mean_of_votes_is_of_one_surface(rng):
     truth = 0.3 + 0.05 * rng.standard_normal((30, 30))  # noise of less than a step
-    slope, _ = choose_slopes([parabolas(truth)], SLOPES, np.zeros((30, 30)), 2.5, 0.25)
+    slope, _ = choose_slopes(parabolas(truth), SLOPES, np.zeros((30, 30)), 2.5, 0.25)
     assert np.std(slope) < 0.4 * np.std(truth)
     assert slope.mean() == pytest.approx(truth.mean(), abs=0.02)
 
 
 def test_the_first_and_last_slope_are_never_certain():
     costs = parabolas(np.where(np.arange(20) < 10, -1.0, 1.0) + np.zeros((12, 20)))
-    assert choose_slopes([costs], SLOPES, np.zeros((12, 20)), 2.0, 0.25)[1].max() == 0
+    assert choose_slopes(costs, SLOPES, np.zeros((12, 20)), 2.0, 0.25)[1].max() == 0
 
 
 def test_slopes_that_cannot_be_distinguished_are_never_certain():
     costs = parabolas(np.full((12, 20), 0.1))
-    slope, confidence = choose_slopes([costs], SLOPES, np.zeros((12, 20)), 2.0, width=3.0)
+    slope, confidence = choose_slopes(costs, SLOPES, np.zeros((12, 20)), 2.0, width=3.0)
     assert confidence.max() == 0
     assert np.abs(slope - 0.1).max() < 0.01
 
@@ -100,10 +83,10 @@ def test_threads_change_nothing(rng):
     costs = rng.uniform(size=(30, 40, 9)).astype(np.float32)
     guide = rng.uniform(size=(30, 40))
     threads = numba.get_num_threads()
-    found = choose_slopes([costs], SLOPES, guide, 2.0, 0.25)
+    found = choose_slopes(costs, SLOPES, guide, 2.0, 0.25)
     try:
         numba.set_num_threads(1)
-        again = choose_slopes([costs], SLOPES, guide, 2.0, 0.25)
+        again = choose_slopes(costs, SLOPES, guide, 2.0, 0.25)
     finally:
         numba.set_num_threads(threads)
     np.testing.assert_array_equal(found, again)

@@ -12,7 +12,6 @@ from skimage import data
 from lf_flame import LightField
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, matching
 from lf_flame.refocus.focus_map import TRUSTED
-from lf_flame.refocus.grey_views import GreyViews
 from lf_flame.refocus.view_levels import even_levels
 
 SIZE, COUNT, MARGIN = (64, 80), 7, 16
@@ -121,12 +120,12 @@ def test_without_levels_the_slopes_of_uneven_views_are_wrong(monkeypatch):
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_even_views_are_left_as_they_are(noise):
     views = scene()[0] + noise * np.random.default_rng(2).standard_normal(scene()[0].shape)
-    assert matching.ComparedViews(GreyViews(views.astype(np.float32)), SLOPES, np.ones((7, 7))).even
+    assert matching.ComparedViews(views.astype(np.float32), SLOPES, np.ones((7, 7))).even
 
 
 def test_unrelated_views_have_no_levels(rng):
     views = rng.uniform(size=(3, 3, 40, 60)).astype(np.float32)
-    assert matching.ComparedViews(GreyViews(views), SLOPES, np.ones((3, 3))).even
+    assert matching.ComparedViews(views, SLOPES, np.ones((3, 3))).even
 
 
 @pytest.mark.parametrize("kind", UNEVEN)

@@ -79,18 +79,3 @@ def test_same_seed_same_leaves_for_any_number_of_threads():
     finally:
         numba.set_num_threads(threads)
     assert 0 <= expected.min() < expected.max() <= 1
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"leaves": 0}, "Leaves must be 1 or more"),
-        ({"smallest": 9.0, "largest": 5.0}, "lengths rise"),
-        ({"contrast": -0.1}, "contrast be 0 or above"),
-        ({"slopes": (1.0, -1.0)}, "two rising numbers"),
-        ({"wavelength": (1.0, 5.0)}, "wavelength from 2 pixels on"),
-    ],
-)
-def test_bad_input_is_one_sentence(options, words):
-    with pytest.raises(InputError, match=words):
-        DeadLeaves(**options)

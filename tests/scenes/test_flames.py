@@ -51,7 +51,10 @@ def documented_waves(wave):
 
 def test_the_radius_has_its_profile():
     """0.6 of the nominal one at the burner, 0 at the tip, most in between."""
-    _, middle, spread = moments(flame_texture(HEIGHT, RADIUS, cell_mm=FINE))
+    flame = flame_texture(HEIGHT, RADIUS, cell_mm=FINE)
+    assert flame.max() == 1
+    assert flame.min() >= 0
+    _, middle, spread = moments(flame)
     np.testing.assert_allclose(middle, 0, atol=1e-9)
     radius = radius_of(spread)
     wide = radius > 10 * FINE  # at the very tip a row is narrower than its cells
@@ -71,11 +74,10 @@ def test_the_glow_sets_in_above_the_burner():
     assert ignition[-1] == pytest.approx(0.15, abs=1e-3)
 
 
-@pytest.mark.slow
 def test_the_energy_of_the_waves_falls_as_the_wave_number_to_minus_five_thirds(rng):
-    waves = np.array([draw_wrinkles(rng) for _ in range(20_000)])
+    waves = np.array([draw_wrinkles(rng) for _ in range(10_000)])
     energy = (waves**2).mean(axis=(0, 1, 3))
-    # 80,000 squares of normal numbers for each: a standard error of 0.5 %
+    # 40,000 squares of normal numbers for each: a standard error of 0.7 %
     expected = np.arange(1, WAVES + 1.0) ** (-5 / 3)
     np.testing.assert_allclose(energy / energy[0], expected / expected[0], rtol=0.03)
     np.testing.assert_allclose(energy, expected / expected.sum(), rtol=0.03)

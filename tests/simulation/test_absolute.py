@@ -145,26 +145,6 @@ def test_an_effect_is_right(name):
 
 
 @pytest.mark.slow
-def test_the_tolerance_is_met_in_a_thick_absorber():
-    rng = np.random.default_rng(2)
-    cells = (3, 4)
-    body = Layer(
-        rng.uniform(0.2, 1, cells), 4.0, (1.0, 1.1),
-        optical_thickness=rng.uniform(0, 6, cells), thickness_mm=1.0,
-    )  # fmt: skip
-    scene = Scene([body, glow(25.0)])
-    tolerance = 0.01
-    camera = replace(TINY, lenslets=(3, 4))
-    exact = render(scene, camera, tolerance, "exact")
-    pixels = draw_pixels(camera, 16, seed=8)
-    traced, error = trace_pixels(scene, camera, pixels, rays=2**11)
-    difference, peak = exact.views[tuple(pixels.T)] - traced, exact.views.max()
-    assert np.all(np.abs(difference) <= 5 * error + 0.2 * tolerance * peak)
-    image = render(scene, camera, tolerance, "rays").views
-    assert np.sqrt(np.mean((image - exact.views) ** 2, dtype=float)) <= tolerance * peak
-
-
-@pytest.mark.slow
 def test_all_effects_at_once_are_right():
     everything = WIDE | RIM | TURNED | STRETCHED | FALLOFF | {"chromatic_shift": 1e-3}
     camera = replace(TINY, views=2, lenslets=(3, 4), **everything)

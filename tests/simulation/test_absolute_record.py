@@ -106,31 +106,6 @@ def recorded(level, sensor, seed, **off):
     return render(scene, camera, effects=forced, seed=seed).views.astype(float).ravel() * EXPOSURE
 
 
-def test_photons_transfer_as_emva_1288_says():
-    """Digital numbers: mean ``K mu``, variance ``K^2 mu + K^2 sigma_d^2 + 1/12``; K is the slope.
-
-    Temporal variance from the difference of two images (EMVA 1288, release 4.0, section 6.6).
-    """
-    sensor = Sensor(EXPOSURE, full_well_e=8000.0, bits=9, read_noise_e=READ)
-    gain = (2**9 - 1) / 8000.0
-    means, variances = [], []
-    levels = np.array([0.02, 0.2, 0.6, 1.0, 1.5])
-    for k, level in enumerate(levels):
-        one, other = (recorded(level, sensor, (k, n)) * gain for n in (1, 2))
-        np.testing.assert_allclose(one, np.rint(one), atol=2e-3)
-        means.append((one.mean() + other.mean()) / 2)
-        variances.append(np.mean((one - other) ** 2) / 2)
-    electrons = levels * EXPOSURE
-    expected = gain**2 * electrons + gain**2 * READ**2 + 1 / 12
-    pixels = 2 * 25 * 720
-    np.testing.assert_allclose(
-        means, gain * electrons, atol=5 * np.sqrt(expected.max() / pixels), rtol=1e-6
-    )
-    np.testing.assert_allclose(variances, expected, rtol=5 * math.sqrt(2 / pixels))
-    slope, _ = np.polyfit(means, variances, 1)
-    assert slope == pytest.approx(gain, rel=0.03)
-
-
 def test_the_noise_is_cut_off_at_the_full_well():
     """Half the pixels clip where the mean is the well; far above it all do, without noise."""
     sensor = Sensor(EXPOSURE, full_well_e=2000.0, bits=12, read_noise_e=READ)

@@ -1,6 +1,5 @@
 """What only the compiled kernels can show: threads, signatures, and rounding."""
 
-from dataclasses import replace
 from unittest.mock import patch
 
 import numba
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from numba.core.caching import NullCache
 
-from lf_flame import PAPER_CAMERA, Layer, Scene, render
+from lf_flame import Layer, Scene, render
 from lf_flame._common.threads import Kernel
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
@@ -110,62 +109,3 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
     for instruction in ("llvm.sqrt", "llvm.floor"):
         assert instruction not in machine_code["bare"]
         assert instruction in machine_code["stop and skew"]
-
-
-def test_float32_image_equals_float64_within_rounding(small_camera, rng):
-    """The exact integrator's image against the same weights multiplied out in float64."""
-    from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
-
-    layer = Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))
-    weights = []
-    for axis in (0, 1):
-        footprint = trace_footprint(small_camera, layer.depth_mm, axis)
-        edges = layer.cell_edges_mm(axis) - footprint.centres_mm[..., None]
-        widths = abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm)
-        weights.append(np.diff(trapezoid_cdf(edges, *widths), axis=-1))
-    expected = np.einsum("vti,ij,usj->vuts", weights[0], layer.texture, weights[1])
-    views = render(Scene([layer]), small_camera).views
-    np.testing.assert_allclose(views, expected, rtol=2e-7, atol=1e-12)
-
-
-def falloff(camera):
-    """Fourth power of the cosine behind the lenslet towards each pixel's middle: [v, u, t, s]."""
-    squares = []
-    for lenslets in camera.lenslets:
-        axis_mm = (np.arange(lenslets) - (lenslets - 1) / 2) * camera.lenslet_pitch_mm
-        pixel_mm = (np.arange(camera.views) - (camera.views - 1) / 2) * camera.pixel_mm
-        # From the lenslet's own axis; micro-images are centred on the chief ray.
-        tangent = pixel_mm[:, None] / camera.lenslet_focal_mm + axis_mm / camera.image_distance_mm
-        squares.append(tangent**2)
-    down, right = squares
-    return (1 + down[:, None, :, None] + right[None, :, None, :]) ** -2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "optics",
-    [
-        {},
-        {"falloff": True},
-        {"lenslet_skew": 1e-3, "every_lenslet": True},
-        {"lenslet_skew": 1e-3, "every_lenslet": True, "falloff": True},
-        {"stops": ((0.0, 60.0),)},
-        {"stops": ((0.0, 60.0), (30.0, 70.0))},
-        {"finite_width": False},
-    ],
-    ids=str,
-)
-def test_every_branch_of_the_ray_kernel_also_as_plain_python(optics):
-    """On so few pixels that it runs with the JIT off as well; the widest stop cuts nothing."""
-    camera = replace(PAPER_CAMERA, views=6, lenslets=(1, 2))
-    finite_width = optics.pop("finite_width", True)
-    wide = Layer([[0.7]], 5.0, (90.0, 90.0))
-    haze = Layer([[0.0]], -5.0, (90.0, 90.0), optical_thickness=np.log(2))
-    for layers, radiance in (([wide], 0.7), ([wide, haze], 0.35)):
-        planes = slice_scene(Scene(layers), {}, absorption=True, dimming={"self_absorption"})
-        image = np.zeros((6, 6, 1, 2), np.float32)
-        trace(planes, OpticalPass(camera, **optics), "views", 3, image, finite_width=finite_width)
-        if "falloff" in optics:  # down to 0.943; over a pixel it varies by 7e-4 of its mean
-            np.testing.assert_allclose(image, radiance * falloff(camera), rtol=1e-3)
-        else:
-            np.testing.assert_allclose(image, radiance, rtol=1e-6)

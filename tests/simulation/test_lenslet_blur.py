@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.simulation.lenslet_blur import (
     blur_on_sensor,
     lenslet_share_leaving,
@@ -168,9 +168,3 @@ def test_a_dark_pixel_in_the_light_gets_the_share_that_the_bound_takes(views):
     raw[2 * views, 3 * views] = 0
     given = blur_on_sensor(raw, tiled_sensor(camera), camera)[2 * views, 3 * views]
     assert given == pytest.approx(lenslet_share_leaving(camera), rel=1e-3)
-
-
-def test_pixels_far_too_small_for_their_lenslets_are_refused():
-    camera = replace(sparse_camera(), pixel_pitch_mm=1e-6)
-    with pytest.raises(InputError, match="use a larger pixel_pitch_mm or tolerance, or force"):
-        tiled_sensor(camera)

@@ -7,7 +7,7 @@ import pytest
 
 from experiments.emission.truth import Lens, Sheet, record
 from experiments.emission.truth import slabs as slabs_of
-from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.scenes.flames import projected_glow
 from lf_flame.tomography import (
     AxisymmetricGrid,
@@ -232,49 +232,6 @@ def test_behind_a_round_aperture_the_whole_views_are_fitted():
     assert len(found.warnings) == 1
     axis = find_axis(LightField(seen), stopped)
     assert (axis.across_mm, axis.depth_mm) == pytest.approx((0.4, 3.0), abs=0.02)
-
-
-def test_dark_light_field_has_no_axis(camera, seen):
-    with pytest.raises(InputError, match="holds no light"):
-        find_axis(LightField(np.zeros_like(seen.views)), camera)
-    with pytest.raises(InputError, match="3 or more view columns"):
-        find_axis(LightField(seen.views[:, :1]), camera)
-    with pytest.raises(InputError, match="in colour, its colours need a calibration"):
-        find_axis(LightField(np.stack(3 * [seen.views], -1)), camera)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"which": "some"}, "which must be one of"),
-        ({"axis_mm": np.nan}, "must be finite"),
-        ({"axis_mm": 9.0}, "must stand within the field"),
-        ({"radius_mm": 0.3}, "at least four pixels"),
-        ({"burner_mm": 8.0}, "burner_mm must be within the field"),
-        ({"radius_mm": 1e20}, "at most the field's width"),
-        ({"depth_ratio": 0.0}, "depth_ratio must be"),
-    ],
-)
-def test_grids_that_cannot_be_used_are_refused(grid, changes, words):
-    with pytest.raises(InputError, match=words):
-        replace(grid, **changes)
-
-
-def test_grid_of_too_many_nodes_is_refused():
-    large = replace(PAPER_CAMERA, views=3, lenslets=(400, 600))
-    with pytest.raises(InputError, match="take larger blocks"):
-        AxisymmetricGrid(large, 0.0, 0.0, 30.0)
-
-
-def test_other_light_fields_and_options_are_refused(grid, seen):
-    with pytest.raises(InputError, match="must be grey, of the camera's"):
-        reconstruct_axisymmetric(LightField(seen.views[:, :, :-1]), grid)
-    for options, words in (
-        ({"noise": -1.0}, "noise must be"),
-        ({"bootstrap": 1}, "bootstrap must be"),
-    ):
-        with pytest.raises(InputError, match=words):
-            reconstruct_axisymmetric(seen, grid, **options)
 
 
 @pytest.mark.slow

@@ -32,13 +32,6 @@ def photons(views, electrons, seed=0):
 
 
 @pytest.mark.slow
-def test_known_planes_are_found():
-    found = reconstruct(gaussian(CLEAN, 0.005), GRID)
-    assert np.linalg.norm(found.emission - TRUTH) < 0.006 * np.linalg.norm(TRUTH)
-    assert found.warnings == ()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("background", "sd"), [(0.02, 0.05), (-0.01, 0.02)])
 def test_a_background_is_fitted(background, sd):
     lit = gaussian(CLEAN + background, sd)
@@ -63,9 +56,7 @@ def test_advice_against_a_background_is_what_was_not_done_yet():
 
 
 @pytest.mark.slow
-def test_a_background_needs_darkness_and_a_name():
-    with pytest.raises(InputError, match="'fit'"):
-        reconstruct(gaussian(CLEAN, 0.02), GRID, background="even")
+def test_a_background_needs_darkness():
     wide = [Sheet(3.0, (0.0, 0.0), (40.0, 40.0)), Sheet(-4.0, (0.0, 0.0), (40.0, 40.0))]
     with pytest.raises(InputError, match="part of the field that no emission reaches"):
         reconstruct(gaussian(record(LENS, wide), 0.001), GRID, background="fit")
@@ -79,11 +70,6 @@ def hidden(views):
     return views * seen[:, None, :, None]
 
 
-def stopped(views):
-    steps = np.hypot(*np.mgrid[-3:4, -3:4])[..., None, None]
-    return views * np.clip(3.9 - steps, 0, 1)
-
-
 GAINS = 1 + 0.1 * np.random.default_rng(1).standard_normal((7, 7, 1, 1))
 AT_EDGE, AWAY = [Sheet(3.0, (0.0, -2.9), (0.9, 0.6))], FrustumGrid(CAMERA, [-4.0, -8.0])
 
@@ -93,8 +79,6 @@ WRONG = {
     "gains": (lambda views: views * GAINS, GRID, "light that is hidden or absorbed on its way, or"),
     "too much off": (lambda views: views - 0.03, GRID, "a background that was not subtracted"),
     "at the edge": (lambda views: record(LENS, AT_EDGE), AWAY, "light at the field's edge"),
-    "stop": (stopped, GRID, "a round stop"),
-    "negative": (lambda views: views - 2 * record(LENS, FLAMES[:1]), GRID, "negative light"),
 }
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.tomography import profiles
 
 CELL = 0.5
@@ -101,19 +100,3 @@ def test_profiles_of_a_flame_are_right_within_some_per_cent(grid, truth, flames,
 
 def no_draws(image):
     return np.empty((0, *image.shape))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((np.zeros(4), NONE, CELL), "shapes"),
-        ((plane(), NONE[:, 1:], CELL), "shapes"),
-        ((plane(), NONE, 0.0), "cell_mm must be"),
-        ((plane(), NONE, CELL, 2.1), "must lie within the plane, -2 to 2 mm"),
-        ((plane(), NONE, CELL, np.nan), "must lie within the plane"),
-        ((plane(), NONE, CELL, 0.0, -1.0), "width must be"),
-    ],
-)
-def test_what_cannot_be_is_refused(arguments, words):
-    with pytest.raises(InputError, match=words):
-        profiles.axial(*arguments)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.tomography.two_colours import two_colour_temperature
 
 PLANCK, LIGHT, BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
@@ -78,24 +77,3 @@ def test_a_temperature_hides_errors_of_emission():
     assert two.sigma == pytest.approx([137], abs=0.5)
     brighter = soot_emission(650.0, 1800.0 + 25) / soot_emission(650.0, 1800.0)
     assert brighter == pytest.approx(1.17, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"wavelengths_nm": (550, 550)}, "has no temperature"),
-        ({"wavelengths_nm": (550, -1)}, "two in nm, from 100"),
-        ({"wavelengths_nm": (550,)}, "two in nm, from 100"),
-        ({"wavelengths_nm": (0.55, 0.65)}, "in nm.*if these are micrometres, give 550 and 650"),
-        ({"wavelengths_nm": (5.5e-7, 6.5e-7)}, "if these are m, give 550 and 650"),
-        ({"wavelengths_nm": (550, np.nan)}, "two in nm"),
-        ({"soot_exponent": np.inf}, "soot_exponent must be from -1 to 5, got inf"),
-        ({"soot_exponent": np.nan}, "soot_exponent must be"),
-        ({"second": [1.0, 2.0]}, "one shape"),
-        ({"calibration": 0.0}, "calibration"),
-    ],
-)
-def test_bad_input_is_refused(options, says):
-    given = {"first": [1.0], "second": [1.0], "wavelengths_nm": COLOURS}
-    with pytest.raises(InputError, match=says):
-        two_colour_temperature(**given | options)

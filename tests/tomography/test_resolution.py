@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import PAPER_CAMERA, InputError
+from lf_flame import PAPER_CAMERA
 from lf_flame.tomography import (
     FrequencyGram,
     FrustumGrid,
@@ -50,15 +50,3 @@ def test_as_many_singular_values_count_as_there_are_modes():
         values = depth_singular_values(PAPER_CAMERA, period, depths)
         counted = np.count_nonzero(values > 0.5)
         assert counted == pytest.approx(depth_modes(PAPER_CAMERA, period, 30.0), abs=1.5)
-
-
-@pytest.mark.parametrize("period", [0.0, float("nan")])
-def test_periods_must_be_above_zero(period):
-    with pytest.raises(InputError, match="above 0"):
-        depth_blur(PAPER_CAMERA, period)
-
-
-@pytest.mark.parametrize("thickness", [-1.0, float("nan"), 652.0])
-def test_a_thickness_stays_before_the_lens(thickness):
-    with pytest.raises(InputError, match="from 0 to less than 652, twice the focus distance"):
-        depth_modes(PAPER_CAMERA, 1.0, thickness)

@@ -12,7 +12,6 @@ from lf_flame.tomography import (
     calibrate_colours,
     measure_source,
     read_colours,
-    read_responses,
     soot_temperature,
 )
 from lf_flame.tomography.pyrometry import least_temperature
@@ -206,57 +205,3 @@ def test_files_give_back_what_was_written(tmp_path):
     assert read.gains.tolist() == made.gains.tolist()
     assert read.responses.values.tolist() == CAMERA.values.tolist()
     assert read.responses.names == CAMERA.names
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("nm,red\n500,1\n600,1\n", "must begin with a heading, wavelength_nm"),
-        ("wavelength_nm,red\n500,1\n", "2 to 20000 wavelengths below its heading, got 1"),
-        ("wavelength_nm,red\n500,1\n600\n", "row 3, must hold 2 numbers, got 1"),
-        ("wavelength_nm,red\n500,1\n600,x\n", "must hold numbers"),
-        ("wavelength_nm,red\n0.5,1\n0.6,1\n", "if these are micrometres, give 500 and 600"),
-        ("wavelength_nm,red\n600,1\n500,1\n", "must increase"),
-        ("wavelength_nm,red\n500,-1\n600,1\n", "0 or above"),
-        ("wavelength_nm,red,green\n500,1,0\n600,1,0\n", "'green' responds to no wavelength"),
-        ("wavelength_nm,red\n500,nan\n600,1\n", "must be finite"),
-        ("wavelength_nm,../up\n500,1\n600,1\n", "must be 1 to 40 letters.*got '../up'"),
-        ("wavelength_nm,..\n500,1\n600,1\n", "must be 1 to 40 letters"),
-        ("wavelength_nm,red,red\n500,1,1\n600,1,1\n", "must have different names"),
-    ],
-)
-def test_bad_responses_are_refused(tmp_path, text, says):
-    (tmp_path / "camera.csv").write_text(text)
-    with pytest.raises(InputError, match=says):
-        read_responses(tmp_path / "camera.csv")
-
-
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        (
-            lambda: soot_temperature([[1.0]], SpectralResponses.single((550,))),
-            "two colours or more",
-        ),
-        (lambda: soot_temperature([[1.0]] * 2, CAMERA), "each of the 3 spectral responses, got 2"),
-        (
-            lambda: soot_temperature(
-                [[1.0]] * 2, SpectralResponses(("a", "b"), NM, [CURVES[0]] * 2)
-            ),
-            "see nearly the same light",
-        ),
-        (lambda: soot_temperature([[1.0]] * 3, CAMERA, gains=(1, 0, 1)), "gains must be 3 finite"),
-        (lambda: calibrate_colours([1500], [[1, 1, 1]], CAMERA), "two temperatures or more"),
-        (lambda: calibrate_colours([1500, 1600], [[1, 1]] * 2, CAMERA), r"shape \(2, 3\)"),
-        (lambda: calibrate_colours([1500, 1600], [[1, 1, 0]] * 2, CAMERA), "above 0, got 0"),
-        (
-            lambda: calibrate_colours([15, 16], [[1, 1, 1]] * 2, CAMERA, emissivity=2),
-            "emissivity must be",
-        ),
-        (lambda: measure_source([np.ones((20, 20))]), "in colour and of one size"),
-        (lambda: measure_source([np.eye(20)[..., None] * [1, 1]]), "evenly bright over 100"),
-    ],
-)
-def test_what_gives_no_temperature_is_refused(call, says):
-    with pytest.raises(InputError, match=says):
-        call()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from lf_flame import InputError, Layer, LightField, Scene, render
+from lf_flame import Layer, LightField, Scene, render
 from lf_flame.tomography import (
     FrequencyGram,
     FrustumGrid,
@@ -74,10 +74,3 @@ def test_no_cell_alone_makes_the_sum_smaller(camera, sharp):
         assert total(other) > least
     for wrong in (0.5, 2.0):
         assert total(fit_total_variation(problem, wrong * weight, 300, dark)) > least
-
-
-@pytest.mark.slow
-def test_what_cannot_be_is_refused(camera, clean):
-    grid = FrustumGrid(camera, [3.0, 0.0])
-    with pytest.raises(InputError, match="penalty must be one of roughness, variation"):
-        reconstruct(clean, grid, penalty="edges")

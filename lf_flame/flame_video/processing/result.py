@@ -13,15 +13,14 @@ import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from lf_flame._common.config import build_record, load_record
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
 from lf_flame._common.zarr_files import (
     ZARR_ERRORS,
-    ArrayFile,
-    GroupFile,
-    array_records,
+    array_names,
     open_array,
+    read_array_shape,
+    read_attributes,
 )
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing.steps import Values
@@ -113,12 +112,12 @@ def open_video(path: Path) -> zarr.Group:
     InputError
         If it is something else, or damaged.
     """
-    if load_record(GroupFile, path / METADATA).attributes.get("kind") != KIND:
+    if read_attributes(path).get("kind") != KIND:
         raise InputError(f"{path} is no {KIND}.")
     with readable(path / METADATA, ZARR_ERRORS):
         group = zarr.open_group(path, mode="r")
-    for name, record in array_records(path).items():
-        shape = build_record(ArrayFile, record, f"{path / name / METADATA}").shape
+    for name in array_names(path):
+        shape = read_array_shape(path / name)
         if len(shape) == 1:
             check_memory(8 * shape[0], path / name)
     return group
@@ -170,7 +169,7 @@ def count_frames(group: zarr.Group, path: Path) -> Progress:
 
 
 def _refuse_lost_frames(group: zarr.Group, states: np.ndarray, path: Path) -> None:
-    for name in array_records(path):
+    for name in array_names(path):
         array = open_array(group, name)
         if array.ndim == 1 or name in MAY_BE_EMPTY:
             continue

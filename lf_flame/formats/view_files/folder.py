@@ -9,17 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common import progress
-from lf_flame._common.arrays_in_files import MappedArray
 from lf_flame._common.images import FLOAT, read_shape
 from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
 from lf_flame._common.printable import printable
-from lf_flame._common.scratch import Scratch
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.names import name_some
 from lf_flame.formats.view_files.parallax_order import FoundOrder, order_memory
-from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField
 
 
@@ -97,33 +94,11 @@ class ViewFolder:
         check_view_memory(paths, self.path, self.files.size)
         shape = read_image(paths[0]).shape
         views = np.zeros((self.files.size, *shape), np.float32)
-        self._fill(views, "reading")
+        self._fill(views)
         views = views.reshape(*self.files.shape, *shape)
         return LightField(views, weights=self._weights, positions=self.positions)
 
-    def unpack(self) -> LazyLightField:
-        """Decode the views into a temporary file, of which parts are then read.
-
-        Errors are those of `read`.
-        """
-        if self.positions is not None:
-            raise InputError(
-                f"The views in {self.path} stand at positions of their own, and are refocused in "
-                f"memory only."
-            )
-        shape = read_image(next(file for file in self.files.flat if file)).shape
-        scratch = Scratch(FLOAT * self.files.size * prod(shape))
-        views = MappedArray.new(scratch.folder / "views.npy", (self.files.size, *shape), scratch)
-        self._fill(views, "unpacking")
-        return LazyLightField(
-            views,
-            axes="nts" + "c" * (len(shape) - 2),
-            numbers=np.arange(self.files.size).reshape(self.files.shape),
-            weights=self._weights,
-            source=str(self.path),
-        )
-
-    def _fill(self, views: np.ndarray | MappedArray, what: str) -> None:
+    def _fill(self, views: np.ndarray) -> None:
         """Decode the views that there are into an array of zeros, [number, t, s] or with colours.
 
         A missing view is black.
@@ -142,7 +117,7 @@ class ViewFolder:
 
         with ThreadPoolExecutor(_readers(paths)) as pool:  # decoders release the interpreter's lock
             done = pool.map(place, range(len(paths)))
-            for _ in progress.steps(done, what, len(paths), "view"):
+            for _ in progress.steps(done, "reading", len(paths), "view"):
                 pass
 
     @property
@@ -155,8 +130,8 @@ class ViewFolder:
 def check_view_memory(files: list[File], folder: Path, places: int) -> None:
     """Refuse views that need too much memory, from the header of the first, before decoding.
 
-    Counted are the places of views as floats, with files being decoded, or with the search for
-    the order, which reads four views and takes no places.
+    It counts the places of views as floats, with files being decoded, or the search for the order,
+    which reads four views.
     """
     shape = read_shape(files[0])
     values = prod(shape)
@@ -164,7 +139,7 @@ def check_view_memory(files: list[File], folder: Path, places: int) -> None:
         values -= prod(shape[:2])  # transparency is left out
     decoding = 2 * FLOAT * prod(shape)
     # One byte per value stores whether it is finite.
-    reading = (FLOAT + 1) * values * places + decoding * (_readers(files) if places else 1)
+    reading = (FLOAT + 1) * values * places + decoding * _readers(files)
     packed = sum(len(file.content) for file in files if isinstance(file, PackedFile))
     check_memory(packed + max(reading, order_memory(shape) + decoding), folder)
 

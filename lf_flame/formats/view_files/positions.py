@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lf_flame._common.input_files import File
-from lf_flame._common.numbered_names import split_numbers
 from lf_flame.errors import InputError
 from lf_flame.formats.view_files.names import (
     MOST_MISSING,
@@ -15,6 +14,7 @@ from lf_flame.formats.view_files.names import (
     evenly,
     fullest_pair,
     numbers_of,
+    split_numbers,
 )
 from lf_flame.formats.view_files.orders import ORDERS, SNAKE, check_order
 from lf_flame.formats.view_files.parallax_order import FoundOrder

@@ -26,7 +26,6 @@ def scan_view_folder(
     order: str | None = None,
     *,
     grid: Grid | str | None = None,
-    larger: bool = False,
 ) -> ViewFolder:
     """Find the files that are the views of a light field, and their order.
 
@@ -53,8 +52,6 @@ def scan_view_folder(
         Number of rows and columns of the light field, such as (1, 9) or ``1x9``, for a running
         number in any order, or where more than a third of the views are missing. What is missing
         gets weight 0.
-    larger : bool, optional
-        Whether the views together may exceed the memory limit, for `ViewFolder.unpack`.
 
     Returns
     -------
@@ -94,8 +91,7 @@ def scan_view_folder(
         if placed is not None:
             return _placed_folder(path, files, placed, order, left_out)
         numbered, missing = number_grid(files, shape)
-    places = 0 if larger else numbered.size
-    check_view_memory([file for file in numbered.flat if file], path, places)
+    check_view_memory([file for file in numbered.flat if file], path, numbered.size)
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)
     elif order is None:

@@ -124,17 +124,6 @@ class EffectPlan:
         """Decision on one effect, by name."""
         return next(effect for effect in self.effects if effect.name == name)
 
-    def _repr_html_(self) -> str:
-        """Table of the plan for a notebook."""
-        from lf_flame._common.notebook_html import paragraph, table
-
-        rows = [
-            (e.name, self._bound(e), "kept" if e.kept else "left out", self._criterion(e))
-            for e in self.effects
-        ]
-        words = f"tolerance {self.tolerance:g}, integrator: {self.integrator}"
-        return table(("effect", "bound", "decision", "criterion"), rows) + paragraph(words)
-
     def to_json(self) -> dict:
         """JSON values of the plan, for a record beside an image or a data set."""
         lines = [

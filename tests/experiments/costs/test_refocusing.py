@@ -20,7 +20,7 @@ from experiments.costs.refocusing import (
     network_methods,
     summarise,
 )
-from experiments.held_out import SAMPLES, find_scenes
+from experiments.inputs import SAMPLES, find_scenes
 from lf_flame._common.config import build, to_json
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset

@@ -11,7 +11,7 @@ from experiments import timing
 from experiments.costs import rendering
 from experiments.costs.rendering import METHODS, Study, measure_costs, study_scenes
 from experiments.effects.effects import effect_trials
-from experiments.paths import DATA_SETS
+from experiments.inputs import DATA_SETS
 from lf_flame import PAPER_CAMERA, Layer, Scene
 from lf_flame.simulation.rendering import render
 

@@ -4,10 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.integrate import quad
 
-from experiments.__main__ import commands
 from experiments.emission import flames, planes, report, rivals, truth
 from experiments.emission.truth import Lens, Sheet, Slab, SootFlame
 
@@ -125,9 +123,3 @@ def test_a_part_that_is_measured_again_leaves_the_others(tmp_path, monkeypatch):
     assert ["disc", "1 %", "0.0123", "0.4000"] in cells
     assert ["hollow", "1.9"] in cells
     assert list(json.loads((tmp_path / "emission.json").read_text())["parts"]) == ["round", "soot"]
-
-
-def test_the_command_teaches():
-    result = CliRunner().invoke(commands, ["emission", "--help"])
-    assert result.exit_code == 0
-    assert "onion peeling" in result.output

@@ -19,7 +19,6 @@ def test_the_package_is_right_where_the_obvious_formula_is_not(case):
 
 def test_errors_are_the_largest_of_all_places_and_reported(tmp_path, monkeypatch):
     for values, errors in (
-        (Values("none", "2.00", "none"), (math.inf, 0)),
         (Values([0.0, 2.0], [0.5, math.nan], [0.0, 3.0], scale=2.0), (math.inf, 0.5)),
         (Values(math.inf, 100.0, math.inf), (math.inf, 0)),
     ):

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from skimage.metrics import structural_similarity
 
-from experiments.histories import epochs_in_words, read_history
+from experiments.inputs import epochs_in_words, read_history
 from experiments.paper.evaluation import score_baselines, score_windows
 from experiments.paper.figures import LENSLETS_ENLARGED, enlarged_part
 from experiments.paper.tables import (
@@ -220,7 +220,7 @@ def test_learning_has_best_epoch_and_gain_of_the_second_half(tmp_path):
     [
         (
             lambda folder: (folder / "table1.json").write_text("{}"),
-            "table1.json: seed, preset, split",
+            "table1.json is damaged: it must hold preset, split",
         ),
         (lambda folder: (folder / "table1_history.csv").write_text("epoch\n1"), "is damaged"),
         (
@@ -250,7 +250,7 @@ def test_a_history_that_was_cut_is_refused(tmp_path):
     whole = "epoch,seconds,val_psnr_db\n0,3.0,1\n1,1.0,2\n2,1.5,3\n"
     path.write_text(whole)
     assert list(read_history(path, 2).seconds) == [3.0, 4.0, 5.5]
-    for epochs, text in ((3, whole), (2, whole[:-1]), (None, whole.replace("1.0", "")), (None, "")):
+    for epochs, text in ((3, whole), (2, whole[:-1]), (2, whole.replace("1.0", "")), (2, "")):
         path.write_text(text)
         with pytest.raises(InputError, match="damaged"):
             read_history(path, epochs)

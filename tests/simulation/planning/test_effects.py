@@ -326,32 +326,6 @@ def test_a_plan_reads_as_a_table():
     assert render(scene, camera, tolerance=0.05).plan.kept >= {"occlusion", "defocus"}
 
 
-@pytest.mark.parametrize(
-    ("effects", "tolerance", "message"),
-    [
-        ({"blooming": True}, 1e-3, "Unknown effect 'blooming'; the known ones are defocus, occl"),
-        ({"cos4": True, "blooming": True, "fog": True}, 1e-3, "effect 'blooming', 'fog'; the"),
-        ({"cos4": "yes"}, 1e-3, "cos4 must be forced by True or False, got 'yes'"),
-        ({"f_number_mismatch": True, "round_aperture": False}, 1e-3, "both are one round stop"),
-        ({}, 0.0, "tolerance must be above 0, got 0.0"),
-        ({}, float("nan"), "tolerance must be above 0"),
-    ],
-)
-def test_requests_that_cannot_be_meant_are_refused(effects, tolerance, message):
-    with pytest.raises(InputError, match=message):
-        plan_effects(Scene([glow()]), small(), tolerance, effects)
-
-
-@pytest.mark.slow
-def test_a_tolerance_out_of_reach_names_the_obstacle():
-    thick = Scene([glow(0.0, thickness_mm=60.0)])
-    with pytest.raises(InputError, match="cannot be met: thickness would need more than 1024"):
-        plan_effects(thick, small(), 1e-9)
-    scene = Scene([glow(cells=(1, 1)), Layer([[0.3]], -10.0, (0.8, 0.9), opaque=True)])
-    with pytest.raises(InputError, match="the number of rays is the obstacle"):
-        render(scene, small(1, lenslets=(1, 2)), tolerance=1e-12, integrator="rays")
-
-
 @pytest.mark.parametrize("name", RAYS)
 def test_the_exact_integrator_says_what_it_cannot_do(name):
     scene, camera = NEEDS[name]
@@ -400,14 +374,6 @@ def test_noise_needs_a_seed():
     images = [render(scene, camera, seed=s).views for s in (1, 1, 2)]
     np.testing.assert_array_equal(images[0], images[1])
     assert np.any(images[0] != images[2])
-
-
-def test_opaque_layers_that_claim_the_same_place_are_named():
-    card = Layer([[1.0]], 5.0, (1.0, 1.0), opaque=True)
-    beside = Layer([[1.0]], 5.0, (1.0, 1.0), (0.0, 1.0), opaque=True)
-    assert len(Scene([card, beside]).layers) == 2  # they only touch
-    with pytest.raises(InputError, match="Layers 1 and 3 are both opaque and overlap at depth 5"):
-        Scene([card, beside, Layer([[1.0]], 5.0, (0.2, 0.2), opaque=True)])
 
 
 def test_matter_of_a_thick_layer_dims_what_stands_inside_it():

@@ -9,10 +9,9 @@ from builders import OPTICS
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
-from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.planning.effects import EFFECTS
 from lf_flame.simulation.planning.part_counts import SLICING_SHARE
-from lf_flame.simulation.planning.probes import ProbedLines, Probes, find_probes
+from lf_flame.simulation.planning.probes import Probes, find_probes
 from lf_flame.simulation.planning.scene_bounds import bound_scene
 from lf_flame.simulation.rendering import render_plan
 
@@ -156,30 +155,6 @@ def test_a_wide_band_of_colours_is_not_even():
     # A quadratic aside: a third of what it is at the ends, on average.
     truth = np.abs((ends[0] + ends[1]) / 2 - here).max() / 3 / (24.0 / 800)
     assert measured(layer, camera, "chromatic") == pytest.approx(2 * truth * 9 / 8, rel=0.05)
-
-
-@pytest.mark.parametrize("band", [False, True])
-def test_bundles_between_the_ends_of_a_spread_are_those_of_rays(small_camera, rng, band):
-    camera = replace(small_camera, chromatic_shift=0.03)
-    layer = Layer(rng.uniform(size=(30, 40)), 0.5, (1.0, 1.2), thickness_mm=4.0)
-    for axis in (0, 1):
-        lines = ProbedLines.of(camera, layer, axis, band)
-        middle = trace_footprint(camera, 0.5, axis).centres_mm.ravel()
-        for place in (0.0, 0.3, 1.0):
-            depth = 0.5 + 4.0 * (place - 0.5) * (not band)
-            focal = 150.0 * (1 + 0.03 * (place - 0.5) * band)
-            bundle = trace_footprint(camera, depth, axis, focal)
-            widths = abs(bundle.lenslet_width_mm), abs(bundle.pixel_width_mm)
-            edges = layer.cell_edges_mm(axis)
-            all_lines = band_weights(edges, bundle.centres_mm.ravel(), *widths)
-            order = np.argsort(middle)
-            start, weights = (part[0] for part in lines.bands(np.array([place]), True))
-            for line, first, weight in zip(order, start, weights, strict=True):
-                expected, found = np.zeros((2, len(edges) + 99))
-                found[first : first + len(weight)] = weight
-                begin, shares = all_lines[0][line], all_lines[1][line]
-                expected[begin : begin + len(shares)] = shares
-                np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_where_light_is_stopped_or_comes_from_neighbours_nothing_is_measured(rng):

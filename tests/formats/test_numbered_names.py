@@ -4,7 +4,7 @@ from decimal import Decimal
 
 import pytest
 
-from lf_flame._common.numbered_names import split_numbers
+from lf_flame.formats.view_files.names import split_numbers
 
 
 @pytest.mark.parametrize(

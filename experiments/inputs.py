@@ -1,0 +1,159 @@
+"""Scenes and histories of training that several experiments share.
+
+Light fields that no network was trained on, scenes whose objects change their depths, and the
+history of a run.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lf_flame._common.config import to_json
+from lf_flame._common.input_files import read_text, readable
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.sampling import render_drawn
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import open_run
+from lf_flame.lightfield import LightField
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.planning.decisions import plan_effects
+
+DATA_SETS = tuple(
+    Path(__file__).parents[1] / "data_gen" / f"{kind}.toml" for kind in ("shapes", "flames")
+)
+"""Configurations of the paper's two data sets."""
+
+SAMPLES = 3
+"""Number of held-out light fields of each data set."""
+
+FIRST_SAMPLE = 1_000_000
+"""Index of the first scene at other depths; data sets draw theirs from lower ones."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Light fields of a data set that no network was trained on, and slopes to refocus them at.
+
+    The run is the network's folder, None without a network; the origin describes the network, or
+    says why there is none.
+    """
+
+    config: DatasetConfig
+    slopes: tuple[float, ...]
+    indices: tuple[int, ...]
+    run: Path | None
+    origin: str
+
+
+def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> HeldOut:
+    """Take the test split of a finished run or, without a run, the last samples of a data set."""
+    try:
+        found = open_run(run)
+    except InputError as error:
+        count = min(config.samples.values())
+        slopes = tuple(config.camera.depth_to_slope(z) for z in config.depths_mm)
+        indices = tuple(range(max(count - samples, 0), count))
+        return HeldOut(config, slopes, indices, None, f"missing. {error}")
+    record = found.record
+    origin = (
+        f"preset {record['preset']}, {epochs_in_words(record)}, backbone "
+        f"{record['backbone_weights']}"
+    )
+    indices = tuple(record["test_indices"][:samples])
+    return HeldOut(found.config, tuple(found.slopes), indices, run, origin)
+
+
+@dataclass(frozen=True)
+class DepthScenario:
+    """Depths of the objects of a data set, and the indices of those that are present.
+
+    Objects are scaled so that the central view stays the same: only parallax and defocus
+    distinguish the scenes.
+    """
+
+    name: str
+    depths_mm: tuple[float, ...]
+    present: tuple[int, ...]
+
+    def place(self, scene: Scene, config: DatasetConfig) -> Scene:
+        """Move the objects of a scene to these depths."""
+        placed = scene.at_depths(self.depths_mm, config.camera)
+        return Scene([placed.layers[k] for k in self.present])
+
+
+def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
+    """List the scenarios of a data set, its own first; an InputError refuses a single depth."""
+    own, names = config.depths_mm, [item.name for item in config.template.objects]
+    if len(set(own)) < 2:
+        raise InputError(
+            f"Only objects at two depths at least can change places; those of {config.kind} stand "
+            f"at {', '.join(f'{z:g}' for z in own)} mm."
+        )
+    everyone = tuple(range(len(own)))
+    half = float(np.diff(np.unique(own)).min()) / 2
+    scenarios = [
+        DepthScenario("as trained", tuple(own), everyone),
+        DepthScenario("first and last exchanged", (own[-1], *own[1:-1], own[0]), everyone),
+        DepthScenario("order reversed", tuple(own[::-1]), everyone),
+        DepthScenario(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
+        DepthScenario(f"{names[0]} alone", tuple(own), (0,)),
+    ]
+    # For two or three objects, exchanging the ends is reversing the order.
+    different = {(one.depths_mm, one.present): one for one in scenarios[::-1]}
+    return list(different.values())[::-1]
+
+
+def draw_scenario(
+    config: DatasetConfig, scenario: DepthScenario, samples: int
+) -> Iterator[LightField]:
+    """Draw light fields of a scenario, from the same scenes for every scenario."""
+    mean, _ = config.template.draw(None)
+    plan = plan_effects(scenario.place(mean, config), config.camera, effects=config.effects)
+    for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
+        scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
+        yield render_drawn(scenario.place(scene, config), config, plan, index)
+
+
+def scene_settings(config: DatasetConfig) -> dict:
+    """Return the settings of a data set that its scenes depend on, without depths and inputs."""
+    free = ("input", "shuffled_depths", "samples")
+    return {key: value for key, value in to_json(config).items() if key not in free}
+
+
+def epochs_in_words(record: dict) -> str:
+    """Describe the length of a run from its record: "84 of 1,000 epochs, best 81, batch 2"."""
+    epochs, recipe = record["epochs"], record["recipe"]
+    if epochs == 0:
+        return "closed form, no epochs"
+    planned = recipe.get("epochs", epochs)
+    length = f"{epochs:,} of {planned:,}" if planned > epochs else f"{epochs:,}"
+    best = record.get("best_epoch")
+    best = f", best {best:,}" if best is not None else ""
+    return f"{length} epochs{best}, batch {recipe['batch_size']}"
+
+
+def read_history(path: Path, epochs: int) -> pd.DataFrame:
+    """Read epochs 0 (the start) to `epochs` of a run's ``history.csv``; refuse a damaged file.
+
+    The seconds are counted from the start of the run. Without the last line's end, its last number
+    may be cut.
+    """
+    text, columns = read_text(path), ["epoch", "seconds", "val_psnr_db"]
+    with readable(path, (ValueError, OverflowError)):
+        rows = pd.read_csv(StringIO(text))
+    complete = (
+        text.endswith("\n")
+        and set(columns) <= set(rows.columns)
+        and list(rows["epoch"]) == list(range(epochs + 1))
+        and all(rows[name].dtype.kind in "if" and rows[name].notna().all() for name in columns)
+    )
+    if not complete:
+        raise InputError(
+            f"{path} is damaged: it must hold the numbers {', '.join(columns)} of the epochs 0 to "
+            f"{epochs}, each line with its end."
+        )
+    return rows.assign(seconds=rows["seconds"].cumsum())

@@ -1,0 +1,62 @@
+"""What the measures of flames and the steps of videos refuse, each in one sentence."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from builders import camera
+
+from lf_flame import InputError, PlenopticCamera
+from lf_flame.flame_video import find_flicker, find_steps, measure_flame
+
+NAN, INF = np.nan, np.inf
+FLAME = np.outer(np.hanning(60), np.hanning(80))
+TWENTY = np.arange(20)
+NEEDS = "temperature needs the step emission before it, and a"
+KNOWN = {"camera": PlenopticCamera(**camera(3, (24, 20))), "depths_mm": (0.0,)}
+
+REFUSED = [
+    (partial(measure_flame, np.ones((4, 4, 3))), "grey image"),
+    (partial(measure_flame, np.ones((4, 4), complex)), "grey image"),
+    (partial(measure_flame, np.ones((4, 9))), "5 x 5"),
+    (partial(measure_flame, np.full((5, 5), NAN)), "finite"),
+    *(
+        (partial(measure_flame, FLAME, **{name: value}), f"{name} must")
+        for name, values in {
+            "level": (0.0, 1.0, NAN), "pixel_mm": (0.0, INF), "burner_row": (60.0, NAN)
+        }.items()
+        for value in values
+    ),
+    (partial(find_flicker, TWENTY, np.ones(19)), "one length"),
+    (partial(find_flicker, np.ones((9, 2)), np.ones((9, 2))), "one length"),
+    *(
+        (partial(find_flicker, times, np.ones(20)), "rise")
+        for times in (TWENTY[::-1], np.zeros(20), np.full(20, NAN), TWENTY * 1e-310)
+    ),
+    (partial(find_flicker, TWENTY * 1e305, np.ones(20)), "at most"),
+    (partial(find_flicker, TWENTY, np.where(TWENTY < 15, 1, NAN)), "16 frames .* at least, got 15"),
+    *(
+        (partial(find_flicker, TWENTY, np.ones(20), resolvable=value), "the smallest amplitude")
+        for value in (-1.0, NAN, INF)
+    ),
+    (partial(find_steps, "refocus@10mm"), "refocus@10mm needs the camera"),
+    (
+        partial(find_steps, "refocus@x"),
+        r"at a depth, as refocus@10mm, or a slope, as refocus@0\.5, got 'x'",
+    ),
+    (partial(find_steps, "height,decode"), "decode must be the first"),
+    (partial(find_steps, "height,height"), "once, got 'height' twice"),
+    (partial(find_steps, "emission"), "needs the camera, and depths"),
+    (partial(find_steps, "../height"), r"Steps must be of .*, got '\.\./height'"),
+    (partial(find_steps, "temperature", **KNOWN, colours="any"), NEEDS),
+    (partial(find_steps, "temperature,emission", **KNOWN, colours="any"), NEEDS),
+    (partial(find_steps, "emission,temperature", **KNOWN), NEEDS),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("call", "said"), REFUSED, ids=[f"{k}-{said[:30]}" for k, (_, said) in enumerate(REFUSED)]
+)
+def test_it_is_refused_in_a_sentence(call, said):
+    with pytest.raises(InputError, match=said):
+        call()

@@ -1,0 +1,76 @@
+"""What scenes refuse, each in one sentence."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import scene_toml
+from sentences import each, refusals
+
+from lf_flame import Layer, Scene
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.scenes.scene_files import read_camera, read_scene
+from lf_flame.scenes.shapes import shape_texture
+
+
+def layer(**values):
+    return Layer(**{"texture": [[1.0]], "depth_mm": 0.0, "size_mm": (1.0, 1.0), **values})
+
+
+def file(read, old, new):
+    """Call that reads a file of a camera of f/3.57 in which a line is another."""
+
+    def call():
+        Path("scene.toml").write_text(scene_toml(15, (9, 9)).replace(old, new))
+        return read(Path("scene.toml"))
+
+    return call
+
+
+PITCH = "lenslet_pitch_mm = 0.112"
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+test_it_is_refused_in_a_sentence = refusals(
+    [
+        *each(
+            layer,
+            ({"texture": np.ones(3)}, "texture must be a grey image"),
+            ({"texture": [[np.nan]]}, "finite and not negative"),
+            ({"texture": [[-1.0]]}, "finite and not negative"),
+            ({"size_mm": (0.0, 1.0)}, "size_mm must be two finite lengths .* above 0"),
+            ({"centre_mm": (np.inf, 0)}, "centre_mm must be two finite"),
+            ({"depth_mm": np.nan}, "depth_mm of a layer must be finite"),
+            ({"size_mm": (1e-308, 1.0)}, "tell its cells apart, 1 along an axis, above 1e-250"),
+        ),
+        (partial(Scene, []), "at least one layer"),
+        (partial(shape_texture, "star", (1.0, 1.0)), "Unknown shape 'star'"),
+        *each(
+            DeadLeaves,
+            ({"leaves": 0}, "Leaves must be 1 or more"),
+            ({"smallest": 9.0, "largest": 5.0}, "lengths rise"),
+            ({"contrast": -0.1}, "contrast be 0 or above"),
+            ({"slopes": (1.0, -1.0)}, "two rising numbers"),
+            ({"wavelength": (1.0, 5.0)}, "wavelength from 2 pixels on"),
+        ),
+        *(
+            (file(read, PITCH, new), said)
+            for read in (read_camera, read_scene)
+            for new, said in (
+                (f"{PITCH}\naperture_diameter_mm = 301.0", "301 mm, as .* faster than f/0.5;"),
+                (f"{PITCH[:-5]}112.0", r"7.78e\+04 mm, which matches the lenslets, is f/0.0019 at"),
+            )
+        ),
+    ]
+)
+
+
+@pytest.mark.parametrize("read", [read_camera, read_scene])
+def test_an_aperture_of_half_its_distance_is_taken(read):
+    """The lenslets match 77.8 mm at 277.84 mm from the main lens."""
+    file(read, PITCH, f"{PITCH}\naperture_diameter_mm = 299.0")()

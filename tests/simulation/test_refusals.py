@@ -1,0 +1,57 @@
+"""What planning and rendering refuse, each in one sentence."""
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from sentences import each, refusals
+
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects, render
+from lf_flame.simulation.lenslet_blur import tiled_sensor
+from lf_flame.simulation.planning.assumptions import assume
+
+CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
+SCENE = Scene([Layer([[1.0]], 0.0, (1.0, 1.0))])
+ASIDE = Scene([Layer([[1.0]], 0.0, (1.0, 1.0), (0.0, 90.0))])
+BEHIND = Scene([Layer([[1.0]], -400.0, (1.0, 1.0))])
+SMALL_PIXELS = replace(CAMERA, wavelength_nm=650.0, pixel_pitch_mm=1e-6)
+
+test_it_is_refused_in_a_sentence = refusals(
+    [
+        *each(
+            partial(plan_effects, SCENE, CAMERA),
+            ((1e-3, {"blooming": True}), "Unknown effect 'blooming'; the known ones are defocus, "),
+            ((1e-3, {"blooming": True, "fog": True}), "effect 'blooming', 'fog'; the"),
+            ((1e-3, {"cos4": "yes"}), "cos4 must be forced by True or False, got 'yes'"),
+            ((1e-3, {"f_number_mismatch": True, "round_aperture": False}), "both are one round st"),
+            ((0.0,), "tolerance must be above 0, got 0.0"),
+            ((float("nan"),), "tolerance must be above 0"),
+        ),
+        *each(
+            partial(render, SCENE, CAMERA),
+            ({"integrator": "magic"}, "must be"),
+            ({"tolerance": 0}, "must be"),
+            ({"rays": 4}, "must be"),
+            ({"integrator": "rays", "rays": 0}, "must be"),
+        ),
+        (partial(render, ASIDE, PAPER_CAMERA), "outside the field: in x it spans 89.5"),
+        (partial(render, BEHIND, PAPER_CAMERA), "in front of the main lens.*-400"),
+        (partial(tiled_sensor, SMALL_PIXELS), "use a larger pixel_pitch_mm or tolerance, or force"),
+        *(
+            (partial(assume, CAMERA, [word]), ".")
+            for word in ("", "nm", "550", "f/0", "f/", "99bit", "0bit", "1e9nm", "square")
+        ),
+    ]
+)
+
+
+@pytest.mark.slow
+def test_a_tolerance_out_of_reach_names_the_obstacle():
+    thick = Scene([Layer([[1.0, 0.5]], 0.0, (1.6, 1.8), thickness_mm=60.0)])
+    with pytest.raises(InputError, match="cannot be met: thickness would need more than 1024"):
+        plan_effects(thick, CAMERA, 1e-9)
+    card = Layer([[0.3]], -10.0, (0.8, 0.9), opaque=True)
+    scene = Scene([Layer([[1.0]], 10.0, (1.6, 1.8)), card])
+    few = replace(CAMERA, views=1, lenslets=(1, 2))
+    with pytest.raises(InputError, match="the number of rays is the obstacle"):
+        render(scene, few, tolerance=1e-12, integrator="rays")

@@ -1,0 +1,233 @@
+"""What tomography refuses, each in one sentence."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lf_flame import PAPER_CAMERA, InputError, LightField
+from lf_flame._common.memory import LIMIT
+from lf_flame.calibration import CameraLaw
+from lf_flame.tomography import (
+    AbsorbingOperator,
+    AxisymmetricGrid,
+    FrequencyGram,
+    FrustumGrid,
+    ProjectionOperator,
+    SpectralResponses,
+    calibrate_colours,
+    depth_blur,
+    depth_modes,
+    find_axis,
+    measure_source,
+    profiles,
+    read_responses,
+    reconstruct,
+    reconstruct_axisymmetric,
+    soot_temperature,
+    two_colour_temperature,
+)
+from lf_flame.tomography.absorption import spread_thickness
+from lf_flame.tomography.frustum_grid import planes_between
+
+NAN, INF = float("nan"), float("inf")
+CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(54, 60))
+GRID = FrustumGrid(CAMERA, (3.0, 0.0, -4.0))
+ROUND = AxisymmetricGrid(CAMERA, 0.0, 0.0, 2.0)
+EVEN = LightField(np.ones((7, 7, 54, 60), np.float32))
+COLOURED = LightField(np.ones((7, 7, 54, 60, 3), np.float32))
+LAW = CameraLaw(
+    slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
+    scale_centre_mm=-400.0, depth_range_mm=(-16.0, 8.0), views=7, lenslets=(54, 60),
+)  # fmt: skip
+THICKNESS = spread_thickness(GRID, 0.5)
+PLANE = np.ones((10, 8))
+NO_DRAWS = np.empty((0, 10, 8))
+NM = np.arange(400.0, 701.0, 10.0)
+CURVES = np.array([np.exp(-(((NM - at) / 40) ** 2)) for at in (460, 540, 610)])
+BANDS = SpectralResponses(("blue", "green", "red"), NM, CURVES)
+HALF, FEW = np.ones((7, 7)), np.zeros((7, 7))
+HALF[3, 2] = 0.5
+FEW[2, 2:5] = FEW[4, 2:5] = 1
+
+
+def each(call, *cases):
+    """Calls of one function, each with other options."""
+    return [(partial(call, **options), said) for options, said in cases]
+
+
+TABLES = {
+    "nm,red\n500,1\n600,1\n": "must begin with a heading, wavelength_nm",
+    "wavelength_nm,red\n500,1\n": "2 to 20000 wavelengths below its heading, got 1",
+    "wavelength_nm,red\n500,1\n600\n": "row 3, must hold 2 numbers, got 1",
+    "wavelength_nm,red\n500,1\n600,x\n": "must hold numbers",
+    "wavelength_nm,red\n0.5,1\n0.6,1\n": "if these are micrometres, give 500 and 600",
+    "wavelength_nm,red\n600,1\n500,1\n": "must increase",
+    "wavelength_nm,red\n500,-1\n600,1\n": "0 or above",
+    "wavelength_nm,red,green\n500,1,0\n600,1,0\n": "'green' responds to no wavelength",
+    "wavelength_nm,red\n500,nan\n600,1\n": "must be finite",
+    "wavelength_nm,../up\n500,1\n600,1\n": "must be 1 to 40 letters.*got '../up'",
+    "wavelength_nm,..\n500,1\n600,1\n": "must be 1 to 40 letters",
+    "wavelength_nm,red,red\n500,1,1\n600,1,1\n": "must have different names",
+}
+
+
+def read_table(text):
+    Path("camera.csv").write_text(text)
+    read_responses("camera.csv")
+
+
+def limited(call):
+    """With a thousandth of a GB of memory."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(LIMIT, "0.001")
+        call()
+
+
+SINGLE = {"first": [1.0], "second": [1.0], "wavelengths_nm": (550.0, 650.0)}
+REFUSED = [
+    *each(
+        partial(FrustumGrid, CAMERA),
+        ({"depths_mm": [5.0, 5.0]}, "no two alike"),
+        ({"depths_mm": [5.0, 0.0, 3.0]}, "rise or fall"),
+        ({"depths_mm": [NAN]}, "finite"),
+        ({"depths_mm": []}, "1 to 200"),
+        ({"depths_mm": [-400.0]}, "main lens"),
+        ({"depths_mm": [0.0], "block": 5}, "divide the 54 x 60"),
+        ({"depths_mm": [0.0], "block": 0}, "block"),
+    ),
+    *(
+        (lambda change=change: FrustumGrid(replace(CAMERA, **change), [0.0]), next(iter(change)))
+        for change in (
+            {"rim_diameter_mm": 70.0}, {"chromatic_shift": 0.01}, {"lenslet_rotation_rad": 1e-3},
+            {"lenslet_pitch_error": 1e-3}, {"falloff_corrected": False},
+        )
+    ),
+    (
+        lambda: FrustumGrid(replace(CAMERA, aperture_diameter_mm=3 * CAMERA.view_step_mm), [0.0]),
+        "3 rows and 3 columns or more, got 1 and 1",
+    ),
+    (partial(FrustumGrid, LAW, [9.0, 0.0]), "from -16 to 8 mm, where targets stood, got 9 mm"),
+    (partial(planes_between, 0, 1, 0.3), "must divide the way from 0 to 1 mm"),
+    (partial(planes_between, 0, 1, 0), "finite ends and a step above 0 mm"),
+    (partial(planes_between, 0, INF, 1), "finite ends and a step above 0 mm"),
+    (
+        lambda: FrequencyGram(FrustumGrid(PAPER_CAMERA, np.linspace(-20, 20, 200))),
+        "200 planes of .* GB",
+    ),
+    (partial(ProjectionOperator, GRID, "int16"), "float32 or float64"),
+    (partial(AbsorbingOperator, GRID, THICKNESS, "int16"), "float32 or float64"),
+    (partial(AbsorbingOperator, GRID, THICKNESS[:2]), "grid's shape"),
+    (partial(limited, partial(AbsorbingOperator, GRID, THICKNESS)), "Transmissions of 3 planes"),
+    *each(
+        partial(reconstruct, EVEN, GRID),
+        ({"noise": -1.0}, "noise must be"),
+        ({"noise": NAN}, "noise must be"),
+        ({"strength": INF}, "strength must be"),
+        ({"strength": 1e300}, "strength must be"),
+        ({"iterations": 0}, "iterations must be"),
+        ({"bootstrap": 1}, "bootstrap must be"),
+        ({"background": "even"}, "'fit'"),
+        ({"penalty": "edges"}, "penalty must be one of roughness, variation"),
+        ({"optical_thickness": NAN}, "must be finite"),
+        ({"optical_thickness": [0.1, -0.1, 0.1]}, "0 or above"),
+        ({"optical_thickness": [1.0, 0.5, 0.6]}, "at most 2 in total, got 2.1"),
+        ({"optical_thickness": [0.1, 0.1]}, "numbers for 3 planes"),
+        ({"optical_thickness": np.zeros((3, 54, 59))}, "54 x 60 pixels, got shape"),
+        ({"optical_thickness": "0.5"}, "must be a number"),
+        ({"optical_thickness": True}, "must be a number"),
+    ),
+    (
+        lambda: reconstruct(EVEN, FrustumGrid(replace(CAMERA, lenslets=(54, 66)), [0.0])),
+        "54 x 66",
+    ),
+    (partial(reconstruct, COLOURED, GRID), "grey"),
+    (
+        lambda: reconstruct(LightField(EVEN.views, weights=HALF), GRID),
+        "all count alike, or not at all, got weights from 0.5 to 1",
+    ),
+    (
+        lambda: reconstruct(LightField(EVEN.views, weights=FEW), GRID),
+        "3 rows and 3 columns or more, got 2 and 3",
+    ),
+    *each(
+        partial(replace, ROUND),
+        ({"which": "some"}, "which must be one of"),
+        ({"axis_mm": NAN}, "must be finite"),
+        ({"axis_mm": 9.0}, "must stand within the field"),
+        ({"radius_mm": 0.3}, "at least four pixels"),
+        ({"radius_mm": 1e20}, "at most the field's width"),
+        ({"burner_mm": 8.0}, "burner_mm must be within the field"),
+        ({"depth_ratio": 0.0}, "depth_ratio must be"),
+        ({"camera": replace(CAMERA, lenslets=(4000, 6000)), "radius_mm": 150.0}, "larger blocks"),
+    ),
+    *each(
+        partial(reconstruct_axisymmetric, EVEN, ROUND),
+        ({"noise": -1.0}, "noise must be"),
+        ({"bootstrap": 1}, "bootstrap must be"),
+    ),
+    (
+        lambda: reconstruct_axisymmetric(LightField(EVEN.views[:, :, :-1]), ROUND),
+        "must be grey, of the camera's",
+    ),
+    (lambda: find_axis(LightField(0 * EVEN.views), CAMERA), "holds no light"),
+    (lambda: find_axis(LightField(EVEN.views[:, :1]), CAMERA), "3 or more view columns"),
+    (partial(find_axis, COLOURED, CAMERA), "in colour, its colours need a calibration"),
+    *(
+        (partial(profiles.axial, *arguments), said)
+        for arguments, said in (
+            ((np.zeros(4), NO_DRAWS, 0.5), "shapes"),
+            ((PLANE, NO_DRAWS[:, 1:], 0.5), "shapes"),
+            ((PLANE, NO_DRAWS, 0.0), "cell_mm must be"),
+            ((PLANE, NO_DRAWS, 0.5, 2.1), "must lie within the plane, -2 to 2 mm"),
+            ((PLANE, NO_DRAWS, 0.5, NAN), "must lie within the plane"),
+            ((PLANE, NO_DRAWS, 0.5, 0.0, -1.0), "width must be"),
+        )
+    ),
+    *((partial(depth_blur, PAPER_CAMERA, period), "above 0") for period in (0.0, NAN)),
+    *(
+        (partial(depth_modes, PAPER_CAMERA, 1.0, thickness), "from 0 to less than 652, twice the")
+        for thickness in (-1.0, NAN, 652.0)
+    ),
+    *each(
+        lambda **options: two_colour_temperature(**SINGLE | options),
+        ({"wavelengths_nm": (550, 550)}, "has no temperature"),
+        ({"wavelengths_nm": (550, -1)}, "two in nm, from 100"),
+        ({"wavelengths_nm": (550,)}, "two in nm, from 100"),
+        ({"wavelengths_nm": (0.55, 0.65)}, "in nm.*if these are micrometres, give 550 and 650"),
+        ({"wavelengths_nm": (5.5e-7, 6.5e-7)}, "if these are m, give 550 and 650"),
+        ({"wavelengths_nm": (550, NAN)}, "two in nm"),
+        ({"soot_exponent": INF}, "soot_exponent must be from -1 to 5, got inf"),
+        ({"soot_exponent": NAN}, "soot_exponent must be"),
+        ({"second": [1.0, 2.0]}, "one shape"),
+        ({"calibration": 0.0}, "calibration"),
+    ),
+    *((partial(read_table, text), said) for text, said in TABLES.items()),
+    (
+        lambda: soot_temperature([[1.0]], SpectralResponses.single((550,))),
+        "two colours or more",
+    ),
+    (partial(soot_temperature, [[1.0]] * 2, BANDS), "each of the 3 spectral responses, got 2"),
+    (
+        lambda: soot_temperature([[1.0]] * 2, SpectralResponses(("a", "b"), NM, [CURVES[0]] * 2)),
+        "see nearly the same light",
+    ),
+    (partial(soot_temperature, [[1.0]] * 3, BANDS, gains=(1, 0, 1)), "gains must be 3 finite"),
+    (partial(calibrate_colours, [1500], [[1, 1, 1]], BANDS), "two temperatures or more"),
+    (partial(calibrate_colours, [1500, 1600], [[1, 1]] * 2, BANDS), r"shape \(2, 3\)"),
+    (partial(calibrate_colours, [1500, 1600], [[1, 1, 0]] * 2, BANDS), "above 0, got 0"),
+    (partial(calibrate_colours, [9, 16], [[1, 1, 1]] * 2, BANDS, emissivity=2), "emissivity must"),
+    (partial(measure_source, [np.ones((20, 20))]), "in colour and of one size"),
+    (partial(measure_source, [np.eye(20)[..., None] * [1, 1]]), "evenly bright over 100"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("call", "said"), REFUSED, ids=[f"{k}-{said[:30]}" for k, (_, said) in enumerate(REFUSED)]
+)
+def test_it_is_refused_in_a_sentence(tmp_path, monkeypatch, call, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=said):
+        call()
