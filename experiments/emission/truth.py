@@ -1,11 +1,11 @@
 """Light fields of flames along rays that are written out here, and what each depth truly emits.
 
 Nothing of the package is used. A thin lens of focal length f focuses a plane at the distance a on
-lenslets at the distance i, 1/f = 1/a + 1/i, whose micro-images, of N pixels, are 1 + f_lenslet / i
-pitches apart. View v so looks through the place ``x = (v - centre) step`` of the lens, where step =
-(i + f_lenslet) pitch / (N f_lenslet), and lenslet t sees ``y = (t - centre) pitch a / i`` of the
-plane in focus. A ray meets the depth d behind that plane at ``y + (y - x) d / a``. A pixel is the
-mean over its square lenslet and its square of the lens.
+lenslets at the distance i, 1/f = 1/a + 1/i; they are pitch (1 + f_lenslet / i) apart as
+micro-images of N pixels. View v therefore looks through the place ``x = (v - centre) step`` of the
+lens, step = (i + f_lenslet) pitch / (N f_lenslet); lenslet t sees ``y = (t - centre) pitch a / i``
+of the plane in focus. A ray meets the depth d behind that plane at ``y + (y - x) d / a``. A pixel
+is the mean over its square lenslet and its square of the lens.
 Lengths are in mm; y runs down, x to the right, depth away from the camera.
 """
 
