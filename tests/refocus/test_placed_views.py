@@ -167,5 +167,7 @@ def test_the_program_refocuses_an_array_on_no_grid(tmp_path):
         ("--slope", "1", "--slope-of", "hci"),
         ("--map", "auto"),
     ):
-        refused = CliRunner().invoke(commands, [*words[:2], *option, "--out", words[-1]])
+        refused = CliRunner().invoke(
+            commands, [*words[:2], *option, "--out", str(tmp_path / "other")]
+        )
         assert "views on a grid of equal steps" in str(refused.exception)
