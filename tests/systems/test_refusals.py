@@ -159,10 +159,10 @@ def test_a_folder_that_holds_another_run_or_none_is_refused(system_runs, coarse_
     shutil.copytree(system_runs / "refocusnet", run)
     with pytest.raises(InputError, match="holds a run with another system"):
         train_system(config_of(coarse_data), "volumetric", "smoke", run)
-    not_its_own = "model.keras is not the network that run.json was written for"
+    damaged = "model.keras is not a Keras file"
     for damage in (Path.write_bytes, empty_archive):
         damage(run / "model.keras", b"")
-        with pytest.raises(InputError, match=not_its_own):
+        with pytest.raises(InputError, match=damaged):
             load_system(run)
     (run / "run.json").write_text("{")
     for read in (load_system, partial(train_system, config_of(coarse_data), "refnet", "smoke")):
