@@ -22,7 +22,7 @@ def test_every_task_has_a_floor_and_a_rival_with_the_same_output(rows, tmp_path)
     assert all(float(x) > 0.999 for x in said["decoding"].split() if x.startswith(("0.", "1.")))
     assert all(float(x) <= 1e-3 for x in said["rendering"].split() if "e-" in x)
     assert all(float(x) <= 1e-4 for x in said["training"].split() if "e-" in x)
-    assert [x.count("e-") + x.count("correlate") > 0 for x in said] == [True] * 4
+    assert all("differ" in x or "correlate" in x for x in said)
     assert (rows[["ours_ms", "other_ms", "ratio"]] > 0).all(axis=None)
     path = bench.write(tmp_path, {"threads": 2, "wall_s": 1.0, "rows": rows.to_dict("records")})
     assert "## Training" in path.read_text()
