@@ -158,10 +158,12 @@ def test_error_bars_hold_the_truth(record_noise):
         held.append((off <= TIMES * found[-1].sigma)[lit])
         total = np.abs(np.sum(found[-1].emission - TRUTH, axis=(1, 2)))
         sums.append(total / found[-1].light_sigma)
+        assert (total < 0.012 * np.sum(TRUTH, axis=(1, 2))).all()
         errors.append([np.mean(np.square(x[lit])) for x in (off, found[-1].sigma)])
     # Rather too wide than too narrow; by less than three.
     assert np.mean(held) > 0.93
-    assert np.sqrt(np.mean(np.square(sums))) < 2.3  # too narrow: planes share light
+    # Too narrow: planes share light, and the penalty, stronger with photons, takes up to 0.9 %.
+    assert np.sqrt(np.mean(np.square(sums))) < (2.3 if record_noise is gaussian else 5.5)
     off, sigma = np.sqrt(np.mean(errors, axis=0))
     assert sigma < 3 * off
     colours, kelvin, held = (550.0, 650.0), 1800.0, []
