@@ -148,10 +148,10 @@ def emission(out: Path, part: str, seed: int) -> None:
 def compare(runs, out, data, light_fields, photographs, refocusnet_weights, variants) -> None:
     """Compare refocusing systems: accuracy, views, training, time and memory.
 
-    RUNS holds the networks of `lf-flame train-system` and `make tables`; missing ones show as missing.
-    Test sets are light fields that no network was trained on, the same scenes with their objects
-    at other depths, and photographs. The reference is shift-and-sum of all views. Run it on a
-    machine that does nothing else.
+    RUNS holds the networks of `lf-flame train-system` and `make tables`; a missing one shows as
+    missing. Test sets are light fields that no network was trained on, the same scenes with their
+    objects at other depths, and photographs. The reference is shift-and-sum of all views. Run it
+    on a machine that does nothing else.
     """
     start_networks()
     from experiments.systems.compared import select_entries, select_sets
