@@ -1,1 +1,1 @@
-"""What accuracy costs in time: rendering and refocusing."""
+"""Accuracy against time: rendering and refocusing."""

@@ -1,4 +1,4 @@
-"""What accuracy costs when refocusing: SSIM and PSNR over milliseconds, beside the network.
+"""Accuracy against time in refocusing: SSIM and PSNR over milliseconds, beside the network.
 
 All methods go from the same light fields in memory to the same images, those of a data set's
 targets, on all cores, one after the other in one process, compiled beforehand. Exact are all views,

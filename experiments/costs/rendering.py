@@ -1,4 +1,4 @@
-"""What accuracy costs when simulating: error against seconds, for each method and each effect.
+"""Accuracy against time in simulation: error against seconds, for each method and each effect.
 
 Methods and effects run on one thread, one after the other, compiled beforehand, so that ratios are
 fair. Errors are root-mean-square over the image relative to its brightest pixel, against an image

@@ -1,4 +1,4 @@
-"""What is compared: refocusing systems with their budgets, and light fields with slopes.
+"""Refocusing systems to compare with their budgets, and light fields with slopes.
 
 The light fields are those of the paper's two data sets that no network was trained on, the same
 scenes with their objects at other depths, the sixteen slopes of RefNet, and photographs.

@@ -1,4 +1,4 @@
-"""What a refocusing system costs: milliseconds and memory, in a process of its own.
+"""Milliseconds and memory of a refocusing system, in a process of its own.
 
 This module imports nothing heavy, so that a process that runs no network does not load one.
 """
