@@ -47,13 +47,7 @@ class Epoch:
 
 
 class Batches(keras.utils.PyDataset):
-    """Batches for `fit`; subclasses draw those of an epoch from a generator of its own.
-
-    Parameters
-    ----------
-    seed : int
-        Seed; epoch k is drawn from ``numpy.random.default_rng([seed, k])``.
-    """
+    """Batches for `fit`, those of epoch k drawn from ``numpy.random.default_rng([seed, k])``."""
 
     def __init__(self, seed: int):
         super().__init__()
@@ -90,78 +84,32 @@ class ShuffledSamples(Batches):
 
 @dataclass(frozen=True)
 class Fit:
-    """Arguments of `fit`.
-
-    Attributes
-    ----------
-    network : keras.Model
-        Compiled network.
-    batches : Batches
-        Training batches.
-    validation : (ndarray, ndarray)
-        Inputs and targets of the validation.
-    watched : str
-        Name of the validation's mean squared error in Keras's logs.
-    """
+    """Arguments of `fit`: a compiled network and its data."""
 
     network: keras.Model
     batches: Batches
-    validation: tuple[np.ndarray, ...]
-    watched: str = "val_loss"
+    validation: tuple[np.ndarray, ...]  # inputs and targets
+    watched: str = "val_loss"  # name of the mean squared error of the validation in Keras's logs
 
 
 @dataclass(frozen=True)
 class Run:
-    """A training run.
+    """A training run."""
 
-    Attributes
-    ----------
-    request : dict
-        Everything that determines the result, as JSON values, apart from the number of epochs.
-    epochs : int
-        Number of epochs.
-    prepare : callable
-        Function that gives the `Fit`.
-    finish : callable
-        Function of the best weights that gives the network to save.
-    metadata : dict
-        Further content of the record.
-    checkpoint_s : float
-        Time between checkpoints in seconds; 0 writes one after every epoch.
-    minutes : float, optional
-        Time at which a call ends, at the nearest end of an epoch; 0 trains to the last epoch.
-    """
-
-    request: dict
+    request: dict  # everything but `epochs` that determines the result, as JSON values
     epochs: int
     prepare: Callable[[], Fit]
-    finish: Callable[[list[np.ndarray]], keras.Model]
-    metadata: dict
-    checkpoint_s: float
-    minutes: float = 0.0
+    finish: Callable[[list[np.ndarray]], keras.Model]  # from the best weights to what is saved
+    metadata: dict  # further content of the record
+    checkpoint_s: float  # time between checkpoints; 0 writes one after every epoch
+    minutes: float = 0.0  # a call ends at the end of an epoch nearest to it; 0: no limit
 
 
 def train_in_folder(run: Run, out: Path, started: float) -> Path:
-    """Train in a run folder, or resume there.
+    """Train in a run folder, or resume there; the call `started` by `time.perf_counter`.
 
-    Parameters
-    ----------
-    run : Run
-    out : Path
-        Run folder, made if it is missing.
-    started : float
-        Start of the call, from `time.perf_counter`.
-
-    Returns
-    -------
-    Path
-        Network ``model.keras`` in the folder.
-
-    Raises
-    ------
-    InputError
-        If the folder contains another run or a damaged checkpoint, another process trains there,
-        or the loss becomes NaN or infinite.
+    Returns the network ``model.keras``. An InputError refuses a folder with another run or a
+    damaged checkpoint, one where another process trains, and a loss that is NaN or infinite.
     """
     if not 0 <= run.minutes < math.inf:
         raise InputError(f"minutes must be 0 (to the end) or more, got {run.minutes}.")
@@ -272,21 +220,7 @@ def _tell_duration(epochs: int, epoch_s: float) -> None:
 
 
 class TrainingState:
-    """State of a training run between epochs, and its file.
-
-    Parameters
-    ----------
-    path : Path
-        File ``checkpoint.npz``, which need not exist.
-
-    Attributes
-    ----------
-    history : list of Epoch
-    start_s : float
-        Time in seconds from the start of the first call to its first epoch.
-    best : list of ndarray
-        Weights of the network with the lowest validation loss.
-    """
+    """History, weights and optimiser of a run between epochs, and the best weights so far."""
 
     def __init__(self, path: Path):
         self.path, self.start_s = path, 0.0
