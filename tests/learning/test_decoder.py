@@ -117,6 +117,7 @@ def test_random_weights_depend_on_the_seed_alone():
     assert kernels[0].std() == pytest.approx(np.sqrt(2 / (7 * 7 * 3)), rel=0.02)
 
 
+@pytest.mark.slow
 def test_preprocessing_is_the_backbones_own(paper_model, rng):
     grey = rng.uniform(size=(1, 90, 180, 1)).astype(np.float32)
     model = paper_model.get_layer("backbone")

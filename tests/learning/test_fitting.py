@@ -80,6 +80,7 @@ def test_a_run_stopped_three_times_ends_with_the_same_bits(whole, tmp_path, monk
     assert last["start_s"] == stopped["start_s"]
 
 
+@pytest.mark.slow
 def test_the_best_weights_are_kept(tmp_path):
     """At too high a rate, the loss rises again."""
     weights, record = train(small_run(4, rate=3.0), tmp_path)
@@ -136,6 +137,7 @@ def set_about(text):
     return lambda arrays: arrays.update(about=np.frombuffer(text, np.uint8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -157,6 +159,7 @@ def test_a_damaged_or_other_run_is_refused(whole, tmp_path, spoil, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "said"),
     [

@@ -44,6 +44,7 @@ def system_of(name, seed=0):
     return NETWORKS[name].system(NETWORKS[name].model(seed))
 
 
+@pytest.mark.slow
 def test_samples_depend_on_seed_and_index_alone(config):
     first, again, other = (config.training_samples.draw(1, k) for k in (5, 5, 6))
     np.testing.assert_array_equal(first.views, again.views)
