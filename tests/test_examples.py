@@ -19,8 +19,8 @@ ROOMS = sorted(path.parent.name for path in PACKAGE.glob("[a-z]*/__init__.pyi"))
 SCENE = scene_toml(9, (20, 30), depth_mm=10.0, side_mm=1.0)
 
 WITHOUT_EXAMPLE = {
-    "load_system", "open_run", "predict", "read_systems_config", "train", "train_system", "fresh_samples", "search_region_slope",
-    "write_flame",
+    "load_system", "open_run", "predict", "read_systems_config", "train", "train_system",
+    "search_region_slope", "write_flame",
 }  # fmt: skip
 """Names that need a trained network, or take longer than an example may."""
 

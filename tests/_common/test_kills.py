@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 FILE = """
 from lf_flame._common.atomic_files import write_text
 def write(place, text):
