@@ -23,7 +23,7 @@ from keras import ops
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.arrays_in_files import open_arrays
-from lf_flame._common.atomic_files import atomic_write, write_json, write_text
+from lf_flame._common.atomic_files import atomic_write, remove_leftovers, write_json, write_text
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import parse_json, read_record
 from lf_flame._common.locks import exclusive
@@ -121,6 +121,8 @@ def train_in_folder(run: Run, out: Path, started: float) -> Path:
             model.touch()  # make compares it with the configuration file
             return model
         write_json(out / "config.json", run.request)
+        for name in ("checkpoint.npz", "model.keras"):  # hundreds of megabytes each
+            remove_leftovers(out / name)
         state = TrainingState(out / "checkpoint.npz")
         if state.epochs_done > run.epochs:
             raise InputError(
