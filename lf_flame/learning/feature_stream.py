@@ -11,8 +11,10 @@ import numpy as np
 
 from lf_flame._common import progress
 from lf_flame._common.memory import check_memory
-from lf_flame.datasets.fresh_scenes import TOGETHER, fresh_samples
 from lf_flame.datasets.store import Dataset
+
+TOGETHER = 128
+"""Number of samples in a block."""
 
 BATCH = 16
 """Number of samples that the backbone processes together."""
@@ -95,7 +97,6 @@ class FeatureStream:
         for first in range(0, len(self._indices), TOGETHER):
             some = self._indices[first : first + TOGETHER]
             yield self._dataset.inputs[some], self._dataset.targets[some]
-        yield from fresh_samples(self._dataset, self._fresh)
 
     def _keep(self, pair: Pair) -> None:
         first = self._filled

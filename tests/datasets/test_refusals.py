@@ -2,15 +2,19 @@
 
 import json
 import os
+import re
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zarr
 from builders import DATA, shapes, toml
-from sentences import refusals
+from sentences import refusals, sentence_of
 
 from lf_flame import InputError
 from lf_flame._common.config import build
+from lf_flame._common.memory import LIMIT
 from lf_flame.datasets import split_indices
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
@@ -134,8 +138,8 @@ DAMAGES = [
     (ATTRIBUTES("config", "kind", value=["shapes"]), "kind: "),
     (ATTRIBUTES("config", "template", value=[]), "template: "),
     (ATTRIBUTES("slopes", value=["1.0"]), "slopes #1: input should be a valid number"),
-    (ATTRIBUTES("slopes", value=[1.0, 2.0]), "slopes or objects are not as many as depths"),
-    (ATTRIBUTES(value={}), "does not say what of"),
+    (ATTRIBUTES("slopes", value=[1.0, 2.0]), "one slope and one name for each object"),
+    (ATTRIBUTES(value={}), "a.zarr/zarr.json: config, slopes, objects, rays are missing"),
     (
         changed("", "node_type", value="array"),
         "a.zarr/zarr.json is damaged, or not that of a group",
@@ -143,7 +147,7 @@ DAMAGES = [
     (changed("input", "shape", value=[3, 4, 7, 1]), "chunks of whole samples, up to 4096"),
     (changed("target", "data_type", value="object"), "target/zarr.json is damaged"),
     (changed("target", "codecs", value=[{"name": "pickle"}]), "target/zarr.json is damaged"),
-    (changed("complete", "shape", value=[10**15]), "as many samples, up to 1000000, got 3, 1000"),
+    (changed("complete", "shape", value=[10**15]), "same number of samples, at most 1000000, got 3, 1000"),
     (changed("complete", "chunk_grid", value="all"), "complete/zarr.json is damaged"),
     (changed("complete", "fill_value", value=[1]), "complete/zarr.json is damaged"),
     (
@@ -161,8 +165,9 @@ DAMAGES = [
         replaced("parameters/brightness/c/0/0", os.mkfifo),
         "parameters/brightness/c/0/0 cannot be read: .* is a pipe",
     ),
-    (damaged(TARGETS, flip), "Sample 1 of .*target is damaged"),
-    (damaged(TARGETS, lambda x: x.pop()), "Sample 0 of .*target is damaged"),  # without its index
+    (changed("parameters/size_mm", "codecs", value=[{"name": "pickle"}]), "size_mm/zarr.json is d"),
+    (damaged(TARGETS, flip), "a.zarr/target is damaged .*; remove the data set"),
+    (damaged(TARGETS, lambda x: x.pop()), "a.zarr/target is damaged"),  # without its index
     (lambda path: next(path.glob(TARGETS)).unlink(), "1 of its 1 chunk files are missing"),
     (lambda path: (path / "zarr.json").write_text("{"), r"a\.zarr/zarr\.json is not a JSON file"),
     (lambda path: path.rename(path.with_name("b.zarr")), "There is no data set at"),
@@ -211,3 +216,66 @@ def test_a_part_that_is_another_or_damaged_is_left(path, options, samples, chang
     with pytest.raises(InputError, match=said):
         make_dataset(read_config(path.with_name("a.toml")), samples, path.with_name("b.zarr"))
     assert part.exists()
+
+
+def test_memory_is_checked_before_samples_are_read(path, monkeypatch):
+    dataset = Dataset(path)
+    assert dataset.targets.shape == (3, 1, 10, 16)
+    monkeypatch.setenv(LIMIT, "1e-7")
+    with pytest.raises(InputError, match="a.zarr/input would need"):
+        _ = dataset.inputs
+
+
+def test_a_sample_that_is_not_finite_is_named(path):
+    group = zarr.open_group(path, mode="r+")
+    group["target"][1, 0, 2, 3] = np.nan
+    with pytest.raises(InputError, match="Sample 1 of .*a.zarr/target is missing or not finite"):
+        _ = Dataset(path).targets
+
+
+def read_all(path):
+    dataset = Dataset(path)
+    assert np.isfinite(dataset.inputs).all() and np.isfinite(dataset.targets).all()  # noqa: PT018
+    dataset.parameters("brightness")
+
+
+ODD = [None, True, 0, -1, 1e300, 2**62, "", "x", "a" * 5000, [], {}, [[]], {"a": 1}, [1, 2], ["a"]]
+
+
+def put_odd_value(content, rng):
+    """Replace some value of metadata."""
+    found = inner = json.loads(content)
+    while True:
+        key = rng.choice(list(inner)) if isinstance(inner, dict) else rng.integers(len(inner))
+        if not (isinstance(inner[key], dict | list) and inner[key]) or rng.random() < 0.3:
+            break
+        inner = inner[key]
+    inner[key] = ODD[rng.integers(len(ODD))]
+    return json.dumps(found).encode()
+
+
+def cut(content, rng):
+    return content[: rng.integers(len(content))]
+
+
+def flip_bit(content, rng):
+    at = rng.integers(len(content))
+    return content[:at] + bytes([content[at] ^ 1 << rng.integers(8)]) + content[at + 1 :]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("files", "damage"), [("zarr.json", put_odd_value), ("*", cut), ("*", flip_bit)]
+)
+def test_no_damage_makes_a_traceback(path, rng, files, damage):
+    found, refused = sorted(file for file in path.rglob(files) if file.is_file()), 0
+    for _ in range(60):
+        file = found[rng.integers(len(found))]
+        before = file.read_bytes()
+        file.write_bytes(damage(before, rng))
+        told = sentence_of(read_all, path)
+        assert not told or re.search("a.zarr", told)
+        assert "\n" not in told
+        refused += bool(told)
+        file.write_bytes(before)
+    assert refused > 15
