@@ -108,20 +108,14 @@ class DatasetConfig:
         scene, _ = self.draw(None)
         return plan_effects(scene, self.camera, effects=self.effects)
 
-    @cached_property
-    def planned_by_sample(self) -> bool:
-        """Whether effects are planned for each sample: if objects may occlude or attenuate others.
-
-        Objects that only add light need the same effects in all samples.
-        """
-        scene, _ = self.draw(None)
-        return any(layer.opaque or layer.optical_thickness.any() for layer in scene.layers)
-
     def plan_of(self, scene: Scene) -> EffectPlan:
-        """Effect plan with which a scene of the data set is simulated."""
-        if not self.planned_by_sample:
-            return self.plan
-        return plan_effects(scene, self.camera, effects=self.effects)
+        """Effect plan of a scene: its own if objects may occlude others, else that of all scenes.
+
+        Objects that only add light need the same effects in all scenes.
+        """
+        if any(layer.opaque for layer in scene.layers):
+            return plan_effects(scene, self.camera, effects=self.effects)
+        return self.plan
 
     @property
     def block(self) -> tuple[int, int]:

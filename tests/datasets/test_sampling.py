@@ -118,8 +118,7 @@ def overlap(scene, camera):
 
 
 def test_occlusion_is_simulated_in_the_samples_that_have_it(opaque, tiny):
-    assert opaque.planned_by_sample
-    assert not tiny.planned_by_sample
+    assert tiny.plan_of(tiny.draw(np.random.default_rng(1))[0]) is tiny.plan
     occluded = []
     for index in range(8):
         scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
