@@ -10,13 +10,16 @@ import pytest
 from lf_flame import Scene, Sensor, render
 from lf_flame.datasets.config import read_config
 from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import (
     TARGET_ERROR,
-    count_rays,
+    draw_sample,
+    render_drawn,
     render_sample,
     search_slopes,
     simulate_sample,
 )
+from lf_flame.datasets.store import Dataset
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import rendering
 
@@ -64,7 +67,16 @@ def test_direct_images_are_those_of_the_light_field(tiny, kind):
     exact = simulate_sample(replace(config, route="exact"), [-0.7, 0.7], 1)
     for name in ("input", "target"):
         np.testing.assert_allclose(direct[name], exact[name], rtol=0, atol=1e-6)
-    assert sorted(direct["parameters"]["depth_mm"]) == sorted(config.depths_mm)
+
+
+def test_shuffled_depths_are_those_of_the_scene(tiny):
+    config, orders = replace(tiny, shuffled_depths=True), set()
+    for index in range(8):
+        scene, parameters = draw_sample(config, index)
+        depths = tuple(parameters["depth_mm"])
+        assert depths == tuple(layer.depth_mm for layer in scene.layers)
+        orders.add(depths)
+    assert orders == {(10.0, -10.0), (-10.0, 10.0)}
 
 
 def test_targets_are_means_of_the_refocused_light_field(tiny):
@@ -76,20 +88,26 @@ def test_targets_are_means_of_the_refocused_light_field(tiny):
         np.testing.assert_allclose(sample["input"], config.encode(light_field), atol=1e-6)
         blocks = shift_and_sum(light_field, 0.3).reshape(1, 8, 3, 12, 3).mean(axis=(2, 4))
         np.testing.assert_allclose(sample["target"], np.clip(blocks, 0, 1), atol=1e-6)
+    scene, _ = config.draw(None)
+    one, other = (render_drawn(scene, config, config.plan, index).views for index in (0, 1))
+    assert np.abs(one - other).mean() > 1e-3
 
 
 @pytest.mark.slow
-def test_traced_rays_give_the_direct_images(tiny):
+def test_traced_rays_give_the_direct_images(tiny, tmp_path):
     """As many rays as the mean scene needs are traced for every sample."""
-    config, slopes = replace(tiny, route="rays"), [-0.7, 0.7]
-    rays = count_rays(config)
-    assert rays >= 2
-    assert count_rays(tiny) is None
     with patch.object(rendering, "render_plan", wraps=rendering.render_plan) as rendered:
-        traced = simulate_sample(config, slopes, 0, rays)["target"]
-    assert rendered.call_args.args[3:5] == ("rays", rays)
-    error = np.square(traced - simulate_sample(tiny, slopes, 0)["target"]).mean(axis=(1, 2))
+        make_dataset(replace(tiny, route="rays"), 3, tmp_path / "rays.zarr")
+    make_dataset(tiny, 3, tmp_path / "direct.zarr")
+    traced, direct = (Dataset(tmp_path / f"{name}.zarr") for name in ("rays", "direct"))
+    rays = traced.attrs["rays"]
+    assert rays >= 2
+    assert direct.attrs["rays"] is None
+    integrators = [call.args[3:5] for call in rendered.call_args_list]
+    assert integrators[-3:] == [("rays", rays)] * 3
+    error = np.square(traced.targets - direct.targets).mean(axis=(2, 3))
     assert 0 < np.sqrt(error.max()) < 3 * TARGET_ERROR
+    np.testing.assert_allclose(traced.attrs["slopes"], direct.attrs["slopes"], atol=0.01)
 
 
 @pytest.fixture
