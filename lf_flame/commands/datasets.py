@@ -80,6 +80,6 @@ def _check_finished(out: Path, settings: "DatasetConfig", samples: int) -> None:
     found = Dataset(out)
     if found.config != settings or len(found) != samples:
         raise InputError(
-            f"{out} holds a data set of another configuration or size; remove it or choose "
+            f"{out} contains a data set of another configuration or size; remove it or choose "
             f"another folder."
         )
