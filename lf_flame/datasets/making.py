@@ -68,8 +68,8 @@ def make_dataset(
     Raises
     ------
     InputError
-        If `path` exists, the folder in which it is built contains something else, or another process
-        builds it.
+        If `path` exists, the folder in which it is built contains something else, or another
+        process builds it.
     OSError
         If a file cannot be written; finished samples are kept.
 
