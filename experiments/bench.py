@@ -29,7 +29,7 @@ from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import read_config
 from lf_flame.formats import DecodePlan, LensletGrid
 from lf_flame.learning.decoder import build_decoder
-from lf_flame.learning.fitting import SeededEpochs, ShuffledSamples
+from lf_flame.learning.fitting import ShuffledSamples
 from lf_flame.learning.training import compile_for_training
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 
@@ -236,9 +236,7 @@ def training_cases(small: bool) -> Iterator[Case]:
 
 def fit_once(network: keras.Model, batches: ShuffledSamples) -> float:
     """Train for an epoch; the mean loss."""
-    seeded = [SeededEpochs(batches)]
-    fitted = network.fit(batches, epochs=1, verbose=0, shuffle=False, callbacks=seeded)
-    return fitted.history["loss"][0]
+    return network.fit(batches, epochs=1, verbose=0, shuffle=False).history["loss"][0]
 
 
 TASKS = (refocusing_cases, decoding_cases, rendering_cases, training_cases)

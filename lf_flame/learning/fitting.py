@@ -3,8 +3,9 @@
 The folder has ``config.json`` (everything that determines the result), ``checkpoint.npz`` (the
 state after the newest whole epoch that was saved), ``history.csv`` (a row for each epoch) and,
 after each call, ``model.keras`` (the network with the lowest validation loss so far) and
-``run.json`` (the record). The random order of the samples and the dropout depend on seed and epoch
-alone, so that a resumed run ends with the weights of an uninterrupted one.
+``run.json`` (the record). The order of the samples depends on seed and epoch alone, and the state
+includes the generator of the dropout, so that a resumed run ends with the weights of an
+uninterrupted one.
 """
 
 import json
@@ -51,11 +52,12 @@ class Batches(keras.utils.PyDataset):
 
     def __init__(self, seed: int):
         super().__init__()
-        self.seed = seed
+        self.seed, self.epoch = seed, 0
 
-    def begin(self, epoch: int) -> None:
-        """Draw the batches of an epoch."""
-        self.draw(np.random.default_rng([self.seed, epoch]))
+    def on_epoch_begin(self) -> None:
+        """Draw the batches of the next epoch; Keras calls this."""
+        self.epoch += 1
+        self.draw(np.random.default_rng([self.seed, self.epoch]))
 
     def draw(self, rng: np.random.Generator) -> None:
         """Draw what ``self[k]`` gives for each batch k."""
@@ -139,6 +141,7 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
     """Call Keras's `fit` from the first epoch that is missing."""
     fit = run.prepare()
     state.restore(fit.network)
+    fit.batches.epoch = state.epochs_done
     if state.epochs_done:
         progress.tell(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
     else:
@@ -154,29 +157,13 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
             validation_batch_size=VALIDATION_BATCH,
             shuffle=False,  # the batches shuffle
             verbose=0,
-            callbacks=[EpochEnd(run, state, fit.watched, started, bar), SeededEpochs(fit.batches)],
+            callbacks=[EpochEnd(run, state, fit.watched, started, bar)],
         )
     if state.epochs_done < run.epochs:
         progress.tell(
             f"Saved after epoch {state.epochs_done} of {run.epochs}, best so far: epoch "
             f"{state.best_row.epoch}; the same command resumes."
         )
-
-
-class SeededEpochs(keras.callbacks.Callback):
-    """Begin each epoch with batches and dropout that depend on seed and epoch alone."""
-
-    def __init__(self, batches: Batches):
-        super().__init__()
-        self.batches = batches
-
-    def on_epoch_begin(self, epoch, logs=None):
-        """Draw the batches and set the state of each dropout; Keras counts epochs from 0."""
-        self.batches.begin(epoch + 1)
-        rng = np.random.default_rng([self.batches.seed, epoch + 1, 1])
-        for layer in self.model.layers:
-            if isinstance(layer, keras.layers.Dropout):
-                layer.seed_generator.state.assign(rng.integers(1 << 31, size=2))
 
 
 class EpochEnd(keras.callbacks.Callback):

@@ -264,7 +264,7 @@ class Patches(Batches):
 
     def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
         if not self.cuts:  # Keras looks at a batch before the first epoch
-            self.begin(0)
+            self.draw(np.random.default_rng(self.seed))
         return tuple(np.stack([x[cut] for cut in self.cuts[index]]) for x in self.samples)
 
 

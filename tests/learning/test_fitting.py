@@ -98,16 +98,17 @@ def test_the_best_weights_are_kept(tmp_path):
 
 def test_an_epoch_has_every_sample_once_in_the_order_of_seed_and_epoch():
     batches = [ShuffledSamples(INPUTS, np.arange(11), 2, seed) for seed in (3, 3, 4)]
+    batches[1].epoch = 1
     orders = []
-    for one, epoch in zip(batches, (2, 2, 2), strict=True):
-        one.begin(1)
-        one.begin(epoch)
+    for one, calls in zip(batches, (2, 1, 2), strict=True):  # to epoch 2
+        for _ in range(calls):
+            one.on_epoch_begin()
         orders.append(np.concatenate([one[k][1] for k in range(len(one))]))
         assert sorted(orders[-1]) == list(range(11))
         np.testing.assert_array_equal(one[5][0], INPUTS[one[5][1]])
     np.testing.assert_array_equal(orders[0], orders[1])
     assert list(orders[0]) != list(orders[2])
-    batches[0].begin(3)
+    batches[0].on_epoch_begin()
     assert list(batches[0].order) != list(orders[0])
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame._common.config import build
-from lf_flame.learning.fitting import SeededEpochs
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.simulation import rendering
 from lf_flame.systems import training_scenes
@@ -157,7 +156,7 @@ def test_a_network_learns_in_the_steps_of_the_recipe(config):
     optimizer = make_optimizer(recipe)
     system.model.compile(optimizer, "mean_squared_error")
     start, patches = system.model.evaluate(*pair, verbose=0), Patches(*pair, recipe, 1, seed=1)
-    system.model.fit(patches, epochs=2, verbose=0, shuffle=False, callbacks=[SeededEpochs(patches)])
+    system.model.fit(patches, epochs=2, verbose=0, shuffle=False)
     assert int(optimizer.iterations) == 24
     assert float(optimizer.learning_rate) == pytest.approx(0, abs=1e-9)
     assert system.model.evaluate(*pair, verbose=0) < start / 2
@@ -169,7 +168,7 @@ def test_patches_have_the_truth_of_their_place_and_prefer_contrast(rng):
     truth = np.where(np.arange(40)[:, None] < 20, 0.0, places).astype(np.float32)
     recipe = SystemRecipe(epochs=1, steps_per_epoch=50, patch=15, batch_size=4)
     patches = Patches(places, truth, recipe, multiple=4, seed=1)
-    patches.begin(1)
+    patches.on_epoch_begin()
     shown, wanted = (np.concatenate(x) for x in zip(*(patches[k] for k in range(50)), strict=True))
     assert shown.shape == wanted.shape == (200, 12, 12, 1)
     columns = shown[:, 0, 0, 0] % 40
