@@ -53,6 +53,15 @@ def fill(line, start, stop, step, value):
             line[s] = value
 
 
+@njit(fastmath={"reassoc"})
+def times_zero(lines):
+    """Sum of 0 times each number: NaN if one is not finite."""
+    total = zero = lines.dtype.type(0)
+    for s in range(np.uint64(lines.size)):
+        total += zero * lines[s]
+    return total
+
+
 @njit
 def link(row):
     """CHAIN numbers as a tuple, which the compiler keeps in registers."""
@@ -124,8 +133,8 @@ def add_row(total, row, offset, weight, sums, n, top, height):
             sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
-@parallel(lambda bands, blocks: bands * blocks)
-def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, bands, blocks, out):
+@parallel(lambda bad: bad.size)
+def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, bad, out):
     """Weighted sums of shifted views, for several slopes: out[n, t, s].
 
     The image is cut into bands of rows and blocks of columns. Each pixel is the sum over v, in
@@ -137,8 +146,10 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
     at[v, n, i, k], weights[j, v, n, i, k]: position of tap 0 of view (i, k) in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
+    bad[band, block]: whether a pixel that was read is not finite.
     """
     rows, columns, height, width = views.shape
+    bands, blocks = bad.shape
     slopes, taps = len(out), down_weights.shape[2]
     breadth = -(-width // (blocks * channels)) * channels
     wide = -(-(breadth + (len(weights) - 1) * channels) // LANES) * LANES
@@ -149,11 +160,11 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
     sums = np.zeros((slopes, bottom - top, size))
     lines = np.zeros(columns * padded, weights.dtype)
     parts = np.empty(wide, weights.dtype), np.empty(wide, weights.dtype)
-    total = np.empty(size)
+    total, probe = np.empty(size), 0.0
     for v in range(rows):
         if not is_used(used, v):
             continue
-        low, high = height, -1  # rows of which any slope reads
+        low, high = top, bottom - 1  # rows that the band reads; its own are checked in any case
         for n in range(slopes):
             first, last = rows_read(top, bottom, down[v, n], taps, height)
             low, high = min(low, first), max(high, last)
@@ -161,6 +172,7 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
             for u in range(columns):
                 if used[v, u]:
                     cut_line(views[v, u, t], start, reach, channels, lines, u * padded, padded)
+            probe += times_zero(lines)
             for n in range(slopes):
                 first, last = rows_read(top, bottom, down[v, n], taps, height)
                 if first <= t <= last:
@@ -168,6 +180,7 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
                     for j in range(taps):
                         weight = down_weights[v, n, j]
                         add_row(total, t, down[v, n] + j, weight, sums, n, top, height)
+    bad[k // blocks, k % blocks] = np.isnan(probe)
     for n in range(slopes):
         for t in range(bottom - top):
             for s in range(np.uint64(size)):

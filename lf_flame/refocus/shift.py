@@ -195,11 +195,12 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, places, out)
     """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
     precision = np.float64 if views.dtype == np.float64 else np.float32
     plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, places, precision)
+    bad = np.zeros((plan.bands, plan.blocks), bool)
     _kernels.sum_bands(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
-        plan.down_weights, plan.bands, plan.blocks, out,
+        plan.down_weights, bad, out,
     )  # fmt: skip
-    if not np.isfinite(out).all():
+    if bad.any():
         refuse_not_finite(views)
 
 
