@@ -1,10 +1,10 @@
 """Accuracy against time in refocusing: SSIM and PSNR over milliseconds, beside the network.
 
-All methods go from the same light fields in memory to the same images, those of a data set's
-targets, on all cores, one after the other in one process, compiled beforehand. Exact are all views,
-shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped
-edges): nothing is interpolated. (The targets that networks are trained on are linear
-shift-and-sum.)
+All methods go from the same light fields in memory, as separated views or as the raw image of the
+camera, to the same images, those of a data set's targets, on all cores, one after the other in one
+process, compiled beforehand. Exact are all views, shifted by exact phases
+(`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped edges): nothing is
+interpolated. (The targets that networks are trained on are linear shift-and-sum.)
 """
 
 import math
@@ -25,23 +25,26 @@ from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig, read_config
-from lf_flame.datasets.encodings import area_average
 from lf_flame.datasets.sampling import render_sample
+from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import psnr, ssim
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
-NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
-"""Titles of the trained network: from the light field, and without averaging its views."""
+NETWORK = "ResNet-50"
+"""Title of the network from separated views."""
+
+UNTRAINED = "all five stages, random weights, not trained: its time alone is measured"
 
 FAMILIES = {
     "interpolation": ("#0072B2", "osD", ""),
     "central": ("#E69F00", "s", "linear, central views: a smaller aperture"),
     "spread": ("#009E73", "^", "linear, few views over the full aperture"),
+    "raw": ("#56B4E9", "os", ""),
     "storage": ("#CC79A7", "osDv", ""),
     "fourier": ("#000000", "osDv", ""),
-    "network": ("#D55E00", "*P", ""),
+    "network": ("#D55E00", "*oP", ""),
 }
 """Colour and markers of the families of methods; one with words is drawn as a curve."""
 
@@ -64,6 +67,9 @@ def formula_methods(views: int, block: tuple[int, int]) -> Iterator[Method]:
     """Yield the methods that need no training; a block of lenslets is a pixel of the targets."""
     for name in ("nearest", "linear", "cubic"):
         yield Method("interpolation", name, partial(_in_space, interpolation=name))
+    for kind, words in (("float32", ""), ("uint16", " of 16 bits")):
+        yield Method("raw", f"linear, from the raw image{words}", partial(_from_raw, views=views),
+                     partial(_as_raw, kind=kind))  # fmt: skip
     for n in range(2 + views % 2, views, 2):
         middle = slice((views - n) // 2, (views + n) // 2)
         yield Method("central", f"linear, {n} x {n} central views", _in_space,
@@ -90,6 +96,15 @@ def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -
     return images / np.float32(np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1)
 
 
+def _as_raw(views: np.ndarray, kind: str = "float32") -> np.ndarray:
+    return _stored(LightField.trusted(views).to_raw(), kind)
+
+
+def _from_raw(raw: np.ndarray, slopes: np.ndarray, views: int) -> np.ndarray:
+    cells = raw.reshape(len(raw) // views, views, -1, views)
+    return _in_space(cells.transpose(1, 3, 0, 2), slopes)
+
+
 def _chosen(light_field: np.ndarray, views: slice) -> np.ndarray:
     """Cut out some views, as a camera without the others has them in memory."""
     return np.ascontiguousarray(light_field[views, views])
@@ -97,32 +112,56 @@ def _chosen(light_field: np.ndarray, views: slice) -> np.ndarray:
 
 def _stored(views: np.ndarray, kind: str) -> np.ndarray:
     """Store views in fewer bits; where they become whole numbers the sensor saturates at 1."""
-    if kind == "float16":
+    if kind.startswith("float"):
         return views.astype(kind)
     return np.round(np.clip(views, 0, 1) * np.float32(np.iinfo(kind).max)).astype(kind)
 
 
+def shrink(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Average areas so that the last two axes have `size`, by a product that memory limits."""
+    down, across = (n // m for n, m in zip(images.shape[-2:], size, strict=True))
+    rows = images.reshape(*images.shape[:-2], size[0], down, -1)
+    sums = np.ones(down, images.dtype) @ rows
+    return sums.reshape(*sums.shape[:-1], size[1], across).sum(-1) / np.float32(down * across)
+
+
 def network_methods(scenes: HeldOut) -> list[Method]:
-    """Load the trained network, if there is one: from the light field, and from its input alone."""
-    if scenes.run is None:
-        return []
+    """Load the trained network, from views, raw image and input; without a run it is untrained.
+
+    Its time does not depend on its weights. The input is the paper's, the raw image resized.
+    """
     import keras  # here, so that the rest can be measured without loading it
 
+    from lf_flame.models import build_refocus_resnet50
+
+    config, size = scenes.config, scenes.config.image
+    if config.input.kind != "raw":
+        raise InputError(f"The network in {scenes.run} must see the raw image, as in the paper.")
     with keras.device("cpu:0"):
-        model = open_run(scenes.run).load_network()
+        model = (
+            open_run(scenes.run).load_network()
+            if scenes.run
+            else build_refocus_resnet50(size, len(scenes.slopes), "random")
+        )
     model.compile(jit_compile=True)  # XLA: for single images the fastest form there is
 
     def predict(image: np.ndarray, _slopes) -> np.ndarray:
         with keras.device("cpu:0"):
-            return model.predict_on_batch(image[None])[0, ..., 0]
+            return model.predict_on_batch(image[None, ..., None])[0, ..., 0]
+
+    def from_raw(raw: np.ndarray, slopes) -> np.ndarray:
+        return predict(shrink(raw, size), slopes)
 
     def encode(views: np.ndarray) -> np.ndarray:
-        return scenes.config.encode(LightField.trusted(views))
+        pixels = math.prod(config.camera.lenslets)
+        photograph = shrink(views.reshape(-1, pixels), (1, pixels))
+        return shrink(photograph.reshape(config.camera.lenslets), size)
 
-    def refocus(views: np.ndarray, slopes) -> np.ndarray:
-        return predict(encode(views), slopes)
-
-    return [Method("network", NETWORK, refocus), Method("network", ALONE, predict, encode)]
+    return [
+        Method("network", NETWORK, lambda views, slopes: predict(encode(views), slopes)),
+        Method("network", f"{NETWORK}, from the raw image", from_raw, _as_raw),
+        Method("network", f"{NETWORK}, its input given", predict, encode),
+    ]
 
 
 def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
@@ -154,7 +193,7 @@ def _described(scenes: HeldOut) -> dict:
         f"{len(scenes.slopes)} images of {config.image[0]} x {config.image[1]}",
         "samples": scenes.indices,
         "slopes": scenes.slopes,
-        "network": scenes.origin,
+        "network": scenes.origin if scenes.run else UNTRAINED,
     }
 
 
@@ -164,16 +203,18 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
         exact = fourier_refocus(views, slopes, interpolation="sinc", edges="clamp")
-        exact = area_average(exact, size)
+        exact = np.clip(shrink(exact, size), 0, 1)
         for method in methods:
             stored = method.store(views)
 
             def call(method=method, stored=stored) -> np.ndarray:
-                return area_average(method.refocus(stored, slopes), size)
+                return np.clip(shrink(method.refocus(stored, slopes), size), 0, 1)
 
             images, seconds = call(), math.nan
             if index == scenes.indices[0]:
                 seconds = in_turn(call).best[0]
+            if method.family == "network" and scenes.run is None:
+                images = np.full_like(exact, np.nan)  # no score
             row = {"data_set": scenes.config.kind, "family": method.family, "title": method.title}
             yield [
                 row | {"seconds": seconds, "ssim": ssim(*pair), "psnr_db": psnr(*pair)}
@@ -206,7 +247,7 @@ def write(out: Path, record: dict) -> Path:
     table = pd.DataFrame(record["methods"])
 
     def decibels(value: float) -> str:
-        return f"{value:.1f}" if math.isfinite(value) else "exact"
+        return {math.inf: "exact"}.get(value, "" if math.isnan(value) else f"{value:.1f}")
 
     headings = {
         "data_set": ("data set", ""),
@@ -224,12 +265,13 @@ def write(out: Path, record: dict) -> Path:
     ]
     body = [
         "\n".join(lines),
-        f"""Time: from a light field in memory to the finished images, the fastest of a few runs,
-compiled beforehand, on {record["threads"]} threads, without a graphics card. Score: against exact
-phases of all views, averaged and clipped like the targets of the data sets, over samples that no
-network was trained on. PSNR is that of the mean squared error of all images; worst is a single
-image. Central views are those of a smaller aperture, with its greater depth of field; those over
-the full aperture are what a camera with few views has, and show ghosts.""",
+        f"""Time: from separated views in memory, or from the raw image, to the finished images, the
+fastest of a few runs, compiled beforehand, on {record["threads"]} threads, without a graphics card;
+the network sees one image at a time, and averaging the views or the raw image to its input counts.
+Score: against exact phases of all views, averaged and clipped like the targets of the data sets,
+over samples that no network was trained on. PSNR is that of the mean squared error of all images;
+worst is a single image. Central views are those of a smaller aperture, with its greater depth of
+field; those over the full aperture are what a camera with few views has, and show ghosts.""",
         "![PSNR and SSIM over milliseconds](refocusing.png)",
         markdown(table, headings),
     ]
@@ -242,15 +284,17 @@ the full aperture are what a camera with few views has, and show ghosts.""",
 def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
     """Draw PSNR and 1 - SSIM over milliseconds, one column for each data set.
 
-    Few views are curves that end at all views; the exact result itself is left out.
+    Few views are curves that end at all views; the exact result itself is left out. Lines show
+    the times of a network that was not trained.
     """
     picture, axes = subplots(
         2, len(scenes), figsize=(6.0 * len(scenes), 10.5), sharex=True, sharey="row",
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    table = table[np.isfinite(table["psnr_db"])].assign(distance=1 - table["ssim"])
+    scored = table[np.isfinite(table["psnr_db"])].assign(distance=1 - table["ssim"])
+    table = table[table["psnr_db"].isna()]
     for name, column in zip(scenes, axes.T, strict=True):
-        rows = table[table["data_set"] == name]
+        rows, lines = (some[some["data_set"] == name] for some in (scored, table))
         whole = rows[rows["title"] == "linear"]
         for axis, score in zip(column, ("psnr_db", "distance"), strict=True):
             for family, (colour, markers, words) in FAMILIES.items():
@@ -263,6 +307,9 @@ def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
                 for row, marker in zip(some.to_dict("records"), markers, strict=False):
                     axis.plot(row["milliseconds"], row[score], marker, color=colour,
                               label=row["title"], markersize=9)  # fmt: skip
+            for row, style in zip(lines.to_dict("records"), ("--", "-", "-."), strict=False):
+                axis.axvline(row["milliseconds"], color=FAMILIES["network"][0], linestyle=style,
+                             linewidth=1, label=f"{row['title']}, not scored")  # fmt: skip
             axis.axvline(40, color="0.5", linewidth=0.8, linestyle=":")
             axis.grid(which="major", alpha=0.25)
         column[0].set_title(f"{name}: {scenes[name]['light_field']}", fontsize=9)
