@@ -32,16 +32,14 @@ from lf_flame.learning.scores import psnr, ssim
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
-NETWORK = "ResNet-50"
-"""Title of the network from separated views."""
-
-UNTRAINED = "all five stages, random weights, not trained: its time alone is measured"
+NETWORK, UNTRAINED = "ResNet-50", "all five stages, random weights, not trained: only time counts"
+"""Title of the network from separated views, and what stands for its origin without a run."""
 
 FAMILIES = {
     "interpolation": ("#0072B2", "osD"),
-    "raw": ("#56B4E9", "os"),
+    "raw": ("#56B4E9", "osD"),
     "few": ("#009E73", "o^sD"),
-    "storage": ("#CC79A7", "osD"),
+    "binned": ("#CC79A7", "o"),
     "fourier": ("#000000", "os"),
     "network": ("#D55E00", "*oP"),
 }
@@ -66,17 +64,16 @@ def formula_methods(views: int, block: tuple[int, int]) -> Iterator[Method]:
     """Yield the methods that need no training; a block of lenslets is a pixel of the targets."""
     for name in ("nearest", "linear", "cubic"):
         yield Method("interpolation", name, partial(_in_space, interpolation=name))
-    for kind, words in (("float32", ""), ("uint16", " of 16 bits")):
+    for bits, words in ((0, ""), (16, " of 16 bits"), (8, " of 8 bits")):
         yield Method("raw", f"linear, from the raw image{words}", partial(_from_raw, views=views),
-                     partial(_as_raw, kind=kind))  # fmt: skip
+                     partial(_as_raw, bits=bits))  # fmt: skip
     for step in (k for k in range(views - 1, 1, -1) if (views - 1) % k == 0):
         n = (views - 1) // step + 1
         yield Method("few", f"linear, {n} x {n} views over the full aperture",
-                     partial(_in_space, step=step), partial(_every, step=step))  # fmt: skip
-    for kind in ("uint16", "uint8"):
-        yield Method("storage", f"linear, stored as {kind}", _in_space, partial(_stored, kind=kind))
+                     partial(_in_space, step=step),
+                     lambda views, step=step: views[::step, ::step].copy())  # fmt: skip
     if block[0] == block[1] > 1:
-        yield Method("storage", f"linear, stored {block[0]} x {block[1]} binned",
+        yield Method("binned", f"linear, stored {block[0]} x {block[1]} binned",
                      partial(_in_space, step=1 / block[0]),
                      partial(downscale_local_mean, factors=(1, 1, *block)))  # fmt: skip
     yield Method("fourier", "exact phases", partial(fourier_refocus, edges="clamp"))
@@ -88,25 +85,16 @@ def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -
     return images / np.float32(np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1)
 
 
-def _as_raw(views: np.ndarray, kind: str = "float32") -> np.ndarray:
-    return _stored(LightField.trusted(views).to_raw(), kind)
+def _as_raw(views: np.ndarray, bits: int = 0) -> np.ndarray:
+    """Join views to a raw image: float32, or whole numbers of some bits that saturate at 1."""
+    raw = LightField.trusted(views).to_raw()
+    whole = np.round(np.clip(raw, 0, 1) * np.float32(2**bits - 1))
+    return whole.astype(f"uint{bits}") if bits else raw
 
 
 def _from_raw(raw: np.ndarray, slopes: np.ndarray, views: int) -> np.ndarray:
     cells = raw.reshape(len(raw) // views, views, -1, views)
     return _in_space(cells.transpose(1, 3, 0, 2), slopes)
-
-
-def _every(views: np.ndarray, step: int) -> np.ndarray:
-    """Keep few views, as a camera without the others has them in memory."""
-    return np.ascontiguousarray(views[::step, ::step])
-
-
-def _stored(values: np.ndarray, kind: str) -> np.ndarray:
-    """Store values in whole numbers, where the sensor saturates at 1, or leave them in float32."""
-    if kind == "float32":
-        return values
-    return np.round(np.clip(values, 0, 1) * np.float32(np.iinfo(kind).max)).astype(kind)
 
 
 def shrink(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -129,20 +117,14 @@ def network_methods(scenes: HeldOut) -> list[Method]:
     config, size = scenes.config, scenes.config.image
     if config.input.kind != "raw":
         raise InputError(f"The network in {scenes.run} must see the raw image, as in the paper.")
+    build = partial(build_refocus_resnet50, size, len(scenes.slopes), "random")
     with keras.device("cpu:0"):
-        model = (
-            open_run(scenes.run).load_network()
-            if scenes.run
-            else build_refocus_resnet50(size, len(scenes.slopes), "random")
-        )
+        model = open_run(scenes.run).load_network() if scenes.run else build()
     model.compile(jit_compile=True)  # XLA: for single images the fastest form there is
 
     def predict(image: np.ndarray, _slopes) -> np.ndarray:
         with keras.device("cpu:0"):
             return model.predict_on_batch(image[None, ..., None])[0, ..., 0]
-
-    def from_raw(raw: np.ndarray, slopes) -> np.ndarray:
-        return predict(shrink(raw, size), slopes)
 
     def encode(views: np.ndarray) -> np.ndarray:
         pixels = math.prod(config.camera.lenslets)
@@ -150,18 +132,18 @@ def network_methods(scenes: HeldOut) -> list[Method]:
         return shrink(photograph.reshape(config.camera.lenslets), size)
 
     return [
-        Method("network", NETWORK, lambda views, slopes: predict(encode(views), slopes)),
-        Method("network", f"{NETWORK}, from the raw image", from_raw, _as_raw),
+        Method("network", NETWORK, lambda views, _: predict(encode(views), _)),
+        Method("network", f"{NETWORK}, from the raw image",
+               lambda raw, _: predict(shrink(raw, size), _), _as_raw),
         Method("network", f"{NETWORK}, its input given", predict, encode),
-    ]
+    ]  # fmt: skip
 
 
 def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
     """Measure all methods on data sets, by default the paper's, and the networks RUN/KIND."""
     started, rows = time.perf_counter(), []
     found = [
-        find_scenes(config, run / config.kind)
-        for config in configs or [read_config(path) for path in DATA_SETS]
+        find_scenes(config, run / config.kind) for config in configs or map(read_config, DATA_SETS)
     ]
     with set_workers(numba.get_num_threads()):
         for scenes in found:
@@ -273,10 +255,7 @@ worst is a single image. Few views over the full aperture show ghosts.""",
 
 
 def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
-    """Draw PSNR over milliseconds, without the exact result, one panel for each data set.
-
-    Upright lines are the times of a network that was not trained.
-    """
+    """Draw PSNR over milliseconds, without the exact result, one panel for each data set."""
     picture, axes = subplots(
         1, len(scenes), figsize=(6.0 * len(scenes), 6.5), sharex=True, sharey=True,
         squeeze=False, layout="constrained",
@@ -288,10 +267,6 @@ def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
             for row, marker in zip(some, markers, strict=False):
                 axis.plot(row["milliseconds"], row["psnr_db"], marker, color=colour,
                           label=row["title"], markersize=8)  # fmt: skip
-        untrained = table[(table["data_set"] == name) & table["psnr_db"].isna()]
-        for row, style in zip(untrained.to_dict("records"), ("--", "-", ":"), strict=False):
-            axis.axvline(row["milliseconds"], color=FAMILIES["network"][0], linestyle=style,
-                         linewidth=1, label=f"{row['title']}, not trained")  # fmt: skip
         axis.set_title(f"{name}: {scene['light_field']}", fontsize=9)
         axis.set_xlabel("milliseconds on all cores")
         axis.grid(which="major", alpha=0.25)
