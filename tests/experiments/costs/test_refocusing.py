@@ -52,7 +52,7 @@ def run(config, tmp_path_factory):
         "seed": 1,
         "split": [0.5, 0.25, 0.25],
         "model": {"backbone_depth": "none"},
-        "presets": {"smoke": {"epochs": 1, "neck": "positions"}},
+        "presets": {"smoke": {"epochs": 1}},
     }
     training = build(TrainingConfig, values, "here")
     train(training, "smoke", folder / "shapes.zarr", folder / "shapes")
