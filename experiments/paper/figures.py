@@ -1,20 +1,71 @@
-"""Figures 7 and 8 of the paper, sharpness against slope, and how networks learn."""
+"""Figures 5 to 8 of the paper, sharpness against slope, and how networks learn."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.ticker import StrMethodFormatter
+from matplotlib.transforms import Affine2D
 from scipy.ndimage import uniform_filter
 
 from lf_flame._common.figures import subplots
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
 from lf_flame.refocus.figures import draw_searches, shown_slope
 
 LENSLETS_ENLARGED = 12
 """Number of lenslets along each side of the part of the raw image that is shown enlarged."""
+
+
+def setup_figure(config: DatasetConfig):
+    """Draw Figure 5 or 6 of the paper: the mean scene's objects at their depths, and the camera.
+
+    An oblique view; light runs to the right. Planes are as large as the field at the focal plane.
+    Lengths along the axis have another scale than those across, behind the main lens none.
+    """
+    camera, (scene, _), depths = config.camera, config.draw(None), np.array(config.depths_mm)
+    height, width = camera.field_mm(0.0)
+    figure, axis = subplots(figsize=(12, 3.6), layout="constrained")
+    step = 0.48 * width
+    focal, *places = 3 * step * (depths.max() - [0.0, *depths]) / max(np.ptp(depths), 1e-9)
+    lens, array, sensor = 4.6 * step, 5.7 * step, 6.2 * step
+
+    def oblique(place: float):
+        """Turn (right, up) in a plane at a place of the axis into the drawing."""
+        return Affine2D([[0.35, 0, place], [0.15, 1, 0], [0, 0, 1]]) + axis.transData
+
+    def draw_plane(place: float, color: str, label: str) -> None:
+        frame = Rectangle((-width / 2, -height / 2), width, height, fc=color, ec="0.4")
+        axis.add_patch(frame).set_transform(oblique(place))
+        axis.text(place, 0.75 * height, label, ha="center", va="bottom")
+
+    for layer, item, place in zip(scene.layers, config.template.objects, places, strict=True):
+        draw_plane(place, "black", f"{item.name}\n{layer.depth_mm:g} mm")
+        (down, right), (h, w) = layer.centre_mm, layer.size_mm
+        axis.imshow(
+            layer.texture, cmap="gray", vmin=0, vmax=1, transform=oblique(place), zorder=1.5,
+            extent=(right - w / 2, right + w / 2, -down - h / 2, h / 2 - down),
+        )  # fmt: skip
+    glass = Ellipse((0, 0), height, height, fc="lightblue", ec="C0")
+    axis.add_patch(glass).set_transform(oblique(lens))
+    axis.text(lens, 0.75 * height, "main lens", ha="center", va="bottom")
+    draw_plane(array, "lightblue", "MLA")
+    draw_plane(sensor, "0.85", "sensor")
+    axis.plot([-0.6 * step, sensor], [0, 0], "--", color="C1", lw=1, label="optical axis")
+    for start, end, mm in (
+        (focal, lens, camera.focus_distance_mm),
+        (lens, array, camera.image_distance_mm),
+        (array, sensor, camera.lenslet_focal_mm),
+    ):
+        ends = {"xy": (start, -0.8 * height), "xytext": (end, -0.8 * height)}
+        axis.annotate("", **ends, arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0})
+        axis.text((start + end) / 2, -0.83 * height, f"{mm:.5g} mm", ha="center", va="top")
+    axis.set(xlim=(-0.7 * step, sensor + 0.5 * step), ylim=(-1.1 * height, 1.2 * height), aspect=1)
+    axis.axis("off")
+    axis.legend(loc="lower left", frameon=False)
+    return figure
 
 
 def enlarged_part(views: np.ndarray) -> tuple[int, int]:
@@ -122,7 +173,6 @@ def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFram
     """Draw validation PSNR against epochs, a panel for each table, a colour for each recipe.
 
     Each panel holds the histories of its runs by recipe, and the PSNR values that the paper prints.
-    A run without epochs is a dashed level.
     """
     figure, axes = subplots(
         1, len(panels), figsize=(6.5 * len(panels), 5), squeeze=False, layout="constrained"
@@ -132,10 +182,7 @@ def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFram
         for k, (recipe, histories) in enumerate(recipes.items()):
             for number, history in enumerate(histories):
                 style = {"color": f"C{k}", "label": None if number else recipe}
-                if len(history) == 1:
-                    axis.axhline(history.val_psnr_db.item(), ls="--", lw=1, **style)
-                else:
-                    axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
+                axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
         axis.set(xlabel="epochs", ylabel="PSNR of the validation split (dB)")
         axis.set_title(title, fontsize=11)
         axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))

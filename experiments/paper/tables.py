@@ -1,8 +1,9 @@
 """Tables I and II: one run beside the printed values, and several runs side by side.
 
 A results folder holds ``table1.json`` and ``table2.json``, the records that
-`experiments.paper.evaluation` writes, and ``table1_history.csv`` and ``table2_history.csv``, the
-validation scores of each epoch.
+`experiments.paper.evaluation` writes, ``table1_history.csv`` and ``table2_history.csv``, the
+validation scores of each epoch, and ``table1_baselines.json`` and ``table2_baselines.json``, the
+scores of images that need no network.
 """
 
 import math
@@ -23,15 +24,30 @@ from lf_flame.learning.scores import FOREGROUND, standard_deviation
 
 TABLES = ("table1", "table2")
 
+COMMITTED = Path(__file__).parents[1] / "results"
+"""Folder of the results that come with the checkout."""
+
+
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
     "n_test", "psnr_foreground_db", "psnr_foreground_sd",
 ]  # fmt: skip
 
 COMPARED = [
-    "run", "n_seeds", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd",
-    "paper_ssim", "paper_psnr_db",
+    "source", "run", "n_seeds", "epochs", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db",
+    "psnr_seed_sd", "paper_ssim", "paper_psnr_db",
 ]  # fmt: skip
+
+NETWORKS = {
+    "imagenet": "ResNet-50 (ImageNet)",
+    "random": "ResNet-50 (random weights)",
+    "resnet50_imagenet_conv1-conv4.npz": "ResNet-50 (ImageNet)",
+    "resnet50_pruned_8bit_keras_names.npz": "pruned 8-bit ResNet-50 (ImageNet)",
+}
+"""Backbone by the weights in a record; any other file is called by its name."""
+
+STAGES = {"conv3": "first three stages", "conv4": "first four stages", "conv5": "all five stages"}
+DROPOUT = {"image": "", "vector": ", dropout on the vector", "none": ", no dropout"}
 
 SETTLED = 50
 """Number of epochs over which a validation score is averaged, to compare two parts of a run."""
@@ -58,7 +74,7 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 
 
 def result_markdown(record: dict, paper: dict) -> str:
-    """Write the record of one run as Markdown: its scores, baselines, and SSIM by window."""
+    """Write the record of one run as Markdown: its scores, and SSIM by window."""
     rows = pd.DataFrame(record["table"])
     table = pd.DataFrame(
         {
@@ -75,16 +91,7 @@ def result_markdown(record: dict, paper: dict) -> str:
             ),
         }
     )
-    cells = [
-        "{ssim:.3f} / {psnr_db:.2f} / {psnr_foreground_db:.2f}".format(**row)
-        for row in record["baselines"]
-    ]
     depths = [f"{z:g} mm" for z in paper["depth_mm"]]
-    names = [row["baseline"] for row in record["baselines"][:: len(depths)]]
-    baselines = [
-        {"baseline": name} | dict(zip(depths, cells[k * len(depths) :], strict=False))
-        for k, name in enumerate(names)
-    ]
     windows = [
         {"window": name} | {z: f"{x:.4f}" for z, x in zip(depths, row, strict=True)}
         for name, row in record["ssim_by_window"].items()
@@ -99,9 +106,6 @@ def result_markdown(record: dict, paper: dict) -> str:
             f"Preset {record['preset']}: {epochs_in_words(record)}; seed {record['seed']}; "
             f"backbone weights: {record['backbone_weights']}; {start}epochs "
             f"{record['train_s']:.0f} s on {_machine(record)}.",
-            "Without a network, SSIM / PSNR (dB) / PSNR of the foreground (dB) on the same test "
-            "samples:",
-            markdown(baselines),
             "SSIM of the same images with other windows:",
             markdown(windows),
         ]
@@ -141,6 +145,11 @@ class Result:
         data = self.record.get("dataset", {}).get("config")
         return self.folder.resolve().parent, self.weights, *map(self.record.get, RECIPE), data
 
+    @property
+    def committed(self) -> bool:
+        """Whether the folder came with the checkout."""
+        return self.folder.resolve().parent == COMMITTED
+
 
 def read_result(folder: Path, name: str, run: str) -> Result | None:
     """Read a table of a results folder; None if there is none."""
@@ -152,14 +161,31 @@ def read_result(folder: Path, name: str, run: str) -> Result | None:
     missing = [key for key in needed if key not in record]
     if missing:
         raise InputError(f"{path} is damaged: it must hold {', '.join(missing)}.")
-    depths = [row["depth_mm"] for row in record["table"]]
-    scored = all(isinstance(row.get("ssim"), float | int) for row in record["table"])
-    if depths != read_paper_values(name)["depth_mm"] or not scored:
+    _check_planes(record["table"], name, path)
+    learning = read_history(history, record["epochs"]) if history.exists() else None
+    return Result(run, folder, record, learning)
+
+
+def read_baselines(folders: Sequence[Path], name: str) -> dict[str, list[dict]]:
+    """Read the scores without a network, rows by baseline, of the first folder that has them."""
+    for folder in folders:
+        path = folder / f"{name}_baselines.json"
+        if path.exists():
+            found = read_record(path).get("baselines")
+            if not isinstance(found, dict):
+                raise InputError(f"{path} is damaged: it must hold baselines.")
+            for rows in found.values():
+                _check_planes(rows, name, path)
+            return found
+    return {}
+
+
+def _check_planes(rows: list[dict], name: str, path: Path) -> None:
+    scored = all(isinstance(row.get("ssim"), float | int) for row in rows)
+    if [row.get("depth_mm") for row in rows] != read_paper_values(name)["depth_mm"] or not scored:
         raise InputError(
             f"{path} is damaged: its table must have the depths of the paper, with SSIM."
         )
-    learning = read_history(history, record["epochs"]) if history.exists() else None
-    return Result(run, folder, record, learning)
 
 
 def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
@@ -176,25 +202,49 @@ def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
     return pools
 
 
-def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
-    """Tabulate each pool and plane beside the printed values; columns as in `COMPARED`.
+def title_of(pool: Sequence[Result]) -> str:
+    """Name a row by what was run: backbone, dropout, input, preset and seeds, from the record."""
+    first, record = pool[0], pool[0].record
+    file = re.sub(r" \(sha256 \w+\)", "", first.weights)
+    name, _, depth = file.rpartition(", ")
+    network = f"{NETWORKS.get(name, f'ResNet-50 ({name})')}, {STAGES.get(depth, depth)}"
+    place = record["model"].get("dropout_place") or record["recipe"].get("dropout_place", "image")
+    kind = record.get("dataset", {}).get("config", {}).get("input", {}).get("kind", "raw")
+    return "".join([
+        "reference: " if first.committed else f"this run, {first.folder}: ",
+        network if name else file, DROPOUT[place], "" if kind == "raw" else f", input {kind}",
+        "" if record["preset"] == "paper" else f", preset {record['preset']}",
+        f", {len(pool)} seeds" if len(pool) > 1 else "",
+    ])  # fmt: skip
+
+
+def compare_table(
+    pools: Sequence[list[Result]], paper: dict, baselines: dict[str, list[dict]] | None = None
+) -> pd.DataFrame:
+    """Tabulate each baseline, pool and plane beside the printed values; columns as in `COMPARED`.
 
     Scores are means over the seeds, spreads their standard deviations (n - 1).
     """
+    entries = [(name, name, 0, math.nan, [rows]) for name, rows in (baselines or {}).items()]
+    entries += [
+        (title_of(pool), pool[0].run, len(pool), pool[0].record["epochs"],
+         [result.record["table"] for result in pool])
+        for pool in pools
+    ]  # fmt: skip
     blocks = [pd.DataFrame(columns=COMPARED)]
-    for pool in pools:
+    for source, run, count, epochs, tables in entries:
         rows = [
             (row["depth_mm"], row["ssim"], math.inf if row["psnr_db"] is None else row["psnr_db"])
-            for result in pool
-            for row in result.record["table"]
+            for table in tables
+            for row in table
         ]
         scores = pd.DataFrame(rows, columns=["depth_mm", "ssim", "psnr_db"])
         seeds = scores.groupby("depth_mm", sort=False)
         spreads = seeds.agg(standard_deviation).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
         block = seeds.mean().join(spreads).reset_index()
         block = block.assign(
-            run=pool[0].run, n_seeds=len(pool), object=paper["object"], paper_ssim=paper["ssim"],
-            paper_psnr_db=paper["psnr_db"],
+            source=source, run=run, n_seeds=count, epochs=epochs, object=paper["object"],
+            paper_ssim=paper["ssim"], paper_psnr_db=paper["psnr_db"],
         )  # fmt: skip
         blocks.append(block[COMPARED])
     return pd.concat(blocks[1:] or blocks)
@@ -225,31 +275,32 @@ def tabulate_learning(results: Sequence[Result]) -> pd.DataFrame:
 def comparison_markdown(
     table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict, missing: Sequence[str]
 ) -> list[str]:
-    """Write a comparison as paragraphs of Markdown: a column for each pool, and its origin."""
-    columns = {
-        "depth (mm)": [f"{z:g}" for z in paper["depth_mm"]],
-        "object": paper["object"],
-        "printed": [f"{s:g} / {p:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)],
-    }
-    for pool in pools:
-        rows = table[table["run"] == pool[0].run]
-        columns[_title(pool)] = [
-            _cell(*row) for row in rows.loc[:, "ssim":"psnr_seed_sd"].to_numpy()
-        ]
+    """Write a comparison as paragraphs of Markdown: a row for each source, and its origin."""
+    planned = f"{paper['epochs']:,}"
+    depths = [
+        f"{z:g} mm, {name}" for z, name in zip(paper["depth_mm"], paper["object"], strict=True)
+    ]
+    printed = [f"{p:g}, {s:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)]
+    rows = [["printed in the paper", planned, *printed]]
+    for (source, _), block in table.groupby(["source", "run"], sort=False):
+        epochs = block.epochs.iloc[0]
+        cells = [_cell(*row) for row in block.loc[:, "ssim":"psnr_seed_sd"].to_numpy()]
+        length = "none" if math.isnan(epochs) else f"{epochs:,.0f} of {planned}"
+        rows.append([source, length, *cells])
     parts = [
         f"## {paper['title']}",
-        "SSIM / PSNR (dB), means over the test split; ±: standard deviation over the seeds.",
-        markdown(pd.DataFrame(columns)),
+        "PSNR (dB), SSIM: means over the test split; ±: standard deviation over the seeds.",
+        markdown(pd.DataFrame(rows, columns=["source", "epochs", *depths])),
     ]
+    parts += [_progress(pool[0], paper["epochs"]) for pool in pools if not pool[0].committed]
     if pools:
-        parts.append("\n".join(f"- {_title(pool)}: {_describe(pool)}" for pool in pools))
+        parts.append("\n".join(f"- {title_of(pool)}: {_describe(pool)}" for pool in pools))
     if missing:
         parts.append(f"No finished run of this table: {', '.join(missing)}.")
     learning = tabulate_learning([result for pool in pools for result in pool])
     if len(learning):
         parts += [
-            "How the networks learnt. PSNR is that of the validation split. Seconds count from the "
-            "start of the run; compare them on one machine only. Gain: mean PSNR of the last "
+            "How the networks learnt, by the PSNR of the validation split. Gain: mean of the last "
             f"{SETTLED} epochs, less that of the {SETTLED} epochs before the middle of the run.",
             markdown(learning, {
                 "run": ("run", ""), "machine": ("machine", ""), "epochs": ("epochs", ","),
@@ -260,21 +311,35 @@ def comparison_markdown(
     return parts
 
 
-def _title(pool: list[Result]) -> str:
-    seeds = f", {len(pool)} seeds" if len(pool) > 1 else ""
-    epochs = pool[0].record["epochs"]
-    return f"{pool[0].run}{seeds}" + (f", {epochs:,} epochs" if epochs else "")
+def _progress(result: Result, planned: int) -> str:
+    """Say in one sentence how far a run has come, and how long all of the paper's epochs take."""
+    epochs, seconds = result.record["epochs"], result.record["train_s"]
+    if epochs >= planned:
+        return f"The run in {result.folder} has trained for all {planned:,} epochs of the paper."
+    return (
+        f"The run in {result.folder} has trained for {epochs:,} of the paper's {planned:,} epochs, "
+        f"in {_duration(seconds)}; all {planned:,} take {_duration(seconds / epochs * planned)} on "
+        f"{_machine(result.record)}. The same command continues it, MINUTES=0 to the last epoch."
+    )
+
+
+def _duration(seconds: float) -> str:
+    for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.0f} seconds"
 
 
 def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
+    digits = 4 if ssim >= 0.999 else 3
     if math.isnan(ssim_sd):
-        return f"{ssim:.3f} / {psnr:.2f}"
-    return f"{ssim:.3f} ± {ssim_sd:.3f} / {psnr:.2f} ± {psnr_sd:.2f}"
+        return f"{psnr:.2f}, {ssim:.{digits}f}"
+    return f"{psnr:.2f} ± {psnr_sd:.2f}, {ssim:.{digits}f} ± {ssim_sd:.3f}"
 
 
 def _describe(pool: list[Result]) -> str:
     first = pool[0]
-    seeds = f"seed {first.record['seed']}"
+    seeds = f"seed {first.record['seed']} ({first.run})"
     if len(pool) > 1:
         listed = sorted(pool, key=lambda result: result.record["seed"])
         seeds = "seeds " + ", ".join(f"{one.record['seed']} ({one.run})" for one in listed)
@@ -282,6 +347,14 @@ def _describe(pool: list[Result]) -> str:
         f"{seeds}; preset {first.record['preset']}, {epochs_in_words(first.record)}; backbone "
         f"weights: {first.weights}"
     )
+
+
+LINEAR = (
+    "Linear: a ridge regression from the network's own picture to the images, no network. On these "
+    "scenes the images are a linear function of the picture, which the network approaches slowly "
+    "(at 0 mm the picture is the image). What a network adds would show only where that is not so, "
+    "as where objects change places: the depth permutation test."
+)
 
 
 def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
@@ -298,19 +371,20 @@ def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
             raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
     names = [folder.resolve().name for folder in folders]
     runs = names if len(set(names)) == len(names) else [str(folder) for folder in folders]
-    parts, tables, learning, panels = [], [], [], {}
+    parts, tables, learning, panels = [LINEAR], [], [], {}
     for name in TABLES:
         paper = read_paper_values(name)
         found = [read_result(f, name, run) for f, run in zip(folders, runs, strict=True)]
         missing = [run for run, result in zip(runs, found, strict=True) if result is None]
         results = [result for result in found if result is not None]
         pools = pool_seeds(results)
-        table = compare_table(pools, paper)
+        table = compare_table(pools, paper, read_baselines(folders, name))
         parts += comparison_markdown(table, pools, paper, missing)
         tables.append(table.assign(table=name))
         learning.append(tabulate_learning(results).assign(table=name))
         curves = {
-            _title(pool): [one.history for one in pool if one.history is not None] for pool in pools
+            title_of(pool): [one.history for one in pool if one.history is not None]
+            for pool in pools
         }
         panels[paper["title"]] = curves, paper["psnr_db"]
     if out is None:
