@@ -330,6 +330,7 @@ def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
         axes[1].set_xscale("symlog", linthresh=min((x for x in ticks if x > 0), default=1.0))
         axes[1].set_xticks(ticks, [f"{x:,g}" for x in ticks])
         axes[1].set_xlabel(study.x)
+        axes[0].set_ylim(top=min(axes[0].get_ylim()[1], 100))  # rounding lies beyond
     figure.suptitle(study.title, fontsize=11)
     handles = axes[0].get_legend_handles_labels()
     figure.legend(*handles, ncols=4, fontsize=9, loc="outside lower center")
