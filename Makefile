@@ -93,9 +93,9 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml 
 	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
 $(RESULTS)/table1_baselines.json: $(DATA)/shapes.zarr/zarr.json experiments/shapes.toml | $(VENV)/installed
-	@$(EXPERIMENT) baselines $(DATA)/shapes.zarr --config experiments/shapes.toml --table table1 --out $(RESULTS) $(SEEDED) >/dev/null
+	@$(EXPERIMENT) baselines $(DATA)/shapes.zarr experiments/shapes.toml --out $(RESULTS) $(SEEDED) >/dev/null
 $(RESULTS)/table2_baselines.json: $(DATA)/flames.zarr/zarr.json experiments/flames.toml | $(VENV)/installed
-	@$(EXPERIMENT) baselines $(DATA)/flames.zarr --config experiments/flames.toml --table table2 --out $(RESULTS) $(SEEDED) >/dev/null
+	@$(EXPERIMENT) baselines $(DATA)/flames.zarr experiments/flames.toml --out $(RESULTS) $(SEEDED) >/dev/null
 
 # What measures time wants a machine that does nothing else; other experiments are commands of
 # `python -m experiments` (see experiments/README.md).

@@ -64,15 +64,13 @@ def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
 
 @cloup.command()
 @click.argument("data", type=FOLDER)
-@click.option("--config", type=FILE, required=True, help="Training whose split and seed to use.")
-@click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
+@click.argument("config", type=FILE)
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 @click.option("--seed", type=SEED, help="Seed of the split, in place of CONFIG's.")
-def baselines(data: Path, config: Path, table: str, out: Path, seed: int | None) -> None:
-    """Score the test split of a DATA set without a network.
+def baselines(data: Path, config: Path, out: Path, seed: int | None) -> None:
+    """Score the mean training image, and a ridge regression, on the test split of a DATA set.
 
-    The mean training image, and a ridge regression from the picture to the images. OUT gets
-    TABLE_baselines.csv, .md and .json.
+    CONFIG is the training whose split is used. OUT gets TABLE_baselines.csv, .md and .json.
     """
     load_keras()
     from experiments.paper.evaluation import baseline_report
@@ -80,7 +78,7 @@ def baselines(data: Path, config: Path, table: str, out: Path, seed: int | None)
 
     settings = read_training_config(config)
     settings = settings if seed is None else replace(settings, seed=seed)
-    click.echo(baseline_report(data, settings, table, out))
+    click.echo(baseline_report(data, settings, out))
 
 
 @cloup.command()

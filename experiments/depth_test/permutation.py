@@ -37,10 +37,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
 
-COLUMNS = [
-    "scenario", "system", "depth_mm", "psnr_db", "psnr_sd", "psnr_foreground_db", "ssim", "ssim_sd",
-    "share_memorised",
-]  # fmt: skip
+COLUMNS = ["scenario", "system", "psnr_db", "psnr_foreground_db", "ssim", "share_memorised"]
 
 
 @dataclass(frozen=True)
@@ -100,35 +97,18 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
     return config, first.attrs["slopes"], {**systems, **networks, **linear}, records
 
 
-def score_scenario(drawn: dict, reference: np.ndarray, trained: np.ndarray, depths_mm: Sequence):
-    """Score the images (n, planes, h, w) of systems; a depth of NaN is the mean over the planes."""
-    tables = []
-    for system, images in drawn.items():
-        scores = score(reference, images)
-        rows = pd.concat([scores, scores.mean().to_frame().T])
-        shares = share_memorised(images, reference, trained, planes=True)
-        share = share_memorised(images, reference, trained)
-        tables.append(rows.assign(
-            system=system, depth_mm=[*depths_mm, np.nan], share_memorised=[*shares, share]
-        ))  # fmt: skip
-    return pd.concat(tables)
-
-
-def share_memorised(predicted, reference, trained, planes: bool = False):
-    """Find the share of the scene as trained that a system draws, also of each plane alone.
-
-    NaN if the scenes are equal. Images have the shape (n, planes, h, w).
-    """
-    way, axes = (trained - reference).astype(float), (0, 2, 3) if planes else None
+def share_memorised(predicted, reference, trained):
+    """Find the share of the scene as trained that a system draws; NaN if the scenes are equal."""
+    way = (trained - reference).astype(float)
     with np.errstate(invalid="ignore"):
-        return np.sum((predicted - reference) * way, axes) / np.sum(way**2, axes)
+        return np.sum((predicted - reference) * way) / np.sum(way**2)
 
 
 def run_depth_test(folders: Sequence[Path], out: Path, samples: int) -> Path:
     """Test runs and data sets on `samples` scenes for each scenario, and write the report."""
     config, slopes, systems, records = load_systems(folders)
     everyone = [ShiftAndSum(), *systems.values()]
-    scenarios, tables, trained = make_scenarios(config), [], None
+    scenarios, rows, trained = make_scenarios(config), [], None
     for scenario in step_bar(scenarios):
         stacks = [
             [system.refocus(light_field, slopes, config.block) for system in everyone]
@@ -136,10 +116,11 @@ def run_depth_test(folders: Sequence[Path], out: Path, samples: int) -> Path:
         ]
         reference, *images = np.swapaxes(stacks, 0, 1)
         trained = reference if trained is None else trained  # the first scenario is as trained
-        drawn = dict(zip(systems, images, strict=True))
-        table = score_scenario(drawn, reference, trained, config.depths_mm)
-        tables.append(table.assign(scenario=scenario.name))
-    table = pd.concat(tables)[COLUMNS]
+        for system, drawn in zip(systems, images, strict=True):
+            share = share_memorised(drawn, reference, trained)
+            about = {"scenario": scenario.name, "system": system, "share_memorised": share}
+            rows.append({**score(reference, drawn).mean(), **about})
+    table = pd.DataFrame(rows)[COLUMNS]
     record = {
         "config": to_json(config), "slopes": list(slopes), "samples": samples, "runs": records,
         "scenarios": [vars(scenario) for scenario in scenarios],
@@ -155,7 +136,7 @@ def report_body(
     table: pd.DataFrame, scenarios: Sequence[DepthScenario], config: DatasetConfig, samples: int
 ) -> list[str]:
     """Write the table and the scenarios as Markdown."""
-    means = table[table.depth_mm.isna()].set_index(["system", "scenario"])
+    means = table.set_index(["system", "scenario"])
     rows = [
         {"system": name} | {one.name: _cell(means.loc[(name, one.name)]) for one in scenarios}
         for name in table.system.unique()
@@ -183,24 +164,19 @@ def _cell(row: pd.Series) -> str:
 
 def share_figure(table: pd.DataFrame):
     """Draw PSNR and share memorised of each system, a row of points for each scenario."""
-    means = table[table.depth_mm.isna()]
-    names = list(means.scenario.unique())
+    names = list(table.scenario.unique())
     size = 12, 3 + 1.2 * len(names)
     figure, axes = subplots(1, 2, figsize=size, sharey=True, layout="constrained")
-    measures = {
-        "psnr_db": "PSNR against shift-and-sum of all views (dB)",
-        "share_memorised": "share memorised (0: the scene as it is, 1: as trained)",
-    }
-    for axis, (measure, label) in zip(axes, measures.items(), strict=True):
-        systems = means.groupby("system", sort=False)
-        for k, (system, rows) in enumerate(systems):
-            marker = "D" if "shuffled" in system else "o" if ":" in system else "s"
-            at = np.arange(len(names)) + 0.8 * (k + 0.5) / len(systems) - 0.4
-            axis.plot(rows[measure], at, marker, label=system)
-        axis.set_xlabel(label)
+    systems = table.groupby("system", sort=False)
+    for k, (system, rows) in enumerate(systems):
+        marker = "D" if "shuffled" in system else "o" if ":" in system else "s"
+        at = np.arange(len(names)) + 0.8 * (k + 0.5) / len(systems) - 0.4
+        axes[0].plot(rows.psnr_db, at, marker, label=system)
+        axes[1].plot(rows.share_memorised, at, marker)
+    axes[0].set_xlabel("PSNR against shift-and-sum of all views (dB)")
+    axes[1].set_xlabel("share memorised (0: the scene as it is, 1: as trained)")
+    for axis in axes:
         axis.grid(axis="x", alpha=0.3)
-        for edge in range(1, len(names)):
-            axis.axhline(edge - 0.5, color="0.8", lw=0.8)
     axes[0].set_yticks(range(len(names)), names)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
     handles = axes[0].get_legend_handles_labels()

@@ -1,7 +1,6 @@
 """Scores on the test split, with and without a network, and the slopes of sharpest focus."""
 
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from tqdm import tqdm
 from experiments.paper.figures import result_figure, setup_figure, sharpness_figure
 from experiments.paper.ridge import NAME as RIDGE
 from experiments.paper.ridge import Ridge
-from experiments.paper.tables import compare_with_paper, read_paper_values, result_markdown
+from experiments.paper.tables import TABLES, compare_with_paper, read_paper_values, result_markdown
 from experiments.report import markdown, write_report
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
@@ -60,20 +59,16 @@ def score_baselines(
     }
 
 
-def baseline_report(data: Path, config: TrainingConfig, table: str, out: Path) -> str:
+def baseline_report(data: Path, config: TrainingConfig, out: Path) -> str:
     """Score a data set without a network; writes ``TABLE_baselines.csv``, ``.md`` and ``.json``."""
-    paper, started = read_paper_values(table), time.perf_counter()
-    found = score_baselines(Dataset(data), config.split, config.seed)
+    dataset = Dataset(data)
+    table, found = TABLES[dataset.config.kind], score_baselines(dataset, config.split, config.seed)
     rows = pd.concat([pd.DataFrame(rows).assign(baseline=name) for name, rows in found.items()])
-    columns = ["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]
-    record = {
-        "data": str(data), "seed": config.seed, "split": config.split, "baselines": found,
-        "wall_s": time.perf_counter() - started,
-    }  # fmt: skip
-    path = write_report(
-        out, f"{table}_baselines", f"{paper['title']}, without a network", record,
-        [markdown(rows[columns].round(4))], tables={f"{table}_baselines": rows[columns].round(6)},
-    )  # fmt: skip
+    rows = rows[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]].round(4)
+    record = {"data": str(data), "seed": config.seed, "split": config.split, "baselines": found}
+    title = f"{read_paper_values(table)['title']}, without a network"
+    name = f"{table}_baselines"
+    path = write_report(out, name, title, record, [markdown(rows)], tables={name: rows})
     return path.read_text(encoding="utf-8")
 
 

@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.ticker import StrMethodFormatter
 from matplotlib.transforms import Affine2D
-from scipy.ndimage import uniform_filter
 
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig
@@ -69,9 +67,8 @@ def setup_figure(config: DatasetConfig):
 
 
 def enlarged_part(views: np.ndarray) -> tuple[int, int]:
-    """Find the part whose micro-images vary most in both directions; returns its corner (t, s)."""
-    down, across = (views.mean(axis=axis).std(axis=0) for axis in (1, 0))
-    uneven = uniform_filter(down * across, LENSLETS_ENLARGED, mode="constant")
+    """Find the part around the micro-image that varies most; returns its corner (t, s)."""
+    uneven = views.std(axis=(0, 1))
     places = zip(np.unravel_index(uneven.argmax(), uneven.shape), uneven.shape, strict=True)
     t, s = (
         int(np.clip(k - LENSLETS_ENLARGED // 2, 0, max(n - LENSLETS_ENLARGED, 0)))
@@ -146,14 +143,9 @@ def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
         axis.set_ylim(0, 1.25)
         axis.set_title(title, fontsize=11, loc="left")
         axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8)
-    axes[-1, 0].set_xlabel("slope (lenslets per view step)")
-    black = {"color": "black"}
-    handles = [
-        Line2D([], [], linestyle="--", label="geometry: from the camera's equation", **black),
-        Line2D([], [], linestyle="", marker="o", label="found: peak of the curve", **black),
-        Line2D([], [], linestyle="", marker="v", label="paper: as printed", **black),
-    ]
-    figure.legend(handles=handles, ncols=3, fontsize=9, loc="outside upper left")
+    axes[-1, 0].set_xlabel(
+        "slope (lenslets per view step); dashed: by the camera's equation, triangle: in the paper"
+    )
     return figure
 
 

@@ -22,7 +22,8 @@ from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import FOREGROUND, standard_deviation
 
-TABLES = ("table1", "table2")
+TABLES = {"shapes": "table1", "flames": "table2"}
+"""The paper's tables by kind of data set."""
 
 COMMITTED = Path(__file__).parents[1] / "results"
 """Folder of the results that come with the checkout."""
@@ -49,9 +50,6 @@ NETWORKS = {
 STAGES = {"conv3": "first three stages", "conv4": "first four stages", "conv5": "all five stages"}
 DROPOUT = {"image": "", "vector": ", dropout on the vector", "none": ", no dropout"}
 
-SETTLED = 50
-"""Number of epochs over which a validation score is averaged, to compare two parts of a run."""
-
 
 def read_paper_values(table: str) -> dict:
     """Read the values of one of the paper's tables, or its slopes of sharpest focus."""
@@ -76,44 +74,18 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 def result_markdown(record: dict, paper: dict) -> str:
     """Write the record of one run as Markdown: its scores, and SSIM by window."""
     rows = pd.DataFrame(record["table"])
-    table = pd.DataFrame(
-        {
-            "depth (mm)": rows.depth_mm.map("{:g}".format),
-            "object": rows.object,
-            "SSIM": _with_spread(rows.ssim, rows.ssim_sd, 3),
-            "printed": rows.paper_ssim.map("{:g}".format),
-            "difference": (rows.ssim - rows.paper_ssim).map("{:+.3f}".format),
-            "PSNR (dB)": _with_spread(rows.psnr_db, rows.psnr_sd, 2),
-            "printed (dB)": rows.paper_psnr_db.map("{:g}".format),
-            "difference (dB)": (rows.psnr_db - rows.paper_psnr_db).map("{:+.2f}".format),
-            "PSNR, foreground (dB)": _with_spread(
-                rows.psnr_foreground_db, rows.psnr_foreground_sd, 2
-            ),
-        }
-    )
-    depths = [f"{z:g} mm" for z in paper["depth_mm"]]
-    windows = [
-        {"window": name} | {z: f"{x:.4f}" for z, x in zip(depths, row, strict=True)}
-        for name, row in record["ssim_by_window"].items()
-    ]
-    start = f"start {record['start_s']:.0f} s, " if "start_s" in record else ""
-    return "\n\n".join(
-        [
-            f"# {paper['title']}",
-            markdown(table),
-            f"Mean ± standard deviation over {rows.n_test[0]} test samples. "
-            f"Foreground: the pixels brighter than {FOREGROUND:.0%} of the peak in the reference.",
-            f"Preset {record['preset']}: {epochs_in_words(record)}; seed {record['seed']}; "
-            f"backbone weights: {record['backbone_weights']}; {start}epochs "
-            f"{record['train_s']:.0f} s on {_machine(record)}.",
-            "SSIM of the same images with other windows:",
-            markdown(windows),
-        ]
-    ) + "\n"  # fmt: skip
-
-
-def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
-    return [f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(mean, spread, strict=True)]
+    numbers = {name: (name, ".3f") for name in COLUMNS if name not in ("object", "n_test")}
+    windows = pd.DataFrame(record["ssim_by_window"], index=[f"{z:g} mm" for z in paper["depth_mm"]])
+    return "\n\n".join([
+        f"# {paper['title']}",
+        markdown(rows, {"object": ("object", ""), **numbers}),
+        f"Means and standard deviations over {rows.n_test[0]} test samples. Foreground: the pixels "
+        f"brighter than {FOREGROUND:.0%} of the peak in the reference.",
+        f"Preset {record['preset']}: {epochs_in_words(record)}; seed {record['seed']}; backbone "
+        f"weights: {record['backbone_weights']}; {record['train_s']:.0f} s on {_machine(record)}.",
+        "SSIM of the same images with other windows:",
+        markdown(windows.round(4).T.reset_index(names="window")),
+    ]) + "\n"  # fmt: skip
 
 
 def _machine(record: dict) -> str:
@@ -250,28 +222,6 @@ def compare_table(
     return pd.concat(blocks[1:] or blocks)
 
 
-def tabulate_learning(results: Sequence[Result]) -> pd.DataFrame:
-    """Tabulate the best epoch of each run, and its gain over the second half of its epochs.
-
-    Both ends are means over `SETTLED` epochs; NaN for shorter runs.
-    """
-    rows = []
-    for result in results:
-        if result.history is None:
-            continue
-        psnr = result.history.val_psnr_db
-        best = result.history.loc[psnr.idxmax()]
-        last, middle = len(psnr), len(psnr) // 2
-        gain = psnr[last - SETTLED :].mean() - psnr[middle - SETTLED : middle].mean()
-        rows.append({
-            "run": result.run, "machine": _machine(result.record),
-            "epochs": result.record["epochs"], "best_psnr_db": best.val_psnr_db,
-            "best_epoch": int(best.epoch), "best_s": best.seconds,
-            "gain_db": gain if middle >= SETTLED else math.nan,
-        })  # fmt: skip
-    return pd.DataFrame(rows)
-
-
 def comparison_markdown(
     table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict, missing: Sequence[str]
 ) -> list[str]:
@@ -292,35 +242,11 @@ def comparison_markdown(
         "PSNR (dB), SSIM: means over the test split; ±: standard deviation over the seeds.",
         markdown(pd.DataFrame(rows, columns=["source", "epochs", *depths])),
     ]
-    parts += [_progress(pool[0], paper["epochs"]) for pool in pools if not pool[0].committed]
     if pools:
-        parts.append("\n".join(f"- {title_of(pool)}: {_describe(pool)}" for pool in pools))
+        parts += ["\n".join(f"- {title_of(pool)}: {_describe(pool, paper)}" for pool in pools)]
     if missing:
         parts.append(f"No finished run of this table: {', '.join(missing)}.")
-    learning = tabulate_learning([result for pool in pools for result in pool])
-    if len(learning):
-        parts += [
-            "How the networks learnt, by the PSNR of the validation split. Gain: mean of the last "
-            f"{SETTLED} epochs, less that of the {SETTLED} epochs before the middle of the run.",
-            markdown(learning, {
-                "run": ("run", ""), "machine": ("machine", ""), "epochs": ("epochs", ","),
-                "best_psnr_db": ("best PSNR (dB)", ".2f"), "best_epoch": ("at epoch", ","),
-                "best_s": ("after (s)", ",.0f"), "gain_db": ("gain (dB)", "+.2f"),
-            }, missing="-"),
-        ]  # fmt: skip
     return parts
-
-
-def _progress(result: Result, planned: int) -> str:
-    """Say in one sentence how far a run has come, and how long all of the paper's epochs take."""
-    epochs, seconds = result.record["epochs"], result.record["train_s"]
-    if epochs >= planned:
-        return f"The run in {result.folder} has trained for all {planned:,} epochs of the paper."
-    return (
-        f"The run in {result.folder} has trained for {epochs:,} of the paper's {planned:,} epochs, "
-        f"in {_duration(seconds)}; all {planned:,} take {_duration(seconds / epochs * planned)} on "
-        f"{_machine(result.record)}. The same command continues it, MINUTES=0 to the last epoch."
-    )
 
 
 def _duration(seconds: float) -> str:
@@ -337,16 +263,21 @@ def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
     return f"{psnr:.2f} ± {psnr_sd:.2f}, {ssim:.{digits}f} ± {ssim_sd:.3f}"
 
 
-def _describe(pool: list[Result]) -> str:
-    first = pool[0]
-    seeds = f"seed {first.record['seed']} ({first.run})"
-    if len(pool) > 1:
-        listed = sorted(pool, key=lambda result: result.record["seed"])
-        seeds = "seeds " + ", ".join(f"{one.record['seed']} ({one.run})" for one in listed)
-    return (
-        f"{seeds}; preset {first.record['preset']}, {epochs_in_words(first.record)}; backbone "
-        f"weights: {first.weights}"
+def _describe(pool: list[Result], paper: dict) -> str:
+    """Say what a row rests on, how far it was trained, and how long all of the epochs would take."""
+    record, planned = pool[0].record, paper["epochs"]
+    epochs, seconds = record["epochs"], record["train_s"]
+    listed = sorted(pool, key=lambda result: result.record["seed"])
+    seeds = ", ".join(f"seed {one.record['seed']} ({one.run})" for one in listed)
+    text = (
+        f"{seeds}, weights {pool[0].weights}. Trained for {epochs:,} of the paper's {planned:,} "
+        f"epochs (best: {record['best_epoch']:,}), in {_duration(seconds)} on {_machine(record)}."
     )
+    if epochs >= planned:
+        return text
+    text += f" All {planned:,} take {_duration(seconds / epochs * planned)} there."
+    more = " The same command resumes the training; MINUTES=0 goes on to the last epoch."
+    return text if pool[0].committed else text + more
 
 
 LINEAR = (
@@ -360,8 +291,8 @@ LINEAR = (
 def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
     """Compare both tables of results folders; returns the Markdown, and writes it to `out`.
 
-    Beside `out`, NAME.md, are NAME.csv, NAME_learning.csv, NAME.png (validation PSNR against
-    epochs) and NAME.json. An InputError refuses a missing folder or a damaged record.
+    Beside `out`, NAME.md, are NAME.csv, NAME.png (validation PSNR against epochs) and NAME.json. An
+    InputError refuses a missing folder or a damaged record.
     """
     if out is not None and out.suffix != ".md":
         raise InputError(f"The file for the tables must end in .md, got {out}.")
@@ -371,8 +302,8 @@ def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
             raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
     names = [folder.resolve().name for folder in folders]
     runs = names if len(set(names)) == len(names) else [str(folder) for folder in folders]
-    parts, tables, learning, panels = [LINEAR], [], [], {}
-    for name in TABLES:
+    parts, tables, panels = [LINEAR], [], {}
+    for name in TABLES.values():
         paper = read_paper_values(name)
         found = [read_result(f, name, run) for f, run in zip(folders, runs, strict=True)]
         missing = [run for run, result in zip(runs, found, strict=True) if result is None]
@@ -381,7 +312,6 @@ def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
         table = compare_table(pools, paper, read_baselines(folders, name))
         parts += comparison_markdown(table, pools, paper, missing)
         tables.append(table.assign(table=name))
-        learning.append(tabulate_learning(results).assign(table=name))
         curves = {
             title_of(pool): [one.history for one in pool if one.history is not None]
             for pool in pools
@@ -389,14 +319,10 @@ def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
         panels[paper["title"]] = curves, paper["psnr_db"]
     if out is None:
         return "\n\n".join(parts)
-    numbers = {out.stem: pd.concat(tables), f"{out.stem}_learning": pd.concat(learning)}
+    rows = pd.concat(tables)
+    rows = rows[["table", *rows.columns.drop("table")]].round(6)
     path = write_report(
         out.parent, out.stem, "Tables I and II", {"results": [str(folder) for folder in folders]},
-        parts, tables={name: _table_first(rows) for name, rows in numbers.items()},
-        pictures={out.stem: learning_figure(panels)},
+        parts, tables={out.stem: rows}, pictures={out.stem: learning_figure(panels)},
     )  # fmt: skip
     return path.read_text(encoding="utf-8")
-
-
-def _table_first(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[["table", *rows.columns.drop("table")]].round(6)

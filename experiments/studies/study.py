@@ -24,7 +24,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from experiments.paper.ridge import Ridge
-from experiments.paper.tables import read_paper_values
+from experiments.paper.tables import TABLES, read_paper_values
 from experiments.report import markdown, write_report
 from experiments.studies.pca_bound import project
 from lf_flame._common.atomic_files import write_json
@@ -44,7 +44,7 @@ from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
 
 MEASURES = ["ssim", "psnr_db", "psnr_foreground_db"]
-COLUMNS = ["variant", "x", "system", "epochs", "best_epoch", "depth_mm", "object", *MEASURES]
+COLUMNS = ["variant", "system", "epochs", "best_epoch", "depth_mm", "object", *MEASURES]
 SCORES = {"psnr_db": "PSNR (dB)", "ssim": "SSIM"}
 """Labels of the scores in the figures."""
 
@@ -65,10 +65,9 @@ class Changes:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class Variant(Changes):
-    """A variant of a study: its changes, and its place x on the study's axis."""
+    """A variant of a study, by its changes."""
 
     name: str
-    x: float | None = None
 
     @property
     def folder(self) -> str:
@@ -82,7 +81,6 @@ class Study:
     """A study; files of data set and training are named from the working directory.
 
     `common` changes apply to all variants, before their own. Without a preset nothing is trained.
-    `x` names the axis, if every variant has a place on one.
     """
 
     title: str
@@ -92,7 +90,6 @@ class Study:
     variants: list[Variant]
     preset: str | None = None
     common: Changes = field(default_factory=Changes)
-    x: str | None = None
 
     def __post_init__(self):
         folders = [variant.folder for variant in self.variants]
@@ -101,11 +98,6 @@ class Study:
                 raise InputError(
                     f"A variant needs a name of its own with a letter or a digit, got "
                     f"{variant.name!r}."
-                )
-            if (variant.x is None) != (self.x is None):
-                raise InputError(
-                    f"The study and every variant need an x, or none; variant {variant.name!r} "
-                    f"differs."
                 )
 
 
@@ -242,7 +234,7 @@ def run_trial(
 
 def write(name: str, study: Study, trials: Sequence[Trial], work: Path, out: Path) -> Path:
     """Write ``NAME.csv``, ``.md``, ``.png`` and ``.json``."""
-    paper = read_paper_values({"shapes": "table1", "flames": "table2"}[trials[0].data.kind])
+    paper = read_paper_values(TABLES[trials[0].data.kind])
     found = {trial.variant.name: trial.read_score(work) for trial in trials}
     rows = tabulate([(trial.variant, found[trial.variant.name]) for trial in trials])
     parts = {part: len(indices) for part, indices in trials[0].parts.items()}
@@ -256,81 +248,61 @@ def write(name: str, study: Study, trials: Sequence[Trial], work: Path, out: Pat
 
 def tabulate(scores: Sequence[tuple[Variant, dict | None]]) -> pd.DataFrame:
     """Tabulate scores, columns as in `COLUMNS`; a missing variant has no rows."""
-    rows = []
-    for variant, found in scores:
-        about = {"variant": variant.name, "x": variant.x}
-        about |= {name: (found or {}).get(name) for name in ("epochs", "best_epoch")}
-        for plane in (found or {"planes": []})["planes"]:
-            trained = {} if plane["system"] == "network" else {"epochs": None, "best_epoch": None}
-            rows.append(about | trained | plane)
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    return table.astype({"x": float, "epochs": float, "best_epoch": float})
+    rows = [
+        {"variant": variant.name, **(found if plane["system"] == "network" else {}), **plane}
+        for variant, found in scores
+        for plane in (found or {"planes": []})["planes"]
+    ]
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"epochs": float, "best_epoch": float})
 
 
 def report_body(study: Study, rows: pd.DataFrame, record: dict, paper: dict) -> list[str]:
     """Write the table, and how it was made, as Markdown."""
-    systems, lines = list(rows.system.unique()), []
+    lines = []
     for variant in study.variants:
-        own = rows[rows.variant == variant.name].set_index("system")
-        line = {"variant": variant.name} | ({study.x: f"{variant.x:g}"} if study.x else {})
-        if "network" in systems:
-            first = own.loc[["network"]].iloc[0] if len(own) else {}
-            line |= {
-                label: f"{first[name]:.0f}" if len(first) else "-"
-                for label, name in (("epochs", "epochs"), ("best epoch", "best_epoch"))
-            }
-        for system in systems:
-            planes = own.loc[[system]] if system in own.index else None
-            line[system] = "-" if planes is None else (
+        line = {"variant": variant.name}
+        for system, planes in rows[rows.variant == variant.name].groupby("system", sort=False):
+            line[system] = (
                 f"{planes.psnr_db.mean():.2f}, {planes.psnr_db.min():.2f}, {planes.ssim.mean():.4f}"
-            )  # fmt: skip
+            )
+            if system == "network":
+                line["best epoch"] = (
+                    f"{planes.best_epoch.iloc[0]:.0f} of {planes.epochs.iloc[0]:.0f}"
+                )
         lines.append(line)
     weights = [one.get("backbone_weights") for one in record["results"].values()]
     weights = "; ".join(dict.fromkeys(name for name in weights if name))
-    body = [
+    return [
         f"PSNR (dB), that of the worst plane, SSIM: means over {len(paper['depth_mm'])} planes and "
         f"the same {record['parts']['test']} test samples, learnt from {record['parts']['train']}. "
         f"Printed in the paper: {np.mean(paper['psnr_db']):.2f}, {min(paper['psnr_db']):.2f}, "
         f"{np.mean(paper['ssim']):.3f}. A dash: not yet done.",
-        markdown(lines),
+        markdown(lines, missing="-"),
         "linear: ridge regression from the network's picture to the images, no network; a raw "
         "picture is the image at 0 mm. bound: the test images projected on the first "
         f"{AVERAGES} principal components of the training images, the best that a decoder of "
-        f"{AVERAGES} fixed pictures can do.",
+        f"{AVERAGES} fixed pictures can do. Backbone weights: {weights or 'none'}.",
     ]
-    return [*body, f"Backbone weights: {weights}."] if weights else body
 
 
 def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
-    """Draw PSNR and SSIM of each system, mean and range of the planes: along x, or listed."""
-    names, listed = [variant.name for variant in study.variants], study.x is None
-    if listed:
-        rows = rows.assign(x=rows.variant.map(names.index))
-    figure, axes = subplots(
-        *((1, 2) if listed else (2, 1)), sharex=not listed, sharey=listed, layout="constrained",
-        figsize=(12, 2 + 0.4 * len(names)) if listed else (8, 8),
-    )  # fmt: skip
+    """Draw PSNR and SSIM of each variant, a row, and system: mean and range of the planes."""
+    names = [variant.name for variant in study.variants]
+    size = 12, 2 + 0.4 * len(names)
+    figure, axes = subplots(1, 2, sharey=True, layout="constrained", figsize=size)
     for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
         for system, group in rows.groupby("system", sort=False):
-            planes = group.groupby("x")[name].agg(["mean", "min", "max"])
+            planes = group.groupby("variant", sort=False)[name].agg(["mean", "min", "max"])
             reach = [planes["mean"] - planes["min"], planes["max"] - planes["mean"]]
-            if listed:
-                axis.errorbar(planes["mean"], planes.index, xerr=reach, fmt="o", label=system)
-            else:
-                axis.errorbar(planes.index, planes["mean"], yerr=reach, fmt="o-", label=system)
-        span = axis.axvspan if listed else axis.axhspan
-        span(min(paper[name]), max(paper[name]), color="0.85", label="printed, range of the planes")
-        axis.set(**{"xlabel" if listed else "ylabel": label})
+            places = [names.index(variant) for variant in planes.index]
+            axis.errorbar(planes["mean"], places, xerr=reach, fmt="o", capsize=3, label=system)
+        printed = min(paper[name]), max(paper[name])
+        axis.axvspan(*printed, color="0.85", label="printed, range of the planes")
+        axis.set_xlabel(label)
         axis.grid(alpha=0.3)
-    if listed:
-        axes[0].set_yticks(range(len(names)), [fill(name, 32) for name in names])
-        axes[0].set_ylim(len(names) - 0.5, -0.5)
-    else:
-        ticks = sorted({variant.x for variant in study.variants})
-        axes[1].set_xscale("symlog", linthresh=min((x for x in ticks if x > 0), default=1.0))
-        axes[1].set_xticks(ticks, [f"{x:,g}" for x in ticks])
-        axes[1].set_xlabel(study.x)
-        axes[0].set_ylim(top=min(axes[0].get_ylim()[1], 100))  # rounding lies beyond
+    axes[0].set_xlim(right=min(axes[0].get_xlim()[1], 100))  # rounding lies beyond
+    axes[0].set_yticks(range(len(names)), [fill(name, 32) for name in names])
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
     figure.suptitle(study.title, fontsize=11)
     handles = axes[0].get_legend_handles_labels()
     figure.legend(*handles, ncols=4, fontsize=9, loc="outside lower center")

@@ -123,8 +123,6 @@ def test_the_share_memorised_lies_between_both_references(rng):
     for share in (0, 0.25, 1):
         predicted = (1 - share) * reference + share * trained
         assert share_memorised(predicted, reference, trained) == pytest.approx(share)
-        shares = share_memorised(predicted, reference, trained, planes=True)
-        np.testing.assert_allclose(shares, [share, share], atol=1e-12)
     assert np.isnan(share_memorised(noise, reference, reference))
 
 
@@ -138,7 +136,7 @@ def test_what_has_memorised_its_scenes_is_found_out(runs, tmp_path):
     )
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "depth_test.csv")
-    means = table[table.depth_mm.isna()].set_index(["scenario", "system"])
+    means = table.set_index(["scenario", "system"])
     network = "raw: input raw, fixed depths; smoke, no backbone"
     linear = f"{NAME}: input raw, fixed depths"
     assert set(table.system) == {
@@ -165,7 +163,7 @@ def test_what_has_memorised_its_scenes_is_found_out(runs, tmp_path):
     for name, images in zip((network, linear), drawn, strict=True):
         expected = score(np.array(reference), np.array(images))
         rows = table[(table.system == name) & (table.scenario == exchanged.name)]
-        np.testing.assert_allclose(rows.psnr_db[:2], expected.psnr_db, atol=1e-3)
+        np.testing.assert_allclose(rows.psnr_db, expected.psnr_db.mean(), atol=1e-3)
     record = json.loads((tmp_path / "depth_test.json").read_text())
     assert list(record["runs"]) == [network]
     assert (tmp_path / "depth_test.png").exists()

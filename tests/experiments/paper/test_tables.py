@@ -85,11 +85,12 @@ def test_a_table_has_scores_printed_values_and_differences():
     assert list(record["table"][0]) == COLUMNS
     text = result_markdown(record, PRINTED)
     row = record["table"][0]
-    assert f"{row['psnr_db'] - 45.05:+.2f}" in text
-    assert f"{row['psnr_foreground_db']:.2f} ± {row['psnr_foreground_sd']:.2f}" in text
+    cells = (row["psnr_db"], row["psnr_sd"], 0.96, 45.05, row["psnr_foreground_db"])
+    for cell in cells:
+        assert f" {cell:.3f} |" in text
     assert f"{record['ssim_by_window']['11 x 11'][3]:.4f}" in text
     assert "7 epochs, best 6, batch 2; seed 1; backbone weights: random (seed 1), conv5" in text
-    assert "start 61 s, epochs 3 s on machine 1" in text
+    assert "3 s on machine 1" in text
     unfinished = {"epochs": 84, "best_epoch": 81, "recipe": {"epochs": 1000, "batch_size": 2}}
     assert epochs_in_words(unfinished) == "84 of 1,000 epochs, best 81, batch 2"
 
@@ -156,14 +157,11 @@ def test_ssim_by_window(rng):
     assert windows["7 x 7, scikit-image's default"][0] == pytest.approx(expected)
 
 
-def test_micro_images_are_enlarged_where_they_vary_in_both_directions():
+def test_micro_images_are_enlarged_where_they_vary():
     views = np.zeros((3, 3, 40, 50), np.float32)
-    views[1:, :, :20, 25:] = 1  # vary along v, on a quarter of the image
-    views[:, 1:, 15:, 30:] = 1  # vary along u; both where these overlap
+    views[1:, :, 10, 30] = 1
     t, s = enlarged_part(views)
-    middle = LENSLETS_ENLARGED // 2
-    assert 10 <= t + middle <= 25
-    assert 30 <= s + middle <= 49
+    assert (t + LENSLETS_ENLARGED // 2, s + LENSLETS_ENLARGED // 2) == (10, 30)
     assert enlarged_part(np.zeros((3, 3, 4, 5), np.float32)) == (0, 0)
 
 
@@ -176,7 +174,7 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
     write_history(folders[0], [1, 3, 2, 1, 1, 1, 1, 1])
     text = report_tables(folders, tmp_path / "out" / "tables.md")
     assert text == (tmp_path / "out" / "tables.md").read_text(encoding="utf-8")
-    endings = {"tables.md", "tables.csv", "tables_learning.csv", "tables.png", "tables.json"}
+    endings = {"tables.md", "tables.csv", "tables.png", "tables.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == endings
     table = pd.read_csv(tmp_path / "out" / "tables.csv")
     assert list(table.table) == ["table1"] * 4
@@ -190,15 +188,16 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
     cell = table[["psnr_db", "psnr_seed_sd", "ssim", "ssim_seed_sd"]].iloc[2]
     assert "{:.2f} ± {:.2f}, {:.3f} ± {:.3f}".format(*cell) in text
     assert ", all five stages, 3 seeds | 7 of 5,000 |" in " ".join(text.split())
-    assert ", 3 seeds: seeds 1 (paper), 2 (paper-seed2), 3 (paper-seed3);" in text
+    assert ", 3 seeds: seed 1 (paper), seed 2 (paper-seed2), seed 3 (paper-seed3), weights" in text
     # 3 s for 7 epochs, of 5,000
-    assert "for 7 of the paper's 5,000 epochs, in 3 seconds; all 5,000 take 35.7 minutes" in text
+    assert (
+        "for 7 of the paper's 5,000 epochs, in 3 seconds on machine 1; the best was 6. All 5,000"
+        in text
+    )
+    assert " 5,000 take 35.7 minutes there. The same command resumes" in text
     first, second = text.split("## Table II.")
     assert "No finished run of this table: none." in first
     assert "No finished run of this table: paper, paper-seed2, paper-seed3, none." in second
-    (learnt,) = pd.read_csv(tmp_path / "out" / "tables_learning.csv").to_dict("records")
-    assert (learnt["run"], learnt["best_psnr_db"], learnt["best_epoch"]) == ("paper", 3, 1)
-    assert (learnt["best_s"], np.isnan(learnt["gain_db"])) == (4, True)
 
 
 @pytest.mark.parametrize(
@@ -228,8 +227,8 @@ def test_each_seed_of_one_place_counts_once(tmp_path):
     own = make_results(tmp_path / "own" / "a", 3)
     assert pools(a, again, b, own) == [["a", "b"], ["again"], ["a"]]
     text = report_tables([a, own])
-    assert f"- this run, {a}: ResNet-50 (random weights), all five stages: seed 1 ({a});" in text
-    assert f": seed 3 ({own});" in text
+    assert f"- this run, {a}: ResNet-50 (random weights), all five stages: seed 1 ({a})," in text
+    assert f": seed 3 ({own})," in text
 
 
 @pytest.mark.parametrize(
@@ -284,16 +283,6 @@ def test_infinite_psnr_stays_infinite(tmp_path):
         table = compare_table([[read_result(f, "table1", f.name) for f in among]], PRINTED)
         assert np.isinf(table.psnr_db).all()
         assert list(table.psnr_seed_sd) == [spread] * 4
-
-
-def test_learning_has_best_epoch_and_gain_of_the_second_half(tmp_path):
-    folder = make_results(tmp_path / "a", epochs=200, devices=["A card"])
-    write_history(folder, [30.0] * 100 + [31.5] * 100 + [33.0])
-    text = report_tables([folder])
-    (row,) = (line for line in text.splitlines() if line.startswith("| a "))
-    cells = [cell.strip() for cell in row.split("|")[1:-1]]
-    assert cells == ["a", "A card, machine 1", "200", "33.00", "200", "402", "+1.53"]
-    # (49 * 31.5 + 33) / 50 - 30 = 1.53
 
 
 @pytest.mark.parametrize(
