@@ -54,7 +54,7 @@ def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
 def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
     """Score the test split of a finished RUN, and write its table and figure.
 
-    OUT gets TABLE.csv, .md and .json, TABLE_history.csv and FIGURE.png.
+    OUT gets TABLE.csv and .json, TABLE_history.csv and FIGURE.png.
     """
     load_keras()
     from experiments.paper.evaluation import evaluate_run
@@ -199,9 +199,8 @@ def study(
 ) -> None:
     """Compare the variants of a STUDY file on the same test samples.
 
-    A variant changes a data set, a model or a recipe; experiments/studies/ shows how. With a preset
-    a network is trained for each; else only what needs no training is scored. The command resumes
-    where it was stopped, and reports after each variant.
+    experiments/studies/ shows what a variant may change. With a preset a network is trained for
+    each. The command resumes where it was stopped, and reports after each variant.
     """
     start_networks()
     from experiments.studies.study import run_study
@@ -218,9 +217,8 @@ def study(
 def depth_test(folders: tuple[Path, ...], out: Path, samples: int) -> None:
     """Test whether networks, and the ridge regression, see depth or have memorised it.
 
-    FOLDERS are runs of `lf-flame train`, or data sets (.zarr), to which the regression alone is
-    fitted, all of the same kind of scenes. In training every object has a depth of its own; here
-    two exchange their depths, all move, or one is alone.
+    FOLDERS are runs of `lf-flame train`, or data sets (.zarr) for the regression alone, all of the
+    same kind of scenes. Here objects exchange their depths, all move, or one is alone.
     """
     start_networks()
     from experiments.depth_test.permutation import run_depth_test

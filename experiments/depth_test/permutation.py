@@ -25,7 +25,6 @@ from experiments.paper.ridge import NAME as RIDGE
 from experiments.paper.ridge import Ridge
 from experiments.report import markdown, step_bar, write_report
 from lf_flame._common.config import to_json
-from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.split import split_indices
@@ -62,7 +61,6 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
     """
     systems, networks, linear, records = {}, {}, {}, {}
     first: Dataset | None = None
-    alike = len({folder.name for folder in folders}) < len(folders)
     for folder in folders:
         if (folder / "zarr.json").exists():
             dataset, record = Dataset(folder), {}
@@ -81,7 +79,7 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
         )
         if record:
             weights = re.sub(r" \(sha256 \w+\)", "", record["backbone_weights"])
-            name = f"{folder if alike else folder.name}: {learnt}; {record['preset']}, {weights}"
+            name = f"{folder}: {learnt}; {record['preset']}, {weights}"
             records[name] = {k: x for k, x in record.items() if k != "test_indices"}
             networks[name] = ResNet50.of_run(folder)
         name = f"{RIDGE}: {learnt}"
@@ -128,7 +126,7 @@ def run_depth_test(folders: Sequence[Path], out: Path, samples: int) -> Path:
     return write_report(
         out, "depth_test", f"Depth permutation test: {config.kind}", record,
         report_body(table, scenarios, config, samples),
-        tables={"depth_test": table.round(5)}, pictures={"depth_test": share_figure(table)},
+        tables={"depth_test": table.round(5)},
     )  # fmt: skip
 
 
@@ -160,25 +158,3 @@ def report_body(
 def _cell(row: pd.Series) -> str:
     share = "" if np.isnan(row.share_memorised) else f" ({row.share_memorised:.0%})"
     return f"{row.psnr_db:.2f}{share}"
-
-
-def share_figure(table: pd.DataFrame):
-    """Draw PSNR and share memorised of each system, a row of points for each scenario."""
-    names = list(table.scenario.unique())
-    size = 12, 3 + 1.2 * len(names)
-    figure, axes = subplots(1, 2, figsize=size, sharey=True, layout="constrained")
-    systems = table.groupby("system", sort=False)
-    for k, (system, rows) in enumerate(systems):
-        marker = "D" if "shuffled" in system else "o" if ":" in system else "s"
-        at = np.arange(len(names)) + 0.8 * (k + 0.5) / len(systems) - 0.4
-        axes[0].plot(rows.psnr_db, at, marker, label=system)
-        axes[1].plot(rows.share_memorised, at, marker)
-    axes[0].set_xlabel("PSNR against shift-and-sum of all views (dB)")
-    axes[1].set_xlabel("share memorised (0: the scene as it is, 1: as trained)")
-    for axis in axes:
-        axis.grid(axis="x", alpha=0.3)
-    axes[0].set_yticks(range(len(names)), names)
-    axes[0].set_ylim(len(names) - 0.5, -0.5)
-    handles = axes[0].get_legend_handles_labels()
-    figure.legend(*handles, fontsize=8, loc="outside lower center")
-    return figure

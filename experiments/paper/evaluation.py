@@ -10,7 +10,7 @@ from tqdm import tqdm
 from experiments.paper.figures import result_figure, setup_figure, sharpness_figure
 from experiments.paper.ridge import NAME as RIDGE
 from experiments.paper.ridge import Ridge
-from experiments.paper.tables import TABLES, compare_with_paper, read_paper_values, result_markdown
+from experiments.paper.tables import TABLES, compare_with_paper, read_paper_values
 from experiments.report import markdown, write_report
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
@@ -23,9 +23,6 @@ from lf_flame.datasets.store import Dataset
 from lf_flame.learning.run_folders import open_run, predict_test_split
 from lf_flame.learning.scores import WINDOWS, score
 from lf_flame.learning.training_config import TrainingConfig
-
-SETUPS = {"shapes": "figure5", "flames": "figure6"}
-"""File of the paper's figure that shows the mean scene of a data set before the camera."""
 
 
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, list[float]]:
@@ -75,8 +72,8 @@ def baseline_report(data: Path, config: TrainingConfig, out: Path) -> str:
 def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     """Score a run's test split; write its table, and the figure of its first test sample.
 
-    Writes ``FIGURE.png``, ``TABLE_history.csv``, ``TABLE.md``, ``TABLE.json`` and, last because
-    make looks at it, ``TABLE.csv``.
+    Writes ``FIGURE.png``, ``TABLE_history.csv``, ``TABLE.json`` and, last because make looks at it,
+    ``TABLE.csv``.
     """
     record = dict(open_run(run).record)
     paper = read_paper_values(table)
@@ -107,7 +104,6 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     )
     figures.save(picture, out / f"{figure}.png")
     write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))
-    write_text(out / f"{table}.md", result_markdown(record, paper))
     write_json(out / f"{table}.json", record)
     write_text(out / f"{table}.csv", scores.round(6).to_csv(index=False))
 
@@ -145,7 +141,8 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     ]  # fmt: skip
     if out is None:
         return "\n\n".join(body)
-    setups = {SETUPS[config.kind]: setup_figure(config) for config in configs}
+    numbers = {"shapes": "figure5", "flames": "figure6"}
+    setups = {numbers[config.kind]: setup_figure(config) for config in configs}
     path = write_report(
         out, "slopes", paper["title"], {"data_sets": records}, body, tables={"slopes": table},
         pictures={"slopes": sharpness_figure(panels), **setups},

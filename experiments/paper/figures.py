@@ -5,13 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.patches import Ellipse, Rectangle
-from matplotlib.ticker import StrMethodFormatter
 from matplotlib.transforms import Affine2D
 
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
-from lf_flame.refocus.figures import draw_searches, shown_slope
+from lf_flame.refocus.figures import draw_searches
 
 LENSLETS_ENLARGED = 12
 """Number of lenslets along each side of the part of the raw image that is shown enlarged."""
@@ -51,7 +50,7 @@ def setup_figure(config: DatasetConfig):
     axis.text(lens, 0.75 * height, "main lens", ha="center", va="bottom")
     draw_plane(array, "lightblue", "MLA")
     draw_plane(sensor, "0.85", "sensor")
-    axis.plot([-0.6 * step, sensor], [0, 0], "--", color="C1", lw=1, label="optical axis")
+    axis.plot([-0.6 * step, sensor], [0, 0], "--", color="C1", lw=1)  # optical axis
     for start, end, mm in (
         (focal, lens, camera.focus_distance_mm),
         (lens, array, camera.image_distance_mm),
@@ -62,7 +61,6 @@ def setup_figure(config: DatasetConfig):
         axis.text((start + end) / 2, -0.83 * height, f"{mm:.5g} mm", ha="center", va="top")
     axis.set(xlim=(-0.7 * step, sensor + 0.5 * step), ylim=(-1.1 * height, 1.2 * height), aspect=1)
     axis.axis("off")
-    axis.legend(loc="lower left", frameon=False)
     return figure
 
 
@@ -118,8 +116,6 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
     part = raw[t : t + side, s : s + side]
     enlarged.imshow(part, cmap="gray", vmin=0, vmax=max(float(part.max()), 1e-6))
     enlarged.set_title(f"{LENSLETS_ENLARGED} x {LENSLETS_ENLARGED} of its lenslets", fontsize=10)
-    for spine in enlarged.spines.values():
-        spine.set(color="C1", linewidth=1.2)
 
 
 def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
@@ -132,33 +128,17 @@ def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
         layout="constrained",
     )  # fmt: skip
     for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
-        rows = [
-            f"{label}: found {shown_slope(search.slope, 3)}, geometry {shown_slope(there, 3)}, "
-            f"paper {shown_slope(printed, 2)}"
-            for label, search, there, printed in layers
-        ]
-        draw_searches(axis, [search for _, search, *_ in layers], rows)
+        draw_searches(axis, [search for _, search, *_ in layers], [label for label, *_ in layers])
         for k, (_, _, there, printed) in enumerate(layers):
-            _mark_slopes(axis, there, printed, f"C{k}")
-        axis.set_ylim(0, 1.25)
+            axis.plot([there] * 2, [0, 1.2], "--", color=f"C{k}", linewidth=1)
+            axis.plot([printed, there], [1.12] * 2, "-", color=f"C{k}", linewidth=1.5)
+            axis.plot(printed, 1.12, "v", color=f"C{k}", markersize=9, markeredgecolor="black")
         axis.set_title(title, fontsize=11, loc="left")
         axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8)
     axes[-1, 0].set_xlabel(
         "slope (lenslets per view step); dashed: by the camera's equation, triangle: in the paper"
     )
     return figure
-
-
-def _mark_slopes(axis, geometry: float, paper: float, color: str) -> None:
-    """Mark both slopes above a curve, and their difference if it can be seen."""
-    axis.plot([geometry] * 2, [0, 1.2], "--", color=color, linewidth=1)
-    axis.plot([paper, geometry], [1.12] * 2, "-", color=color, linewidth=1.5)
-    axis.plot(paper, 1.12, "v", color=color, markersize=9, markeredgecolor="black")
-    if abs(paper - geometry) > 0.05:  # the step of the paper's search
-        axis.annotate(
-            f"paper {paper - geometry:+.2f}", (max(paper, geometry), 1.12), (5, 0),
-            textcoords="offset points", color=color, va="center",
-        )  # fmt: skip
 
 
 def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):
@@ -177,7 +157,6 @@ def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFram
                 axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
         axis.set(xlabel="epochs", ylabel="PSNR of the validation split (dB)")
         axis.set_title(title, fontsize=11)
-        axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
         axis.grid(alpha=0.3)
         axis.legend(fontsize=9, loc="lower right")
     return figure

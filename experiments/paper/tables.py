@@ -15,19 +15,18 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.inputs import epochs_in_words, read_history
+from experiments.inputs import read_history
 from experiments.paper.figures import learning_figure
 from experiments.report import markdown, write_report
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.errors import InputError
-from lf_flame.learning.scores import FOREGROUND, standard_deviation
+from lf_flame.learning.scores import standard_deviation
 
 TABLES = {"shapes": "table1", "flames": "table2"}
 """The paper's tables by kind of data set."""
 
 COMMITTED = Path(__file__).parents[1] / "results"
 """Folder of the results that come with the checkout."""
-
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
@@ -62,30 +61,8 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
         raise InputError(
             f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
         )
-    table = scores.assign(
-        depth_mm=paper["depth_mm"],
-        object=paper["object"],
-        paper_ssim=paper["ssim"],
-        paper_psnr_db=paper["psnr_db"],
-    )
-    return table[COLUMNS]
-
-
-def result_markdown(record: dict, paper: dict) -> str:
-    """Write the record of one run as Markdown: its scores, and SSIM by window."""
-    rows = pd.DataFrame(record["table"])
-    numbers = {name: (name, ".3f") for name in COLUMNS if name not in ("object", "n_test")}
-    windows = pd.DataFrame(record["ssim_by_window"], index=[f"{z:g} mm" for z in paper["depth_mm"]])
-    return "\n\n".join([
-        f"# {paper['title']}",
-        markdown(rows, {"object": ("object", ""), **numbers}),
-        f"Means and standard deviations over {rows.n_test[0]} test samples. Foreground: the pixels "
-        f"brighter than {FOREGROUND:.0%} of the peak in the reference.",
-        f"Preset {record['preset']}: {epochs_in_words(record)}; seed {record['seed']}; backbone "
-        f"weights: {record['backbone_weights']}; {record['train_s']:.0f} s on {_machine(record)}.",
-        "SSIM of the same images with other windows:",
-        markdown(windows.round(4).T.reset_index(names="window")),
-    ]) + "\n"  # fmt: skip
+    table = scores.assign(depth_mm=paper["depth_mm"], object=paper["object"])
+    return table.assign(paper_ssim=paper["ssim"], paper_psnr_db=paper["psnr_db"])[COLUMNS]
 
 
 def _machine(record: dict) -> str:
@@ -143,9 +120,7 @@ def read_baselines(folders: Sequence[Path], name: str) -> dict[str, list[dict]]:
     for folder in folders:
         path = folder / f"{name}_baselines.json"
         if path.exists():
-            found = read_record(path).get("baselines")
-            if not isinstance(found, dict):
-                raise InputError(f"{path} is damaged: it must hold baselines.")
+            found = read_record(path).get("baselines", {"none": []})
             for rows in found.values():
                 _check_planes(rows, name, path)
             return found
@@ -264,7 +239,7 @@ def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
 
 
 def _describe(pool: list[Result], paper: dict) -> str:
-    """Say what a row rests on, how far it was trained, and how long all of the epochs would take."""
+    """Say what a row rests on, how far it was trained, and how long all epochs would take."""
     record, planned = pool[0].record, paper["epochs"]
     epochs, seconds = record["epochs"], record["train_s"]
     listed = sorted(pool, key=lambda result: result.record["seed"])

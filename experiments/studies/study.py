@@ -45,8 +45,6 @@ from lf_flame.learning.training_config import TrainingConfig
 
 MEASURES = ["ssim", "psnr_db", "psnr_foreground_db"]
 COLUMNS = ["variant", "system", "epochs", "best_epoch", "depth_mm", "object", *MEASURES]
-SCORES = {"psnr_db": "PSNR (dB)", "ssim": "SSIM"}
-"""Labels of the scores in the figures."""
 
 
 @strict
@@ -69,11 +67,6 @@ class Variant(Changes):
 
     name: str
 
-    @property
-    def folder(self) -> str:
-        """Name of its folder: words and numbers of its name."""
-        return "-".join(re.findall(r"[\w.]*\w", self.name))
-
 
 @strict
 @dataclass(frozen=True)
@@ -92,13 +85,10 @@ class Study:
     common: Changes = field(default_factory=Changes)
 
     def __post_init__(self):
-        folders = [variant.folder for variant in self.variants]
-        for variant in self.variants:
-            if not variant.folder or folders.count(variant.folder) > 1:
-                raise InputError(
-                    f"A variant needs a name of its own with a letter or a digit, got "
-                    f"{variant.name!r}."
-                )
+        names = [variant.name for variant in self.variants]
+        for name in names:
+            if names.count(name) > 1 or not re.fullmatch(r"[\w .,:%()-]*\w\)?", name):
+                raise InputError(f"A variant needs a name of its own, in words, got {name!r}.")
 
 
 @dataclass(frozen=True)
@@ -123,7 +113,7 @@ class Trial:
 
     def read_score(self, work: Path) -> dict | None:
         """Read the scores from the study's work folder; None if there are none of this trial."""
-        path = work / f"{self.variant.folder}.json"
+        path = work / f"{self.variant.name}.json"
         found = read_record(path) if path.exists() else {}
         return found if found.get("request") == self.request else None
 
@@ -135,7 +125,6 @@ def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
     """
     study = build(Study, read_toml(path), path)
     data, training = read_toml(study.data), read_toml(study.training)
-    build(TrainingConfig, training, study.training)
     return study, [
         _build_trial(study, variant, data, training, f"{path}: variant {variant.name!r}")
         for variant in study.variants
@@ -188,7 +177,7 @@ def run_study(
             tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
             first = next(one for one in trials if one.request["data"] == trial.request["data"])
             try:
-                run_trial(trial, work, work / f"{first.variant.folder}.zarr", workers, weights)
+                run_trial(trial, work, work / f"{first.variant.name}.zarr", workers, weights)
             except InputError as error:
                 tqdm.write(f"Left out: {error}")
             write(path.stem, study, trials, work, out)
@@ -202,6 +191,8 @@ def run_trial(
     if not data.exists():
         make_dataset(trial.data, *trial.data.samples.values(), data, workers, progress_bar)
     found, dataset, parts = {"request": trial.request}, Dataset(data), trial.parts
+    if dataset.config != trial.data:
+        raise InputError(f"{data} is of another configuration than the study; remove it.")
     train_targets, targets = (dataset.targets[parts[part]] for part in ("train", "test"))
     objects = [item.name for item in trial.data.template.objects]
     images = {
@@ -210,7 +201,7 @@ def run_trial(
         "bound": project(train_targets, targets, AVERAGES, bands=len(objects)),
     }
     if trial.preset is not None:
-        folder, training = work / trial.variant.folder, trial.training
+        folder, training = work / trial.variant.name, trial.training
         name = training.model.backbone_weights
         if weights and name in weights:
             model = replace(training.model, backbone_weights=str(weights[name]))
@@ -229,7 +220,7 @@ def run_trial(
         .assign(system=system, depth_mm=trial.data.depths_mm, object=objects)
         .to_dict("records")
     ]
-    write_json(work / f"{trial.variant.folder}.json", found)
+    write_json(work / f"{trial.variant.name}.json", found)
 
 
 def write(name: str, study: Study, trials: Sequence[Trial], work: Path, out: Path) -> Path:
@@ -290,7 +281,7 @@ def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
     names = [variant.name for variant in study.variants]
     size = 12, 2 + 0.4 * len(names)
     figure, axes = subplots(1, 2, sharey=True, layout="constrained", figsize=size)
-    for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
+    for axis, name, label in zip(axes, ("psnr_db", "ssim"), ("PSNR (dB)", "SSIM"), strict=True):
         for system, group in rows.groupby("system", sort=False):
             planes = group.groupby("variant", sort=False)[name].agg(["mean", "min", "max"])
             reach = [planes["mean"] - planes["min"], planes["max"] - planes["mean"]]
