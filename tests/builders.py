@@ -53,12 +53,13 @@ def toml(values):
 
 
 def shapes(samples, image=(40, 64), views=5, coarser=6, sides_mm=(10.0, 9.0), off_axis_mm=10.0):
-    """Values of a data set: a square in front of the focal plane, a circle behind it."""
+    """Values of a data set made directly: a square before the focal plane, a circle behind it."""
     sign = {"square": 1, "circle": -1}
     return {
         "kind": "shapes",
         "seed": 5,
         "image": list(image),
+        "route": "direct",
         "samples": {"smoke": samples},
         "camera": camera(views, (6 * side // coarser for side in image), coarser),
         "template": {

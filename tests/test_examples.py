@@ -19,9 +19,8 @@ ROOMS = sorted(path.parent.name for path in PACKAGE.glob("[a-z]*/__init__.pyi"))
 SCENE = scene_toml(9, (20, 30), depth_mm=10.0, side_mm=1.0)
 
 WITHOUT_EXAMPLE = {
-    "export_network", "load_network", "load_system", "open_run", "predict", "read_card",
-    "read_systems_config", "train", "train_system", "fresh_samples", "search_region_slope",
-    "write_flame",
+    "load_system", "open_run", "predict", "read_systems_config", "train", "train_system",
+    "search_region_slope", "write_flame",
 }  # fmt: skip
 """Names that need a trained network, or take longer than an example may."""
 
@@ -52,7 +51,16 @@ def examples_of(found):
     return [test for test in finder.find(found, found.__name__) if test.examples]
 
 
-@pytest.mark.parametrize("name", NAMES)
+SLOW = {
+    "simulation.measure_changes", "viewer.demo_scene", "viewer.demo_light_field",
+    "tomography.write_reconstruction", "learning.build_refocus_resnet50",
+    "systems.refocus_regions", "tomography.ReconstructionPlan",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in NAMES]
+)
 def test_every_public_function_has_an_example_that_runs(name, folder):
     """And of the classes those that have one, as results need none."""
     found = getattr(getattr(lf_flame, name.split(".")[0]), name.split(".")[1])

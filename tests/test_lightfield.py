@@ -55,6 +55,7 @@ def test_odd_shaped_and_unfinite_raw_images_are_refused():
         LightField(np.ones((2, 2, 2, 2), complex))
 
 
+@pytest.mark.slow
 def test_named_axes_go_in_and_come_out(rng):
     xarray = pytest.importorskip("xarray")
     views = rng.uniform(size=(3, 5, 4, 6, 3)).astype(np.float32)

@@ -1,10 +1,10 @@
 """Accuracy against time in refocusing: SSIM and PSNR over milliseconds, beside the network.
 
-All methods go from the same light fields in memory to the same images, those of a data set's
-targets, on all cores, one after the other in one process, compiled beforehand. Exact are all views,
-shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped
-edges): nothing is interpolated. (The targets that networks are trained on are linear
-shift-and-sum.)
+All methods go from the same light fields in memory, as separated views or as the raw image of the
+camera, to the same images, those of a data set's targets, on all cores, one after the other in one
+process, compiled beforehand. Exact are all views, shifted by exact phases
+(`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped edges): nothing is
+interpolated. (The targets that networks are trained on are linear shift-and-sum.)
 """
 
 import math
@@ -25,25 +25,25 @@ from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig, read_config
-from lf_flame.datasets.encodings import area_average
 from lf_flame.datasets.sampling import render_sample
+from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import psnr, ssim
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
-NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
-"""Titles of the trained network: from the light field, and without averaging its views."""
+NETWORK, UNTRAINED = "ResNet-50", "all five stages, random weights, not trained: only time counts"
+"""Title of the network from separated views, and what stands for its origin without a run."""
 
 FAMILIES = {
-    "interpolation": ("#0072B2", "osD", ""),
-    "central": ("#E69F00", "s", "linear, central views: a smaller aperture"),
-    "spread": ("#009E73", "^", "linear, few views over the full aperture"),
-    "storage": ("#CC79A7", "osDv", ""),
-    "fourier": ("#000000", "osDv", ""),
-    "network": ("#D55E00", "*P", ""),
+    "interpolation": ("#0072B2", "osD"),
+    "raw": ("#56B4E9", "osD"),
+    "few": ("#009E73", "o^sD"),
+    "binned": ("#CC79A7", "o"),
+    "fourier": ("#000000", "os"),
+    "network": ("#D55E00", "*oP"),
 }
-"""Colour and markers of the families of methods; one with words is drawn as a curve."""
+"""Colour and markers of the families of methods."""
 
 
 @dataclass(frozen=True)
@@ -64,25 +64,20 @@ def formula_methods(views: int, block: tuple[int, int]) -> Iterator[Method]:
     """Yield the methods that need no training; a block of lenslets is a pixel of the targets."""
     for name in ("nearest", "linear", "cubic"):
         yield Method("interpolation", name, partial(_in_space, interpolation=name))
-    for n in range(2 + views % 2, views, 2):
-        middle = slice((views - n) // 2, (views + n) // 2)
-        yield Method("central", f"linear, {n} x {n} central views", _in_space,
-                     partial(_chosen, views=middle))  # fmt: skip
+    for bits, words in ((0, ""), (16, " of 16 bits"), (8, " of 8 bits")):
+        yield Method("raw", f"linear, from the raw image{words}", partial(_from_raw, views=views),
+                     partial(_as_raw, bits=bits))  # fmt: skip
     for step in (k for k in range(views - 1, 1, -1) if (views - 1) % k == 0):
         n = (views - 1) // step + 1
-        yield Method("spread", f"linear, {n} x {n} views over the full aperture",
+        yield Method("few", f"linear, {n} x {n} views over the full aperture",
                      partial(_in_space, step=step),
-                     partial(_chosen, views=slice(None, None, step)))  # fmt: skip
-    for kind in ("float16", "uint16", "uint8"):
-        yield Method("storage", f"linear, stored as {kind}", _in_space, partial(_stored, kind=kind))
+                     lambda views, step=step: views[::step, ::step].copy())  # fmt: skip
     if block[0] == block[1] > 1:
-        yield Method("storage", f"linear, stored {block[0]} x {block[1]} binned",
+        yield Method("binned", f"linear, stored {block[0]} x {block[1]} binned",
                      partial(_in_space, step=1 / block[0]),
                      partial(downscale_local_mean, factors=(1, 1, *block)))  # fmt: skip
-    for edges in ("clamp", "wrap"):
-        padded = ", padded" if edges == "clamp" else ""
-        yield Method("fourier", f"exact phases{padded}", partial(fourier_refocus, edges=edges))
-        yield Method("fourier", f"Fourier slice{padded}", partial(fourier_slice, edges=edges))
+    yield Method("fourier", "exact phases", partial(fourier_refocus, edges="clamp"))
+    yield Method("fourier", "Fourier slice", partial(fourier_slice, edges="clamp"))
 
 
 def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -> np.ndarray:
@@ -90,47 +85,65 @@ def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -
     return images / np.float32(np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1)
 
 
-def _chosen(light_field: np.ndarray, views: slice) -> np.ndarray:
-    """Cut out some views, as a camera without the others has them in memory."""
-    return np.ascontiguousarray(light_field[views, views])
+def _as_raw(views: np.ndarray, bits: int = 0) -> np.ndarray:
+    """Join views to a raw image: float32, or whole numbers of some bits that saturate at 1."""
+    raw = LightField.trusted(views).to_raw()
+    whole = np.round(np.clip(raw, 0, 1) * np.float32(2**bits - 1))
+    return whole.astype(f"uint{bits}") if bits else raw
 
 
-def _stored(views: np.ndarray, kind: str) -> np.ndarray:
-    """Store views in fewer bits; where they become whole numbers the sensor saturates at 1."""
-    if kind == "float16":
-        return views.astype(kind)
-    return np.round(np.clip(views, 0, 1) * np.float32(np.iinfo(kind).max)).astype(kind)
+def _from_raw(raw: np.ndarray, slopes: np.ndarray, views: int) -> np.ndarray:
+    cells = raw.reshape(len(raw) // views, views, -1, views)
+    return _in_space(cells.transpose(1, 3, 0, 2), slopes)
+
+
+def shrink(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Average areas so that the last two axes have `size`, by a product that memory limits."""
+    down, across = (n // m for n, m in zip(images.shape[-2:], size, strict=True))
+    rows = images.reshape(*images.shape[:-2], size[0], down, -1)
+    sums = np.ones(down, images.dtype) @ rows
+    return sums.reshape(*sums.shape[:-1], size[1], across).sum(-1) / np.float32(down * across)
 
 
 def network_methods(scenes: HeldOut) -> list[Method]:
-    """Load the trained network, if there is one: from the light field, and from its input alone."""
-    if scenes.run is None:
-        return []
+    """Load the trained network, from views, raw image and input; without a run it is untrained.
+
+    Its time does not depend on its weights. The input is the paper's, the raw image resized.
+    """
     import keras  # here, so that the rest can be measured without loading it
 
+    from lf_flame.models import build_refocus_resnet50
+
+    config, size = scenes.config, scenes.config.image
+    if config.input.kind != "raw":
+        raise InputError(f"The network in {scenes.run} must see the raw image, as in the paper.")
+    build = partial(build_refocus_resnet50, size, len(scenes.slopes), "random")
     with keras.device("cpu:0"):
-        model = open_run(scenes.run).load_network()
+        model = open_run(scenes.run).load_network() if scenes.run else build()
     model.compile(jit_compile=True)  # XLA: for single images the fastest form there is
 
     def predict(image: np.ndarray, _slopes) -> np.ndarray:
         with keras.device("cpu:0"):
-            return model.predict_on_batch(image[None])[0, ..., 0]
+            return model.predict_on_batch(image[None, ..., None])[0, ..., 0]
 
     def encode(views: np.ndarray) -> np.ndarray:
-        return scenes.config.encode(LightField.trusted(views))
+        pixels = math.prod(config.camera.lenslets)
+        photograph = shrink(views.reshape(-1, pixels), (1, pixels))
+        return shrink(photograph.reshape(config.camera.lenslets), size)
 
-    def refocus(views: np.ndarray, slopes) -> np.ndarray:
-        return predict(encode(views), slopes)
-
-    return [Method("network", NETWORK, refocus), Method("network", ALONE, predict, encode)]
+    return [
+        Method("network", NETWORK, lambda views, _: predict(encode(views), _)),
+        Method("network", f"{NETWORK}, from the raw image",
+               lambda raw, _: predict(shrink(raw, size), _), _as_raw),
+        Method("network", f"{NETWORK}, its input given", predict, encode),
+    ]  # fmt: skip
 
 
 def measure_refocusing(run: Path, configs: Sequence[DatasetConfig] | None = None) -> dict:
     """Measure all methods on data sets, by default the paper's, and the networks RUN/KIND."""
     started, rows = time.perf_counter(), []
     found = [
-        find_scenes(config, run / config.kind)
-        for config in configs or [read_config(path) for path in DATA_SETS]
+        find_scenes(config, run / config.kind) for config in configs or map(read_config, DATA_SETS)
     ]
     with set_workers(numba.get_num_threads()):
         for scenes in found:
@@ -154,7 +167,7 @@ def _described(scenes: HeldOut) -> dict:
         f"{len(scenes.slopes)} images of {config.image[0]} x {config.image[1]}",
         "samples": scenes.indices,
         "slopes": scenes.slopes,
-        "network": scenes.origin,
+        "network": scenes.origin if scenes.run else UNTRAINED,
     }
 
 
@@ -164,16 +177,18 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
         exact = fourier_refocus(views, slopes, interpolation="sinc", edges="clamp")
-        exact = area_average(exact, size)
+        exact = np.clip(shrink(exact, size), 0, 1)
         for method in methods:
             stored = method.store(views)
 
             def call(method=method, stored=stored) -> np.ndarray:
-                return area_average(method.refocus(stored, slopes), size)
+                return np.clip(shrink(method.refocus(stored, slopes), size), 0, 1)
 
             images, seconds = call(), math.nan
             if index == scenes.indices[0]:
                 seconds = in_turn(call).best[0]
+            if method.family == "network" and scenes.run is None:
+                images = np.full_like(exact, np.nan)  # no score
             row = {"data_set": scenes.config.kind, "family": method.family, "title": method.title}
             yield [
                 row | {"seconds": seconds, "ssim": ssim(*pair), "psnr_db": psnr(*pair)}
@@ -206,7 +221,7 @@ def write(out: Path, record: dict) -> Path:
     table = pd.DataFrame(record["methods"])
 
     def decibels(value: float) -> str:
-        return f"{value:.1f}" if math.isfinite(value) else "exact"
+        return {math.inf: "exact"}.get(value, "" if math.isnan(value) else f"{value:.1f}")
 
     headings = {
         "data_set": ("data set", ""),
@@ -224,13 +239,13 @@ def write(out: Path, record: dict) -> Path:
     ]
     body = [
         "\n".join(lines),
-        f"""Time: from a light field in memory to the finished images, the fastest of a few runs,
-compiled beforehand, on {record["threads"]} threads, without a graphics card. Score: against exact
-phases of all views, averaged and clipped like the targets of the data sets, over samples that no
-network was trained on. PSNR is that of the mean squared error of all images; worst is a single
-image. Central views are those of a smaller aperture, with its greater depth of field; those over
-the full aperture are what a camera with few views has, and show ghosts.""",
-        "![PSNR and SSIM over milliseconds](refocusing.png)",
+        f"""Time: from separated views in memory, or from the raw image, to the finished images, the
+fastest of a few runs, compiled beforehand, on {record["threads"]} threads, without a graphics card;
+the network sees one image at a time, and averaging the views or the raw image to its input counts.
+Score: against exact phases of all views, averaged and clipped like the targets of the data sets,
+over samples that no network was trained on. PSNR is that of the mean squared error of all images;
+worst is a single image. Few views over the full aperture show ghosts.""",
+        "![PSNR over milliseconds](refocusing.png)",
         markdown(table, headings),
     ]
     return write_report(
@@ -240,38 +255,23 @@ the full aperture are what a camera with few views has, and show ghosts.""",
 
 
 def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
-    """Draw PSNR and 1 - SSIM over milliseconds, one column for each data set.
-
-    Few views are curves that end at all views; the exact result itself is left out.
-    """
+    """Draw PSNR over milliseconds, without the exact result, one panel for each data set."""
     picture, axes = subplots(
-        2, len(scenes), figsize=(6.0 * len(scenes), 10.5), sharex=True, sharey="row",
+        1, len(scenes), figsize=(6.0 * len(scenes), 6.5), sharex=True, sharey=True,
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    table = table[np.isfinite(table["psnr_db"])].assign(distance=1 - table["ssim"])
-    for name, column in zip(scenes, axes.T, strict=True):
-        rows = table[table["data_set"] == name]
-        whole = rows[rows["title"] == "linear"]
-        for axis, score in zip(column, ("psnr_db", "distance"), strict=True):
-            for family, (colour, markers, words) in FAMILIES.items():
-                some = rows[rows["family"] == family]
-                if words:
-                    line = pd.concat([some, whole])
-                    axis.plot(line["milliseconds"], line[score], marker=markers, color=colour,
-                              label=words, zorder=1)  # fmt: skip
-                    continue
-                for row, marker in zip(some.to_dict("records"), markers, strict=False):
-                    axis.plot(row["milliseconds"], row[score], marker, color=colour,
-                              label=row["title"], markersize=9)  # fmt: skip
-            axis.axvline(40, color="0.5", linewidth=0.8, linestyle=":")
-            axis.grid(which="major", alpha=0.25)
-        column[0].set_title(f"{name}: {scenes[name]['light_field']}", fontsize=9)
-        column[1].set_xlabel("milliseconds on all cores (dotted: 25 light fields a second)")
+    for axis, (name, scene) in zip(axes[0], scenes.items(), strict=True):
+        rows = table[(table["data_set"] == name) & (table["psnr_db"] < np.inf)]
+        for family, (colour, markers) in FAMILIES.items():
+            some = rows[rows["family"] == family].to_dict("records")
+            for row, marker in zip(some, markers, strict=False):
+                axis.plot(row["milliseconds"], row["psnr_db"], marker, color=colour,
+                          label=row["title"], markersize=8)  # fmt: skip
+        axis.set_title(f"{name}: {scene['light_field']}", fontsize=9)
+        axis.set_xlabel("milliseconds on all cores")
+        axis.grid(which="major", alpha=0.25)
     axes[0, 0].set_xscale("log")
-    axes[1, 0].set_yscale("log")
-    axes[1, 0].invert_yaxis()
     axes[0, 0].set_ylabel("PSNR against the exact result (dB)")
-    axes[1, 0].set_ylabel("1 - SSIM against the exact result")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     picture.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return picture

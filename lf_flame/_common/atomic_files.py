@@ -70,12 +70,20 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove temporary folders of `path` that killed processes left.
+    """Remove temporary files and folders of `path` that killed processes left.
 
     Only for a process that holds the lock (`exclusive`) under which all write `path`.
     """
-    for left in path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 16}.part"):
-        shutil.rmtree(left, ignore_errors=True)
+    part = f"{'[0-9a-f]' * 16}.part"
+    names = (
+        f".{glob.escape(path.name)}.{part}",
+        f".{glob.escape(path.stem)}.{part}{glob.escape(path.suffix)}",
+    )
+    for left in [found for name in names for found in path.parent.glob(name)]:
+        if left.is_file():
+            left.unlink()
+        else:
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def write_text(path: str | Path, text: str) -> None:

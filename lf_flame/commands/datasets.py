@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 @click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
 @click.option(
     "--route",
-    type=click.Choice(["direct", "exact", "rays"]),
-    help="Route, in place of CONFIG's: directly from the scene; or through a light field, in "
-    "closed form (exact) or by traced rays.",
+    type=click.Choice(["rays", "exact", "direct"]),
+    help="Route, in place of CONFIG's: through light fields, by traced rays (the default) or in "
+    "closed form (exact); or directly from the scene.",
 )
 @WORKERS
 def dataset(
@@ -34,11 +34,10 @@ def dataset(
     preset: str,
     out: Path,
     workers: int,
-    route: Literal["direct", "exact", "rays"] | None,
+    route: Literal["rays", "exact", "direct"] | None,
     scheduler: str | None,
-    local_cluster: int | None,
 ) -> None:
-    """Simulate the data set that CONFIG describes; continues an interrupted run.
+    """Simulate the data set that CONFIG describes; resumes an interrupted run.
 
     \b
       lf-flame dataset flames.toml --out flames.zarr
@@ -49,16 +48,23 @@ def dataset(
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.progress import progress_bar
     from lf_flame.datasets.config import read_config
+    from lf_flame.datasets.encodings import SMALLEST
     from lf_flame.datasets.making import make_dataset
 
-    crew = Crew(workers, scheduler, local_cluster)
+    crew = Crew(workers, scheduler)
     settings = read_config(config)
+    height, width, _ = settings.input.shape(settings.image)
+    if min(height, width) < SMALLEST:
+        raise InputError(
+            f"{config}: the input of the network would have {height} x {width} pixels, and "
+            f"ResNet-50 needs {SMALLEST} or more along each side."
+        )
     if route:
         settings = replace(settings, route=route)
     samples = settings.sample_count(preset)
     if out.exists():
         _check_finished(out, settings, samples)
-        (out / "zarr.json").touch()  # make compares it with the configuration file
+        (out / "zarr.json").touch()  # for Make, which compares its date with that of CONFIG
         click.echo(f"{out} is complete: {samples} samples.")
         return
     click.echo(f"{samples} samples into {out}; first, the slopes of sharpest focus", err=True)
@@ -74,6 +80,6 @@ def _check_finished(out: Path, settings: "DatasetConfig", samples: int) -> None:
     found = Dataset(out)
     if found.config != settings or len(found) != samples:
         raise InputError(
-            f"{out} holds a data set of another configuration or size; remove it or choose "
+            f"{out} contains a data set of another configuration or size; remove it or choose "
             f"another folder."
         )

@@ -1,4 +1,4 @@
-"""The commands for the paper's network: weights, train, export and predict.
+"""The commands for the paper's network: weights, train and predict.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -10,46 +10,14 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, PATH, SEED, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, PATH, SEED
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command()
-@click.argument("run", type=FOLDER)
-@click.option(
-    "--out",
-    type=UsablePath(dir_okay=False, path_type=Path),
-    required=True,
-    help="The .keras file to write.",
-)
-def export(run: Path, out: Path) -> None:
-    """Write the network of a finished RUN as a file that others can use.
-
-    FILE.keras holds the whole network, including the backbone, in Keras's own layers: no pickled
-    code, and this package is not needed to load it. FILE.json beside it, its card, describes the
-    input and output of the network, and how it was trained.
-
-    \b
-      lf-flame export runs/closed-form/flames --out flames.keras
-      python -c 'import keras; keras.saving.load_model("flames.keras").summary()'
-    """  # noqa: D301 - click reads the backspace
-    load_keras()
-    from lf_flame.learning.model_card import export_network
-
-    export_network(run, out)
-    size = out.stat().st_size / 1e6
-    click.echo(f"{out} ({size:.0f} MB) and {out.with_suffix('.json')} are written")
-
-
-@cloup.command()
 @click.argument("images", type=PATH, nargs=-1, required=True)
-@click.option(
-    "--model",
-    type=PATH,
-    required=True,
-    help="Run folder, or a .keras file that `lf-flame export` wrote.",
-)
+@click.option("--model", type=FOLDER, required=True, help="Run folder of `lf-flame train`.")
 @click.option("--out", type=FOLDER, default="predicted", show_default=True, help="Results folder.")
 @OVERWRITE
 def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -> None:
@@ -68,27 +36,27 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     refocused images side by side) and prediction.json, the record.
 
     \b
-      lf-flame predict photograph.png --model runs/closed-form/flames
-      lf-flame predict raw.png light_field.npz --model flames.keras
+      lf-flame predict photograph.png --model runs/paper/flames
+      lf-flame predict raw.png light_field.npz --model runs/paper/flames
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import refuse_folder
 
     folders = _result_folders(images, out)
     for folder in folders:
         refuse_folder(folder, "prediction.json", overwrite=overwrite)
-    from lf_flame.learning.model_card import load_network, read_card
     from lf_flame.learning.prediction import input_size, predict, read_input
+    from lf_flame.learning.run_folders import open_run
 
-    card = read_card(model)
-    size = input_size(card)
+    run = open_run(model)
+    size = input_size(run)
     inputs = [read_input(image, size) for image in images]
     for seen in inputs:
         for note in seen.notes:
             click.echo(f"{printable(seen.source)}: {note}", err=True)
     load_keras()
-    network = load_network(model, card)
+    network = run.load_network()
     for prediction, folder in zip(predict(network, inputs), folders, strict=True):
-        prediction.write(card, folder, overwrite=overwrite)
+        prediction.write(run, folder, overwrite=overwrite)
         source, place = printable(prediction.seen.source), printable(folder)
         click.echo(f"{source}: refocused in {prediction.ms:.0f} ms, in {place}")
 

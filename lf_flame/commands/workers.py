@@ -1,16 +1,18 @@
 """Options for where long work is done: processes on this machine, or a Dask cluster."""
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import CancelledError, Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 
-import click
 import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.provenance import cpu_count
 from lf_flame.errors import InputError
+
+START_S = 30
+"""Longest time in seconds to wait for a scheduler, and then for its first worker."""
 
 WORKERS = cloup.option_group(
     "Where it is computed",
@@ -18,12 +20,6 @@ WORKERS = cloup.option_group(
         "--workers", default=0, show_default=True, help="Number of processes; 0: one per core."
     ),
     cloup.option("--scheduler", help="Dask scheduler of the workers to use: tcp://HOST:PORT."),
-    cloup.option(
-        "--local-cluster",
-        type=click.IntRange(1, 1024),
-        metavar="N",
-        help="Start a Dask cluster of N processes here.",
-    ),
 )
 
 
@@ -33,13 +29,10 @@ class Crew:
 
     workers: int = 0
     scheduler: str | None = None
-    local_cluster: int | None = None
 
     def __post_init__(self):
         if self.workers < 0:
             raise InputError(f"workers must be 0 (one per core) or more, got {self.workers}.")
-        if self.scheduler and self.local_cluster:
-            raise InputError("--scheduler and --local-cluster exclude each other.")
 
     @property
     def processes(self) -> int:
@@ -48,14 +41,41 @@ class Crew:
 
     @contextmanager
     def executor(self) -> Iterator[Executor | None]:
-        """Connect to the cluster; None without one."""
-        if not (self.scheduler or self.local_cluster):
+        """Connect to the cluster; None without one.
+
+        All its workers must have this package, and find the output under the same name. Dask gives
+        the tasks of a worker that dies to other workers.
+        """
+        if not self.scheduler:
             yield None
             return
-        from lf_flame.datasets.clusters import cluster_executor
+        from distributed import KilledWorker
 
-        with ExitStack() as open_until_the_end:
-            with progress.stage("Connecting to the cluster"):
-                cluster = cluster_executor(self.scheduler, self.local_cluster)
-                executor = open_until_the_end.enter_context(cluster)
-            yield executor
+        with progress.stage("Connecting to the cluster"):
+            client = _connect(self.scheduler)
+        try:
+            with client:
+                yield client.get_executor()
+        except (CancelledError, KilledWorker):
+            raise ChildProcessError(
+                "The cluster's scheduler has ended, or a task killed worker after worker; what is "
+                "finished is kept, and the same command resumes from there"
+            ) from None
+
+
+def _connect(scheduler: str):
+    """Connect to a scheduler, and wait for its first worker."""
+    from distributed import Client
+
+    try:
+        client = Client(scheduler, timeout=START_S)
+    except (OSError, ValueError) as error:
+        raise InputError(f"The scheduler {scheduler} does not answer: {error}.") from None
+    try:
+        client.wait_for_workers(1, timeout=START_S)
+    except TimeoutError:
+        client.close()
+        raise InputError(
+            f"The scheduler {scheduler} has no workers: start some with `dask worker {scheduler}`."
+        ) from None
+    return client

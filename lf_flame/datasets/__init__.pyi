@@ -1,7 +1,6 @@
 from .config import DatasetConfig as DatasetConfig
 from .config import read_config as read_config
 from .encodings import InputEncoding as InputEncoding
-from .fresh_scenes import fresh_samples as fresh_samples
 from .making import make_dataset as make_dataset
 from .split import split_indices as split_indices
 from .store import Dataset as Dataset

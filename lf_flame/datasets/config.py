@@ -45,15 +45,15 @@ class DatasetConfig:
         Effects to force on (True) or off (False), by name.
     input : InputEncoding, optional
         Encoding of the network's input. Default: that of the paper.
-    route : {"direct", "exact", "rays"}, optional
-        Method for targets and inputs. "rays": each light field is rendered with traced rays and
-        refocused with shift-and-sum, as in the paper; "exact": the same, with the integrator that
-        the effect plan chooses; "direct": directly from the scene where the plan allows, else as
-        "exact".
+    route : {"rays", "exact", "direct"}, optional
+        Method for targets and inputs. "rays", the default: each light field is rendered with traced
+        rays and refocused with shift-and-sum, as in the paper; "exact": the same, with the
+        integrator that the effect plan chooses; "direct": directly from the scene where the plan
+        allows, else as "exact".
     shuffled_depths : bool, optional
-        Whether the objects of each sample are at the template's depths in random order, with the
-        same size in the central view as at their own depths. Unless objects occlude others, the
-        effect plan stays that of the objects at their own depths.
+        Whether the objects of each sample are at the template's depths in random order, scaled so
+        that the central view stays the same. Unless objects occlude others, the effect plan is that
+        of the objects at their own depths.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class DatasetConfig:
     template: Template
     effects: dict[str, bool] = field(default_factory=dict)
     input: InputEncoding = InputEncoding()
-    route: Literal["direct", "exact", "rays"] = "direct"
+    route: Literal["rays", "exact", "direct"] = "rays"
     shuffled_depths: bool = False
 
     def __post_init__(self):
@@ -86,8 +86,8 @@ class DatasetConfig:
                 )
         if self.camera.views < self.input.views_per_side:
             raise InputError(
-                f"input {self.input.kind!r} shows {self.input.views_per_side} views along an axis, "
-                f"the camera has {self.camera.views}."
+                f"input {self.input.kind!r} needs {self.input.views_per_side} views along each "
+                f"axis, the camera has {self.camera.views}."
             )
         counts = self.samples.values()
         if self.seed < 0 or not 1 <= min(counts, default=0) <= max(counts) <= MOST_SAMPLES:
@@ -108,20 +108,14 @@ class DatasetConfig:
         scene, _ = self.draw(None)
         return plan_effects(scene, self.camera, effects=self.effects)
 
-    @cached_property
-    def planned_by_sample(self) -> bool:
-        """Whether effects are planned for each sample: if objects occlude or attenuate others.
-
-        They may do so in some samples only. Glowing objects need the same effects in all samples.
-        """
-        scene, _ = self.draw(None)
-        return any(layer.opaque or layer.optical_thickness.any() for layer in scene.layers)
-
     def plan_of(self, scene: Scene) -> EffectPlan:
-        """Effect plan with which a scene of the data set is simulated."""
-        if not self.planned_by_sample:
-            return self.plan
-        return plan_effects(scene, self.camera, effects=self.effects)
+        """Effect plan of a scene: its own if objects may occlude others, else that of all scenes.
+
+        Objects that only add light need the same effects in all scenes.
+        """
+        if any(layer.opaque for layer in scene.layers):
+            return plan_effects(scene, self.camera, effects=self.effects)
+        return self.plan
 
     @property
     def block(self) -> tuple[int, int]:
@@ -178,10 +172,7 @@ def read_config(path: str | Path) -> DatasetConfig:
 
 def config_to_json(config: DatasetConfig) -> dict[str, Any]:
     """Turn a configuration into the JSON values that are stored with a data set."""
-    values = to_json(config)
-    if not values["template"].get("opaque", True):  # older data sets have no such entry
-        del values["template"]["opaque"]
-    return values
+    return to_json(config)
 
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:

@@ -1,8 +1,9 @@
 """Encodings of a light field as the input image of a network.
 
 The paper's input is the raw lenslet image, resized. Area averaging makes that a photograph without
-angular information (deviation 5). The other encodings keep parallax, in channels or side by side,
-and use the same frozen backbone.
+angular information; picking single pixels, as resizing without averaging does, makes it a central
+view (deviation 5). The other encodings keep parallax, in channels or side by side, and use the same
+frozen backbone.
 """
 
 from dataclasses import dataclass
@@ -19,6 +20,9 @@ from lf_flame.projection import Projector
 CHANNELS = 3
 """Number of channels of the images for which the backbone was made."""
 
+SMALLEST = 32
+"""Smallest number of pixels along each side of an input that the backbone accepts."""
+
 
 @strict
 @dataclass(frozen=True)
@@ -27,10 +31,13 @@ class InputEncoding:
 
     Parameters
     ----------
-    kind : {"raw", "views", "grid"}
-        Kind of the encoding. "raw" is the paper's: the raw lenslet image resized by area averaging,
-        in one channel. "views": three views of the central row, leftmost, central and rightmost, in
-        three channels. "grid": views from all over the main lens side by side, in one channel.
+    kind : {"raw", "central", "views", "grid"}
+        Kind of the encoding. "raw": the raw lenslet image resized by area averaging, in one
+        channel. "central": the central view at the central lenslet of each pixel, in one channel.
+        With odd numbers of views and of lenslets in a pixel this is the raw image resized without
+        averaging, by nearest neighbours or bilinear interpolation, bit for bit. "views": three
+        views of the central row, leftmost, central and rightmost, in three channels. "grid": views
+        from all over the main lens side by side, in one channel.
     image : (int, int), optional
         Height and width of the image, or of each view if there are several. Default: those of the
         network's output.
@@ -47,7 +54,7 @@ class InputEncoding:
     (12, 24, 1)
     """
 
-    kind: Literal["raw", "views", "grid"] = "raw"
+    kind: Literal["raw", "central", "views", "grid"] = "raw"
     image: tuple[int, int] | None = None
     grid: int = 3
 
@@ -58,7 +65,7 @@ class InputEncoding:
     @property
     def views_per_side(self) -> int:
         """Smallest number of views along an axis that a camera must have."""
-        return {"raw": 1, "views": CHANNELS, "grid": self.grid}[self.kind]
+        return {"views": CHANNELS, "grid": self.grid}.get(self.kind, 1)
 
     def shape(self, output: tuple[int, int]) -> tuple[int, int, int]:
         """Height, width and channels of the input of a network with outputs of this size."""
@@ -72,8 +79,8 @@ class InputEncoding:
         if self.kind == "raw":
             v, u = np.ix_(range(rows), range(columns))
         else:
-            down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
-            v, u = np.ix_(spread(rows, down), spread(columns, across))
+            down = self.grid if self.kind == "grid" else 1
+            v, u = np.ix_(spread(rows, down), spread(columns, self.views_per_side))
         return v, u
 
     def view_indices(self, rows: int, columns: int) -> list[tuple[int, int]]:
@@ -98,9 +105,9 @@ class InputEncoding:
         """
         size, views = self.image or output, light_field.views
         if self.kind == "raw":
-            # An output pixel is a mean over whole micro-images, and so over the photograph.
+            # A pixel is a mean over whole micro-images, and therefore over the photograph.
             return area_average(light_field.photograph, size)[..., None]
-        return self._arrange(area_average(views[self._view_mesh(*views.shape[:2])], size))
+        return self._arrange(views[self._view_mesh(*views.shape[:2])], size)
 
     def project(self, projector: Projector, output: tuple[int, int]) -> np.ndarray:
         """Encode a scene as `encode` would encode its light field, without forming it.
@@ -123,11 +130,15 @@ class InputEncoding:
             return np.clip(projector.refocus(0.0, block=block)[0], 0, 1)[..., None]
         down, across = self._view_mesh(camera.views, camera.views)
         indices = self.view_indices(camera.views, camera.views)
-        tiles = np.clip(projector.align_views(0.0, indices, block)[0], 0, 1)
-        return self._arrange(tiles.reshape(down.size, across.size, *size))
+        views = projector.align_views(0.0, indices, (1, 1) if self.kind == "central" else block)[0]
+        return self._arrange(views.reshape(down.size, across.size, *views.shape[1:]), size)
 
-    def _arrange(self, tiles: np.ndarray) -> np.ndarray:
-        """Arrange views [v, u, h, w] in channels, or side by side."""
+    def _arrange(self, views: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        """Resize views [v, u, t, s], and arrange them in channels or side by side."""
+        if self.kind == "central":
+            down, across = block_of(views.shape[2:], size)
+            views = views[..., (down - 1) // 2 :: down, (across - 1) // 2 :: across]
+        tiles = area_average(views, size)
         if self.kind == "views":
             return np.moveaxis(tiles[0], 0, -1)
         return np.block([list(row) for row in tiles])[..., None]

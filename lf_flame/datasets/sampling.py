@@ -1,7 +1,7 @@
 """Samples of a data set: drawn, simulated and refocused, each from the seed and its index.
 
 With the route "direct" images come directly from the scene (`lf_flame.projection`) where the effect
-plan allows, else from the light field. Light fields of the exact integrator agree to 1e-6.
+plan allows, else from the light field. Both agree to 1e-6.
 """
 
 import numpy as np
@@ -21,24 +21,18 @@ from lf_flame.simulation.planning.ray_counts import RAY_COUNTS
 SEARCHED, STEPS_SEARCHED = 0.6, 25
 """Range of slopes around the geometric one that is searched first, and number of steps."""
 
-
 TARGET_ERROR = 1e-3
 """Largest root-mean-square error of a refocused image, which determines the number of rays: 60 dB
 below white, about 15 dB below the error of the paper's network."""
 
 
 def count_rays(config: DatasetConfig) -> int | None:
-    """Find the number of rays per pixel, along each axis, that a data set's light fields need.
+    """Find the number of rays per pixel, along each axis, that a data set needs; None without rays.
 
-    It is found for the mean scene, once for all samples. A refocused image averages many pixels, so
-    far fewer rays suffice than for the tolerance of a single light field: the smallest number with
-    which all refocused images agree, to `TARGET_ERROR`, with those directly from the scene. If the
-    plan does not allow direct images, the tolerance decides.
-
-    Returns
-    -------
-    int or None
-        Number of rays; None if the data set's route traces no rays.
+    It is the smallest with which all refocused images of the mean scene agree, to `TARGET_ERROR`,
+    with those directly from the scene: far fewer than for the tolerance of a single light field,
+    because a refocused image averages many pixels. If the effect plan does not allow direct images,
+    that tolerance decides.
     """
     if config.route != "rays":
         return None
@@ -61,29 +55,10 @@ def count_rays(config: DatasetConfig) -> int | None:
 def search_slopes(
     config: DatasetConfig, rays: int | None = None, whole_range: bool = False
 ) -> list[SlopeSearch]:
-    """Find, for the mean scene, the slope of sharpest focus of each object.
+    """Find the slope of sharpest focus of each object of the mean scene, in the image around it.
 
-    Each search uses only the part of the image around its object.
-
-    Parameters
-    ----------
-    config : DatasetConfig
-        Configuration.
-    rays : int, optional
-        Number of rays per pixel along each axis for the route "rays", from `count_rays`.
-    whole_range : bool, optional
-        Whether all slopes are searched, instead of only those near the geometric one, which takes a
-        third of the time. The slopes found agree to 5e-5.
-
-    Returns
-    -------
-    list of SlopeSearch
-        Results in the order of the template's objects.
-
-    Raises
-    ------
-    InputError
-        If an object has no slope of sharpest focus.
+    `rays` is the number from `count_rays`. All slopes are searched, or only those near the
+    geometric one, which takes a third of the time; both results agree to 5e-5.
     """
     scene, _ = config.draw(None)
     light_field = render_drawn(scene, config, config.plan, 0, rays)
@@ -123,24 +98,10 @@ def _region(layer: Layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
 def simulate_sample(
     config: DatasetConfig, slopes: list[float], index: int, rays: int | None = None
 ) -> dict:
-    """Draw, simulate and refocus one sample.
+    """Draw, simulate and refocus one sample; `rays` is the number from `count_rays`.
 
-    Parameters
-    ----------
-    config : DatasetConfig
-        Configuration.
-    slopes : list of float
-        Slopes of the targets.
-    index : int
-        Index of the sample.
-    rays : int, optional
-        Number of rays per pixel along each axis for the route "rays", from `count_rays`.
-
-    Returns
-    -------
-    dict
-        Arrays ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in
-        [0, 1], the ``parameters`` that were drawn, and the ``plan`` of the simulation.
+    Returns ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1],
+    and the ``parameters`` that were drawn.
     """
     scene, parameters = draw_sample(config, index)
     plan = config.plan_of(scene)
@@ -152,7 +113,7 @@ def simulate_sample(
         projector = Projector(scene, config.camera, plan)
         shown = config.input.project(projector, config.image)
         target = _refocus_directly(projector, config, slopes)
-    return {"input": shown, "target": target, "parameters": parameters, "plan": plan}
+    return {"input": shown, "target": target, "parameters": parameters}
 
 
 def _refocus(light_field: LightField, config: DatasetConfig, slopes: list[float]) -> np.ndarray:

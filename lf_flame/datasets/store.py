@@ -2,26 +2,74 @@
 
 A group has ``input`` (n, h, w, channels), the network's input from the light field, see
 `lf_flame.datasets.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope
-of each object; ``parameters/*``, the values that were drawn; and ``complete`` (n,). If effects are
-planned for each sample, ``simulated`` (n, 1 + effects) says whether rays were traced and which
-effects were simulated, and an attribute of that name counts the samples. Images are in shards,
-files of some samples, each compressed separately and with a checksum; other arrays are in chunks of
-as many samples. `lf_flame.datasets.making` makes such groups.
+of each object; ``parameters/*``, the values that were drawn; and ``complete`` (n,). Images are in
+shards, files of some samples, each compressed separately and with a checksum; other arrays are in
+chunks of as many samples. `lf_flame.datasets.making` makes such groups.
 """
 
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import zarr
 
-from lf_flame._common.input_files import readable
+from lf_flame._common import zarr_files
+from lf_flame._common.config import build_record
+from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.zarr_files import ZARR_ERRORS, open_array, refuse_missing_chunks
-from lf_flame.datasets.config import config_from_json
-from lf_flame.datasets.metadata import METADATA, check_array_files, read_attributes
+from lf_flame._common.zarr_files import ZARR_ERRORS, array_names, open_array, read_array_shape
+from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.errors import InputError
+
+METADATA = zarr_files.METADATA_3
+
+
+@dataclass(frozen=True)
+class Attributes:
+    """Attributes of a data set's group that are read again; others describe its origin."""
+
+    config: dict[str, Any]  # from `config_to_json`
+    slopes: list[float]  # of the targets
+    objects: list[str]  # names
+    rays: int | None  # number per pixel along each axis, if the route traces rays
+
+
+def read_attributes(path: Path) -> Attributes:
+    """Read the attributes of a data set's group."""
+    return build_record(Attributes, zarr_files.read_attributes(path), path / METADATA)
+
+
+def check_arrays(path: Path, config: DatasetConfig) -> int:
+    """Check a data set's files and metadata before Zarr reads them; return the number of samples.
+
+    No file may be a device, a pipe, or larger than the memory limit, because Zarr reads whole
+    files; no array may be missing or of another shape than the configuration's.
+    """
+    for file in path.rglob("*"):
+        if not file.is_dir():
+            check_memory(check_regular(file), file)
+    known = {
+        "complete": (),
+        "input": config.input.shape(config.image),
+        "target": (len(config.depths_mm), *config.image),
+    }
+    counts = set()
+    for name in sorted({*known, *array_names(path)}):
+        count, *shape = read_array_shape(path / name)
+        counts.add(count)
+        if name in known and tuple(shape) != known[name]:
+            raise InputError(
+                f"{path / name} is damaged: a sample must have the shape {known[name]}, got "
+                f"{tuple(shape[:6])}."
+            )
+    if len(counts) > 1 or max(counts) > MOST_SAMPLES:
+        raise InputError(
+            f"{path} is damaged: its arrays must have the same number of samples, at most "
+            f"{MOST_SAMPLES}, got {', '.join(map(str, sorted(counts)))}."
+        )
+    return counts.pop()
 
 
 class Dataset:
@@ -47,12 +95,12 @@ class Dataset:
                 f"There is no data set at {path}{hint}; make it with `lf-flame dataset`."
             )
         found = read_attributes(self.path)
-        if found is None:
-            raise InputError(f"{path} is not a data set, or is damaged: it does not say what of.")
         self.config = config_from_json(found.config, self.path)
-        check_array_files(self.path, self.config)
+        self._count = check_arrays(self.path, self.config)
         if not len(found.slopes) == len(found.objects) == len(self.config.depths_mm):
-            raise InputError(f"{path} is damaged: its slopes or objects are not as many as depths.")
+            raise InputError(
+                f"{path} is damaged: there must be one slope and one name for each object."
+            )
         with readable(self.path / METADATA, ZARR_ERRORS):
             self._group = zarr.open_group(self.path, mode="r")
             self.attrs: dict[str, Any] = dict(self._group.attrs)
@@ -62,13 +110,12 @@ class Dataset:
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
 
     def __len__(self) -> int:
-        return open_array(self._group, "complete").shape[0]
+        return self._count
 
     @cached_property
     def inputs(self) -> np.ndarray:
         """Network inputs, shape (n, height, width, channels), float32 in [0, 1]."""
-        # Older data sets store them without an axis of channels.
-        return self._read("input").reshape(-1, *self.config.input.shape(self.config.image))
+        return self._read("input")
 
     @cached_property
     def targets(self) -> np.ndarray:
@@ -82,33 +129,18 @@ class Dataset:
     def _read(self, name: str) -> np.ndarray:
         array = open_array(self._group, name)
         check_memory(array.nbytes, self.path / name)
-        refuse_missing_chunks(array, self.path)
-        samples, count = np.empty(array.shape, array.dtype), (array.shards or array.chunks)[0]
-        for first in range(0, len(self), count):
-            some = slice(first, first + count)
-            try:
-                samples[some] = array[some]
-            except ZARR_ERRORS:
-                self._name_damaged(array, range(len(self))[some])
-            finite = np.isfinite(samples[some]).reshape(len(samples[some]), -1).all(axis=1)
-            if not finite.all():
-                raise InputError(
-                    f"Sample {first + int(finite.argmin())} of {self.path}/{name} is missing or "
-                    f"not finite; remove the data set and make it again."
-                )
+        zarr_files.refuse_missing_chunks(array, self.path)
+        try:
+            samples = np.asarray(array[:])
+        except ZARR_ERRORS as error:
+            reason = str(error).partition("\n")[0]
+            raise InputError(
+                f"{self.path / name} is damaged ({reason}); remove the data set and make it again."
+            ) from None
+        finite = [bool(np.isfinite(sample).all()) for sample in samples]
+        if not all(finite):
+            raise InputError(
+                f"Sample {finite.index(False)} of {self.path / name} is missing or not finite; "
+                f"remove the data set and make it again."
+            )
         return samples
-
-    def _name_damaged(self, array: zarr.Array, indices: range) -> NoReturn:
-        """Find the sample that cannot be read among those that share a file."""
-        for index in indices:
-            try:
-                array[index]
-            except ZARR_ERRORS as error:
-                damaged, reason = index, error
-                break
-        else:
-            damaged, reason = indices[0], OSError("its file cannot be read as a whole")
-        raise InputError(
-            f"Sample {damaged} of {self.path}/{array.path} is damaged ({reason}); "
-            f"remove the data set and make it again."
-        ) from None

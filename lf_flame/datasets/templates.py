@@ -66,7 +66,7 @@ class ShapeTemplate:
             raise InputError(f"size must be below 1, got {self.size}.")
         depths = [o.depth_mm for o in self.objects]
         if self.opaque and len(set(depths)) < len(depths):
-            raise InputError(f"Opaque shapes must stand at different depths, got {depths} mm.")
+            raise InputError(f"Opaque shapes must be at different depths, got {depths} mm.")
 
     def draw(self, rng: np.random.Generator | None) -> tuple[Scene, dict[str, np.ndarray]]:
         """Draw a scene; without a generator, the mean scene at full brightness.

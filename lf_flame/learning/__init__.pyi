@@ -1,8 +1,5 @@
 from .decoder import build_decoder as build_decoder
 from .decoder import build_refocus_resnet50 as build_refocus_resnet50
-from .model_card import export_network as export_network
-from .model_card import load_network as load_network
-from .model_card import read_card as read_card
 from .prediction import Prediction as Prediction
 from .prediction import predict as predict
 from .prediction import read_input as read_input

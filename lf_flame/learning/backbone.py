@@ -17,7 +17,7 @@ from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.input_files import readable
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
-from lf_flame.learning.keras_loading import KERAS_ERRORS
+from lf_flame.learning.keras_loading import KERAS_ERRORS, check_keras
 
 STAGES = {
     "conv3": "conv3_block4_out",
@@ -72,6 +72,7 @@ def build_backbone(
     InputError
         If the depth is unknown, or the file does not contain the weights of this network.
     """
+    check_keras()
     if depth == NO_BACKBONE:
         picture = keras.Input(shown, name="light_field_image")
         return keras.Model(picture, keras.layers.Rescaling(1.0)(picture), name="backbone")
@@ -120,6 +121,7 @@ def _load_resnet50(image, weights, seed, depth) -> keras.Model:
         _randomise(cut, seed)
     elif weights != "imagenet":
         _load_file(full, cut, Path(weights))
+        _refuse_untrained(cut, Path(weights))
     return cut
 
 
@@ -158,6 +160,18 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
     with readable(path, KERAS_ERRORS, fault), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Keras warns of each layer that the file lacks
         full.load_weights(path)
+
+
+def _refuse_untrained(model: keras.Model, path: Path) -> None:
+    """Refuse kernels without a number: a pruned network has many zeros, but also others."""
+    for layer in model.layers:
+        for weight in layer.weights:
+            values = keras.ops.convert_to_numpy(weight)
+            if not np.isfinite(values).all() or (weight.name == "kernel" and not values.any()):
+                raise InputError(
+                    f"{layer.name}/{weight.name} in {path} is all zeros, or holds NaN or infinite "
+                    f"values: the file holds no trained weights."
+                )
 
 
 def _load_npz(model: keras.Model, path: Path) -> None:

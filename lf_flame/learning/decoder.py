@@ -3,9 +3,7 @@
 The input is [n, h, w, channels], the output [n, planes, h, w, 1], both float32 in [0, 1]; `planes`
 is the number of refocused images.
 
-Other modules find layers by name: "backbone" and "decoder" of the whole model; "neck", "basis" and
-"planes" of the decoder, which the closed form (`lf_flame.learning.warm_start`) uses, and "basis"
-the fast training (`lf_flame.learning.fast_decoder`) too.
+Other modules find layers by name: "backbone" and "decoder" of the whole model.
 """
 
 from pathlib import Path
@@ -17,7 +15,6 @@ from lf_flame.errors import InputError
 from lf_flame.learning.backbone import build_backbone
 
 DROPOUT_PLACES = ("image", "vector", "none")
-NECKS = ("pooled", "positions")
 AVERAGES = 256
 """Number of values from which the decoder makes all its images."""
 
@@ -29,7 +26,6 @@ def build_refocus_resnet50(
     backbone_depth: str = "conv5",
     dropout: float = 0.3,
     dropout_place: str = "image",
-    neck: str = "pooled",
     seed: int = 0,
     shown: tuple[int, int, int] | None = None,
 ) -> keras.Model:
@@ -48,10 +44,6 @@ def build_refocus_resnet50(
     dropout_place : {"image", "vector", "none"}
         Position of the dropout: "image" is the paper's, before the last convolution; "vector" is
         after the global average pooling (deviation 9).
-    neck : {"pooled", "positions"}
-        Layers from the feature map to 256 numbers. "pooled" is the paper's: two convolutions and
-        their averages over all positions. "positions" is one dense layer on the whole map, which
-        distinguishes positions (deviation 17).
     seed : int
         Seed of the initial weights, of random backbone weights and of the dropout.
     shown : (int, int, int), optional
@@ -81,9 +73,7 @@ def build_refocus_resnet50(
     """
     shown = shown or (*image, 1)
     backbone = build_backbone(shown, backbone_weights, backbone_depth, seed)
-    decoder = build_decoder(
-        backbone.output_shape[1:], image, planes, dropout, dropout_place, neck, seed
-    )
+    decoder = build_decoder(backbone.output_shape[1:], image, planes, dropout, dropout_place, seed)
     seen = keras.Input(shown, name="light_field_image")
     outputs = decoder(backbone(seen, training=False))
     return keras.Model(seen, outputs, name="refocus_resnet50")
@@ -95,7 +85,6 @@ def build_decoder(
     planes: int,
     dropout: float = 0.3,
     dropout_place: str = "image",
-    neck: str = "pooled",
     seed: int = 0,
 ) -> keras.Model:
     """Build the trainable part, layer by layer as in the paper's section II.C.
@@ -111,7 +100,7 @@ def build_decoder(
         Height and width of the outputs.
     planes : int
         Number of refocused images.
-    dropout, dropout_place, neck, seed
+    dropout, dropout_place, seed
         See `build_refocus_resnet50`.
 
     Returns
@@ -130,8 +119,6 @@ def build_decoder(
             f"dropout must be in [0, 1) and dropout_place one of {', '.join(DROPOUT_PLACES)}, "
             f"got {dropout} and {dropout_place!r}."
         )
-    if neck not in NECKS:
-        raise InputError(f"neck must be one of {', '.join(NECKS)}, got {neck!r}.")
 
     def initial(layer: int) -> keras.initializers.Initializer:
         return keras.initializers.GlorotUniform(seed=1000 * seed + layer)
@@ -140,15 +127,11 @@ def build_decoder(
         return layers.Dropout(dropout, seed=seed)(x) if dropout_place == place else x
 
     feature_map = keras.Input(features, name="features")
-    if neck == "pooled":
-        x = _conv_block(feature_map, 512, initial(1))
-        x = _conv_block(x, AVERAGES, initial(2))
-        x = layers.GlobalAveragePooling2D()(x)
-    else:
-        x = layers.Flatten()(feature_map)
-        x = layers.Dense(AVERAGES, kernel_initializer=initial(1), name="neck")(x)
+    x = _conv_block(feature_map, 512, initial(1))
+    x = _conv_block(x, AVERAGES, initial(2))
+    x = layers.GlobalAveragePooling2D()(x)
     x = drop(x, "vector")
-    x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3), name="basis")(x)
+    x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3))(x)
     x = layers.Reshape((*image, planes))(x)
     x = drop(x, "image")
     x = layers.Conv2D(
@@ -157,7 +140,6 @@ def build_decoder(
         padding="same",
         activation="sigmoid",
         kernel_initializer=initial(4),
-        name="planes",
     )(x)
     x = layers.Permute((3, 1, 2))(x)
     stack = layers.Reshape((planes, *image, 1))(x)

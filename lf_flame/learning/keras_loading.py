@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     import keras
 
 
+BACKENDS = ("tensorflow", "jax")
+"""Backends of Keras on which networks of this package are tested."""
+
+
 def load_keras() -> None:
     """Import Keras and start its backend's devices, with standard error closed meanwhile.
 
@@ -24,7 +28,7 @@ def load_keras() -> None:
     Raises
     ------
     InputError
-        If the configured backend does not exist.
+        If the configured backend does not exist, or `check_keras` refuses the configuration.
     """
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     sys.stderr.flush()
@@ -35,12 +39,38 @@ def load_keras() -> None:
             import keras
 
             keras.ops.zeros(1)  # starts the backend's devices
-        except ValueError as error:
+        except (ImportError, ValueError) as error:
             backend = os.environ.get("KERAS_BACKEND", "that of its keras.json")
-            raise InputError(f"Keras does not start, by the backend {backend}: {error}.") from None
+            reason = str(error).splitlines()[0].rstrip(".")
+            raise InputError(
+                f"Keras does not start with the backend {backend}: {reason}."
+            ) from None
         finally:
             os.dup2(kept, 2)
             os.close(kept)
+    check_keras()
+
+
+def check_keras() -> None:
+    """Refuse a configuration of Keras (``keras.json``, environment) that no network here supports.
+
+    Raises
+    ------
+    InputError
+        If numbers are not of 32 bits, channels come first, or the backend is not in `BACKENDS`.
+    """
+    import keras
+
+    for name, found, allowed in (
+        ("backend", keras.config.backend(), BACKENDS),
+        ("floatx", keras.config.floatx(), ("float32",)),
+        ("image_data_format", keras.config.image_data_format(), ("channels_last",)),
+    ):
+        if found not in allowed:
+            raise InputError(
+                f"Keras is configured with {name} {found}, but networks of this package need "
+                f"{' or '.join(allowed)}: change it in Keras's keras.json, or with KERAS_BACKEND."
+            )
 
 
 LARGEST_CONFIG = 1 << 24
@@ -91,6 +121,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
     """
     import keras
 
+    check_keras()
     check_regular(path)
     if not is_zipfile(path):
         raise InputError(f"{path} is not a Keras file, or is cut short.")
@@ -160,11 +191,13 @@ def _is_known(class_name: Any, module: Any = None, registered_name: Any = None, 
 
 
 def accelerators() -> list[str]:
-    """Names of the accelerators that train, with JAX; none on a processor."""
+    """Names of the GPUs or TPUs that Keras uses; none on a processor."""
     import keras
 
-    if keras.backend.backend() != "jax":
-        return []
-    import jax
+    if keras.backend.backend() == "jax":
+        import jax
 
-    return [device.device_kind for device in jax.devices() if device.platform != "cpu"]
+        return [device.device_kind for device in jax.devices() if device.platform != "cpu"]
+    import tensorflow as tf
+
+    return [device.name for device in tf.config.list_physical_devices("GPU")]

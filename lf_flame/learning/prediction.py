@@ -12,14 +12,13 @@ from skimage.color import rgb2gray
 from skimage.transform import resize
 
 from lf_flame._common import figures
-from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 from lf_flame._common.output_folders import output_folder, recorded_path
 from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
-from lf_flame.learning.model_card import NetworkCard
+from lf_flame.learning.run_folders import TrainedRun
 
 if TYPE_CHECKING:
     import keras
@@ -47,7 +46,7 @@ class NetworkInput:
     notes: list[str]
 
 
-def input_size(card: NetworkCard) -> tuple[int, int]:
+def input_size(run: TrainedRun) -> tuple[int, int]:
     """Height and width of a network's input images.
 
     Raises
@@ -55,12 +54,13 @@ def input_size(card: NetworkCard) -> tuple[int, int]:
     InputError
         If the input is several views, which no image contains.
     """
-    if card.input.kind != "raw":
+    encoding = run.config.input
+    if encoding.kind not in ("raw", "central"):
         raise InputError(
-            f"This network is shown several views ({card.input.kind!r}), which no picture holds; "
-            f"only networks of input kind 'raw' can be shown a picture."
+            f"This network takes several views ({encoding.kind!r}), which no picture contains; "
+            f"only networks with one picture as input can be applied to one."
         )
-    return card.input.image or card.image
+    return encoding.image or run.config.image
 
 
 def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
@@ -141,31 +141,31 @@ class Prediction:
     stack: np.ndarray
     ms: float
 
-    def write(self, card: NetworkCard, out: Path, *, overwrite: bool = False) -> None:
+    def write(self, run: TrainedRun, out: Path, *, overwrite: bool = False) -> None:
         """Write images, stack and record into a folder.
 
         Parameters
         ----------
-        card : NetworkCard
-            Card of the network.
+        run : TrainedRun
+            Run of the network.
         out : Path
             Folder for ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
             ``prediction.png`` (input and outputs side by side) and ``prediction.json`` (record).
         overwrite : bool, optional
             Whether to replace the folder of an earlier call.
         """
-        planes = enumerate(zip(card.depths_mm, self.stack, strict=True), 1)
+        planes = enumerate(zip(run.config.depths_mm, self.stack, strict=True), 1)
         with output_folder(out, "prediction.json", overwrite=overwrite) as folder:
-            write_focal_stack(self.stack, card.slopes, folder.path("refocused.tif"))
+            write_focal_stack(self.stack, run.slopes, folder.path("refocused.tif"))
             for number, (depth, image) in planes:
                 picture = folder.path(f"refocused_{number}_{depth:+g}mm.png")
                 write_image(picture, to_preview(image, 1.0))
-            figures.save(_prediction_figure(self, card), folder.path("prediction.png"))
+            figures.save(_prediction_figure(self, run), folder.path("prediction.png"))
             folder.facts |= {
                 "source": recorded_path(self.seen.source, out),
                 "notes": self.seen.notes,
                 "ms": round(self.ms, 3),
-                "network": to_json(card),
+                "network": run.record,
             }
 
 
@@ -175,7 +175,7 @@ def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[
     Parameters
     ----------
     network : keras.Model
-        Network from `lf_flame.learning.model_card.load_network`.
+        Network from `lf_flame.learning.run_folders.TrainedRun.load_network`.
     inputs : iterable of NetworkInput
         Inputs from `read_input`.
 
@@ -191,13 +191,14 @@ def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[
         yield Prediction(seen, stack, 1e3 * (time.perf_counter() - started))
 
 
-def _prediction_figure(prediction: Prediction, card: NetworkCard) -> Figure:
+def _prediction_figure(prediction: Prediction, run: TrainedRun) -> Figure:
     """Draw input and refocused images in a row, all from black at 0 to white at 1."""
     titles = ["input, as the network sees it"]
     titles += [
-        f"{depth:g} mm ({name})" for depth, name in zip(card.depths_mm, card.objects, strict=True)
+        f"{depth:g} mm ({name})"
+        for depth, name in zip(run.config.depths_mm, run.objects, strict=True)
     ]
-    height, width = card.image
+    height, width = run.config.image
     figure, axes = subplots(
         1,
         len(titles),
@@ -210,8 +211,8 @@ def _prediction_figure(prediction: Prediction, card: NetworkCard) -> Figure:
         axis.set_title(title, fontsize=10)
         axis.axis("off")
     figure.suptitle(
-        f"{prediction.seen.source.name}: predicted by the network of “{card.title}” "
-        f"({card.preset}, backbone {card.backbone_weights})",
+        f"{prediction.seen.source.name}: predicted by the network of “{run.record['title']}” "
+        f"({run.record['preset']}, backbone {run.record['backbone_weights']})",
         fontsize=11,
         parse_math=False,  # a file's name may hold dollars
     )

@@ -27,17 +27,13 @@ if TYPE_CHECKING:
 class RunRecord:
     """Required content of the record of any finished run; there is more in it.
 
-    Attributes
-    ----------
-    system : str, optional
-        Name of the system in `lf_flame.systems`; the paper's network has none.
-    start_s, train_s : float, optional
-        Duration of the start and of the training in seconds.
+    `system` names one of `lf_flame.systems`; the paper's network has none.
     """
 
+    epochs: int
+    train_s: float
     system: str | None = None
     start_s: float | None = None
-    train_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -50,51 +46,14 @@ class DatasetFacts:
 
 
 @dataclass(frozen=True)
-class RecipeFacts:
-    """Content of a run's recipe that tables need; there is more in it."""
-
-    batch_size: int
-
-
-@dataclass(frozen=True)
 class PaperRunRecord:
-    """Further required content of the record of a finished run of the paper's network.
-
-    Attributes
-    ----------
-    title, preset : str
-        Title and preset of the training.
-    seed, epochs, best_epoch : int
-        Seed, number of epochs, and epoch of the lowest validation loss.
-    recipe : RecipeFacts
-        Options of the training.
-    train_s : float
-        Duration of the training in seconds.
-    machine : str
-        Machine of the training.
-    backbone_weights : str
-        Weights of the backbone that were used.
-    model : dict
-        Options of the model.
-    split : (float, float, float)
-        Fractions of training, validation and test.
-    parts : dict of int
-        Number of samples in each.
-    test_indices : list of int
-        Indices of the test samples.
-    data : str
-        Path of the data set, from the run folder.
-    dataset : DatasetFacts
-        Description of the data set.
-    """
+    """Further required content of the record of a finished run of the paper's network."""
 
     title: str
     preset: str
     seed: int
-    epochs: int
     best_epoch: int
-    recipe: RecipeFacts
-    train_s: float
+    recipe: dict[str, Any]
     machine: str
     backbone_weights: str
     model: dict[str, Any]
@@ -109,6 +68,8 @@ class PaperRunRecord:
             raise InputError("test_indices must be samples, and parts hold train and test.")
         if not all(0 < share < 1 for share in self.split):
             raise InputError(f"split must be three shares of 1, got {self.split}.")
+        if "batch_size" not in self.recipe:
+            raise InputError("recipe.batch_size is missing.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,11 @@
-"""Training the decoder on cached backbone features; resumable, with a record of its origin.
+"""The paper's training (section III.E) in Keras: Adam at 1e-4, mean squared error, batches of two.
 
-The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the history is the start; its
-seconds include everything before training: reading, the backbone's features, the warm start.
+The frozen backbone never changes, so its features are computed once, and `fit` trains the decoder
+on them; a test shows that the losses are those of training the whole network. `fit` runs in
+`lf_flame.learning.fitting`, which resumes an interrupted run.
 """
 
 import logging
-import math
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -13,21 +13,155 @@ from pathlib import Path
 import keras
 import numpy as np
 
+from lf_flame._common import progress
+from lf_flame._common.memory import check_memory
 from lf_flame._common.output_folders import recorded_path
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.errors import InputError
 from lf_flame.learning.backbone import NO_BACKBONE, build_backbone, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
-from lf_flame.learning.feature_stream import FeatureStream, compute_features
+from lf_flame.learning.fast_steps import FusedAdam, matrix_view
+from lf_flame.learning.fitting import Fit, Run, ShuffledSamples, assign_weights, train_in_folder
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
+from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import describe_dataset
-from lf_flame.learning.trainers import all_variables, make_trainer
 from lf_flame.learning.training_config import ModelConfig, Recipe, TrainingConfig
-from lf_flame.learning.training_run import Job, assign, carry_out
-from lf_flame.learning.warm_start import Blocks, freeze_normalisations, solve_decoder
 
 LOGGER = logging.getLogger(__name__)
+
+TOGETHER = 16
+"""Number of samples that the backbone processes together."""
+
+STEPS_PER_EXECUTION = 32
+"""Largest number of steps that an accelerator takes at a time, without a return to Python."""
+
+
+def train(
+    config: TrainingConfig,
+    preset: str,
+    data: str | Path,
+    out: str | Path,
+    *,
+    minutes: float = 0.0,
+) -> Path:
+    """Train a network from light-field images to focal stacks, or resume an interrupted run.
+
+    Parameters
+    ----------
+    config : TrainingConfig
+        Configuration, from `read_training_config`.
+    preset : str
+        Name of the preset in the configuration.
+    data : str or Path
+        Data set made by `lf_flame.datasets.make_dataset`.
+    out : str or Path
+        Run folder, for checkpoint, record and network; made if it is missing.
+    minutes : float, optional
+        Time in minutes at which the call ends, at the nearest end of an epoch, with the network of
+        the lowest validation loss so far; the next call resumes. 0 trains to the end.
+
+    Returns
+    -------
+    Path
+        Network ``model.keras`` in the run folder.
+
+    Raises
+    ------
+    InputError
+        If the run folder contains a run with another configuration, or the loss becomes NaN or
+        infinite.
+    """
+    started, recipe, dataset = time.perf_counter(), config.recipe(preset), Dataset(data)
+    parts = split_indices(len(dataset), config.split, config.seed)
+    network, weights = build_model(config, recipe, dataset)
+    decoder = network.get_layer("decoder")
+
+    def prepare() -> Fit:
+        samples = {
+            name: (
+                compute_features(network, dataset.inputs[parts[name]], name),
+                dataset.targets[parts[name]][..., None],
+            )
+            for name in ("train", "validation")
+        }
+        batches = ShuffledSamples(*samples["train"], recipe.batch_size, config.seed)
+        trained = compile_for_training(decoder, recipe.learning_rate, len(batches))
+        return Fit(trained, batches, samples["validation"])
+
+    def finish(best: list[np.ndarray]) -> keras.Model:
+        assign_weights(decoder, best)
+        return network
+
+    options = asdict(recipe)
+    del options["epochs"]  # a run may continue for more of them
+    request = {
+        "title": config.title,
+        "preset": preset,
+        "seed": config.seed,
+        "split": list(config.split),
+        # The weights in use have their own entry, and a file is known by its hash.
+        "model": asdict(config.model)
+        | {"backbone_weights": Path(config.model.backbone_weights).name},
+        "recipe": options,
+        "backbone_weights": weights,
+        "samples": len(dataset),
+        "dataset": describe_dataset(dataset),
+    }
+    metadata = {
+        "backbone_depth": config.model.backbone_depth,
+        "parts": {name: len(indices) for name, indices in parts.items()},
+        "test_indices": parts["test"].tolist(),
+        "data": recorded_path(data, out),
+    }
+    run = Run(request, recipe.epochs, prepare, finish, metadata, recipe.checkpoint_s, minutes)
+    return train_in_folder(run, Path(out), started)
+
+
+def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int) -> keras.Model:
+    """Compile the decoder with Adam and the mean squared error, for epochs of this many steps.
+
+    On a processor with TensorFlow, the same steps take a third of the time in another form
+    (`lf_flame.learning.fast_steps`); Keras's own form is for accelerators, compiled as a whole.
+    """
+    if keras.backend.backend() == "tensorflow" and not accelerators():
+        network = matrix_view(decoder)
+        network.compile(FusedAdam(learning_rate), "mse", jit_compile=False)
+    else:
+        network = keras.Model(decoder.input, decoder.output)
+        together = max(k for k in range(1, STEPS_PER_EXECUTION + 1) if steps % k == 0)
+        network.compile(
+            keras.optimizers.Adam(learning_rate), "mse",
+            jit_compile=True, steps_per_execution=together,
+        )  # fmt: skip
+    network.optimizer.build(network.trainable_variables)
+    return network
+
+
+def compute_features(network: keras.Model, inputs: np.ndarray, part: str = "samples") -> np.ndarray:
+    """Run the frozen backbone over inputs, with a progress bar.
+
+    Parameters
+    ----------
+    network : keras.Model
+        Model from `lf_flame.learning.decoder.build_refocus_resnet50`.
+    inputs : ndarray, shape (n, h, w, channels)
+    part : str, optional
+        Name of the samples in the progress bar.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, h', w', channels)
+    """
+    backbone = network.get_layer("backbone")
+    shape = (len(inputs), *backbone.output.shape[1:])
+    check_memory(4 * int(np.prod(shape)), f"features of {len(inputs)} samples")
+    features = np.empty(shape, np.float32)
+    with progress.bar(f"features, {part}", len(inputs), "image") as bar:
+        for k in range(0, len(inputs), TOGETHER):
+            some = inputs[k : k + TOGETHER]
+            features[k : k + TOGETHER] = backbone.predict_on_batch(some)
+            bar.update(len(some))
+    return features
 
 
 def build_model(
@@ -43,14 +177,12 @@ def build_model(
         Backbone weights that were used, for tables and records.
     """
     planes, *image = dataset.targets.shape[1:]
-    options = {**asdict(config.model), "seed": config.seed, "shown": dataset.inputs.shape[1:]}
-    options |= {"dropout_place": recipe.dropout_place, "neck": recipe.neck}
-    options["backbone_weights"] = available_weights(config.model, recipe)
-    model = build_refocus_resnet50(tuple(image), planes, **options)
-    weights = describe_weights(
-        options["backbone_weights"], options["backbone_depth"], options["seed"]
+    options = asdict(config.model) | {"backbone_weights": available_weights(config.model, recipe)}
+    network = build_refocus_resnet50(
+        tuple(image), planes, **options, seed=config.seed, shown=dataset.inputs.shape[1:]
     )
-    return model, weights
+    weights = describe_weights(options["backbone_weights"], options["backbone_depth"], config.seed)
+    return network, weights
 
 
 def available_weights(model: ModelConfig, recipe: Recipe) -> str:
@@ -72,7 +204,7 @@ def available_weights(model: ModelConfig, recipe: Recipe) -> str:
         )
         if recipe.without_imagenet == "stop":
             raise ImagenetUnavailable(f"{error} {choice}.") from None
-        LOGGER.warning(f"NOTE: {error} Going on with RANDOM backbone weights; {choice}.")
+        LOGGER.warning(f"NOTE: {error} Continuing with RANDOM backbone weights; {choice}.")
         return "random"
     return "imagenet"
 
@@ -90,155 +222,8 @@ def find_backbone(config: TrainingConfig, preset: str) -> str:
     InputError
         If they are not available, or a file does not contain them.
     """
-    model = config.with_recipe(preset).model
+    model = config.model
     weights = available_weights(model, config.recipe(preset))
     if weights not in ("imagenet", "random"):
         build_backbone(weights=weights, depth=model.backbone_depth)
     return describe_weights(weights, model.backbone_depth, config.seed)
-
-
-def train(
-    config: TrainingConfig,
-    preset: str,
-    data: str | Path,
-    out: str | Path,
-    *,
-    minutes: float = 0.0,
-) -> Path:
-    """Train a network from light-field images to focal stacks, or continue an interrupted run.
-
-    Parameters
-    ----------
-    config : TrainingConfig
-        Configuration, from `read_training_config`.
-    preset : str
-        Name of the preset in the configuration.
-    data : str or Path
-        Data set made by `lf_flame.datasets.make_dataset`.
-    out : str or Path
-        Run folder, for checkpoints, records and the network; made if it is missing.
-    minutes : float, optional
-        Time in minutes at which the call ends, at the nearest end of an epoch, with the network of
-        the lowest validation loss so far; the next call continues. 0 trains to the end.
-
-    Returns
-    -------
-    Path
-        Network ``model.keras`` in the run folder.
-
-    Raises
-    ------
-    InputError
-        If the run folder contains a run with another configuration, or the loss becomes NaN or
-        infinite.
-    """
-    started = time.perf_counter()
-    if not 0 <= minutes < math.inf:
-        raise InputError(f"minutes must be 0 (to the end) or more, got {minutes}.")
-    training = _Training(config.with_recipe(preset), preset, Dataset(data))
-    recipe = training.recipe
-    job = Job(
-        training.request(),
-        recipe.epochs,
-        config.seed,
-        recipe.checkpoint_s,
-        training.start,
-        training.finish,
-        {**training.metadata(), "data": recorded_path(data, out)},
-        minutes,
-    )
-    return carry_out(job, Path(out), started)
-
-
-class _Training:
-    """Network, recipe and data of a training.
-
-    Attributes
-    ----------
-    recipe : Recipe
-    parts : dict of ndarray of int
-        Indices of the samples of each part: train, validation, test.
-
-    Raises
-    ------
-    InputError
-        If the recipe does not fit the data set, or the backbone's weights are not available.
-    """
-
-    def __init__(self, config: TrainingConfig, preset: str, dataset: Dataset):
-        self.recipe = recipe = config.recipe(preset)
-        self._config, self._preset, self._dataset = config, preset, dataset
-        self.parts = split_indices(len(dataset), config.split, config.seed)
-        if recipe.warm_start and recipe.bands > 1 and dataset.config.input.kind == "grid":
-            raise InputError(
-                f"The warm start draws each of {recipe.bands} bands from the same band of what the "
-                f"network is shown, and views side by side have none: bands must be 1 with a grid."
-            )
-        self._model, self._weights = build_model(config, recipe, dataset)
-        self._decoder = self._model.get_layer("decoder")
-
-    def request(self) -> dict:
-        """Everything that determines the result, as `Job.request`."""
-        config = self._config
-        return {
-            "title": config.title,
-            "preset": self._preset,
-            "seed": config.seed,
-            "split": list(config.split),
-            "model": _without_folder(asdict(config.model)),
-            "recipe": asdict(self.recipe),
-            "backbone_weights": self._weights,
-            "samples": len(self._dataset),
-            "dataset": describe_dataset(self._dataset),
-        }
-
-    def metadata(self) -> dict:
-        """Further content of the record, as `Job.metadata`."""
-        sizes = {name: len(indices) for name, indices in self.parts.items()}
-        sizes["train"] += self.recipe.fresh_scenes
-        return {
-            "backbone_depth": self._config.model.backbone_depth,
-            "parts": sizes,
-            "test_indices": self.parts["test"].tolist(),
-        }
-
-    def start(self, new: bool):
-        """Make the trainer; a new run may start from the training images."""
-        recipe, dataset, decoder = self.recipe, self._dataset, self._decoder
-        stream = FeatureStream(
-            self._model,
-            dataset,
-            self.parts["train"],
-            recipe.fresh_scenes,
-            recipe.needs_all_features,
-        )
-        shown, targets = (x[self.parts["validation"]] for x in (dataset.inputs, dataset.targets))
-        held_out = compute_features(self._model, shown), targets[..., None]
-        if recipe.warm_start:
-            freeze_normalisations(decoder)
-            if new:
-                pairs = [stream.kept()] if recipe.needs_all_features else stream
-                blocks = Blocks(len(stream), pairs)
-                solve_decoder(decoder, blocks, held_out, recipe.bands, recipe.refinements)
-        arrays = {"train": stream.kept(), "validation": held_out}
-        steps = -(-len(arrays["train"][0]) // recipe.batch_size)
-        rate = _learning_rate(recipe, steps)
-        return make_trainer(decoder, rate, recipe.batch_size, arrays, recipe.trainer)
-
-    def finish(self, best: list[np.ndarray]) -> keras.Model:
-        """Give the network with the best weights."""
-        assign(all_variables(self._decoder), best)
-        return self._model
-
-
-def _without_folder(model: dict) -> dict:
-    """Model options with the weights file's name only: its hash in the record identifies it."""
-    return {**model, "backbone_weights": Path(model["backbone_weights"]).name}
-
-
-def _learning_rate(recipe: Recipe, steps_per_epoch: int):
-    if recipe.schedule == "constant":
-        return recipe.learning_rate
-    return keras.optimizers.schedules.CosineDecay(
-        recipe.learning_rate, recipe.epochs * steps_per_epoch
-    )

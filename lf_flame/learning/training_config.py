@@ -7,7 +7,18 @@ from typing import Any, Literal
 from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
-from lf_flame.learning.training_run import MOST_EPOCHS, check_seed
+
+MAX_SEED = 1_000_000
+"""Largest seed: layers use 1000 times the seed plus a small number as a 32-bit seed."""
+
+MOST_EPOCHS = 999_999
+"""Maximum number of epochs."""
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that is out of range."""
+    if not 0 <= seed <= MAX_SEED:
+        raise InputError(f"seed must be 0 to {MAX_SEED}, got {seed}.")
 
 
 @strict
@@ -18,81 +29,40 @@ class ModelConfig:
     backbone_weights: str = "imagenet"
     backbone_depth: Literal["conv3", "conv4", "conv5", "none"] = "conv5"
     dropout: float = 0.3
+    dropout_place: Literal["image", "vector", "none"] = "image"
 
 
 @strict
 @dataclass(frozen=True)
 class Recipe:
-    """Options of a training.
+    """Options of a training; the defaults are the paper's.
 
     Parameters
     ----------
     epochs, batch_size : int
-        Number of epochs, and of samples in a batch. With 0 epochs the decoder stays as the warm
-        start set it: solved in closed form, not trained.
+        Number of epochs, and of samples in a batch.
     learning_rate : float
-        Learning rate of Adam; with "cosine" its initial value.
-    schedule : {"constant", "cosine"}
-        Course of the learning rate; "cosine" falls to zero over all epochs.
+        Learning rate of Adam.
     checkpoint_s : float
         Time between checkpoints in seconds; 0 writes one after every epoch.
     without_imagenet : {"random", "stop"}
         Behaviour if the ImageNet weights are not available.
-    warm_start : bool
-        Whether the decoder starts from the training images, with frozen normalisations, see
-        `lf_flame.learning.warm_start`.
-    bands : int
-        Number of vertical bands of the image in a warm start with neck "positions"; each band is
-        computed only from features in the same band.
-    refinements : int
-        Number of refinement steps in a warm start with neck "positions", see
-        `lf_flame.learning.sigmoid_regression`.
-    dropout_place, neck
-        See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
-    fresh_scenes : int
-        Number of training scenes beside those of the data set (`lf_flame.datasets.fresh_scenes`);
-        validation and test do not change. Without epochs they are released after one use.
-    backbone_depth : {"conv3", "conv4", "conv5", "none"}, optional
-        Depth at which the backbone is cut. Default: that of the model's configuration.
-    trainer : {"fast", "keras"}
-        Kind of trainer: "keras" uses Keras's own `compile` and `fit`; "fast" gives the same losses
-        in a fraction of the time, see `lf_flame.learning.trainers`.
     """
 
-    epochs: int = 0
+    epochs: int
     batch_size: int = 2
     learning_rate: float = 1e-4
-    schedule: Literal["constant", "cosine"] = "constant"
     checkpoint_s: float = 0.0
     without_imagenet: Literal["random", "stop"] = "stop"
-    warm_start: bool = False
-    bands: int = 1
-    refinements: int = 0
-    dropout_place: Literal["image", "vector", "none"] = "image"
-    neck: Literal["pooled", "positions"] = "pooled"
-    fresh_scenes: int = 0
-    backbone_depth: Literal["conv3", "conv4", "conv5", "none"] | None = None
-    trainer: Literal["fast", "keras"] = "fast"
 
     def __post_init__(self):
-        if self.epochs == 0 and self.schedule == "cosine":
-            raise InputError("A cosine schedule needs epochs over which it falls, got 0 epochs.")
-        least = {
-            "epochs": not self.warm_start, "batch_size": 1, "bands": 1, "refinements": 0,
-            "fresh_scenes": 0,
-        }  # fmt: skip
-        for name, bound in least.items():
-            if not bound <= getattr(self, name) <= MOST_EPOCHS:
+        for name in ("epochs", "batch_size"):
+            if not 1 <= getattr(self, name) <= MOST_EPOCHS:
                 raise InputError(
-                    f"{name} must be from {bound:d} to {MOST_EPOCHS}, got {getattr(self, name)}."
+                    f"{name} must be from 1 to {MOST_EPOCHS}, got {getattr(self, name)}."
                 )
         if not self.learning_rate > 0:
             raise InputError(f"learning_rate must be above 0, got {self.learning_rate}.")
-
-    @property
-    def needs_all_features(self) -> bool:
-        """Whether the features of all samples are needed more than once."""
-        return self.epochs > 0 or self.neck == "pooled"
 
 
 @strict
@@ -105,7 +75,7 @@ class TrainingConfig:
     title : str
         Title of the experiment.
     seed : int
-        Seed of the split, the initial weights, the order of the batches and the dropout.
+        Seed of the split, the initial weights, the order of the samples and the dropout.
     split : (float, float, float)
         Fractions of training, validation and test.
     model : ModelConfig
@@ -136,16 +106,11 @@ class TrainingConfig:
         recipe = replace(self.recipe(preset), epochs=epochs)
         return replace(self, presets={**self.presets, preset: recipe})
 
-    def with_recipe(self, preset: str) -> "TrainingConfig":
-        """Give the configuration with the backbone depth that a preset states, if any."""
-        depth = self.recipe(preset).backbone_depth or self.model.backbone_depth
-        return replace(self, model=replace(self.model, backbone_depth=depth))
-
 
 def read_training_config(path: str | Path, **model_options: Any) -> TrainingConfig:
     """Read a training configuration from a TOML file.
 
-    Options of the model that are given and not None replace those of the file and of its presets.
+    Options of the model that are given and not None replace those of the file.
 
     Raises
     ------
@@ -161,7 +126,4 @@ def read_training_config(path: str | Path, **model_options: Any) -> TrainingConf
     """
     config = build(TrainingConfig, read_toml(path), path)
     options = {name: value for name, value in model_options.items() if value is not None}
-    presets = config.presets
-    if "backbone_depth" in options:
-        presets = {name: replace(x, backbone_depth=None) for name, x in presets.items()}
-    return replace(config, model=replace(config.model, **options), presets=presets)
+    return replace(config, model=replace(config.model, **options))

@@ -62,11 +62,17 @@ def view_places(views: Views) -> tuple[np.ndarray, np.ndarray]:
     return places[:, 0, 0], places[:, :, 1]
 
 
-def as_readable(views: np.ndarray) -> np.ndarray:
-    """Convert views to the type and memory order of the kernels, with a copy only if needed."""
+def as_readable(views: np.ndarray, *, raw: bool = False) -> np.ndarray:
+    """Convert views to the type and memory order of the kernels, with a copy only if needed.
+
+    With `raw` they may also lie in memory as in a raw lenslet image, s and u as neighbours.
+    """
     if views.dtype not in READ_AS_THEY_ARE:
         wide = np.result_type(views.dtype, np.float32) != np.float32
         views = views.astype(np.float64 if wide else np.float32)
+    size = views.itemsize
+    if raw and views.ndim == 4 and views.strides[1::2] == (size, views.shape[1] * size):
+        return views
     return np.ascontiguousarray(views)
 
 

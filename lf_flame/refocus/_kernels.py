@@ -30,17 +30,13 @@ fma = (lambda a, b, c: a * b + c) if config.DISABLE_JIT else _fused
 
 
 @njit(forceinline=True)
-def cut_line(line, start, reach, channels, lines, base, size, probe):
-    """Copy a line from start - reach on, with its edges repeated.
-
-    Where a pixel is not finite, probe[s] becomes NaN, because 0 times infinity is NaN.
-    """
+def cut_line(line, start, reach, channels, lines, base, size):
+    """Copy a line from start - reach on, with its edges repeated."""
     low, high = max(start - reach, 0), min(start - reach + size, line.size)
     left, right = base + low - (start - reach), base + high - (start - reach)
-    source, target, zero = np.uint64(low), np.uint64(left), probe.dtype.type(0)
+    source, target = np.uint64(low), np.uint64(left)
     for s in range(np.uint64(high - low)):
         lines[target + s] = line[source + s]
-        probe[s] = fma(lines[target + s], zero, probe[s])
     for c in range(channels):
         fill(lines, base + c, left, channels, line[c])
         fill(lines, right + c, base + size, channels, line[line.size - channels + c])
@@ -55,6 +51,15 @@ def fill(line, start, stop, step, value):
     else:
         for s in range(start, stop, step):
             line[s] = value
+
+
+@njit(fastmath={"reassoc"})
+def times_zero(lines):
+    """Sum of 0 times each number: NaN if one is not finite."""
+    total = zero = lines.dtype.type(0)
+    for s in range(np.uint64(lines.size)):
+        total += zero * lines[s]
+    return total
 
 
 @njit
@@ -110,20 +115,30 @@ def sum_row(lines, at, weights, v, n, channels, parts, total):
                 total[s] += near[s]
 
 
+@njit
+def rows_read(top, bottom, offset, taps, height):
+    """First and last row that taps from an offset on read for rows of an image, before bottom."""
+    first = min(max(top + offset, 0), height - 1)
+    return first, min(max(bottom + offset + taps - 2, 0), height - 1)
+
+
 @njit(forceinline=True)
-def add_row(total, row, offset, weight, sums, n):
-    """Add a row to each row t of sums[n, t, s] that shows it: t + offset, clamped, is row."""
-    height = sums.shape[1]
-    low = 0 if row == 0 else max(row - offset, 0)
-    high = height if row == height - 1 else min(row - offset + 1, height)
+def add_row(total, row, offset, weight, sums, n, top, height):
+    """Add a row to sums[n, t, s] for each t that shows it: top + t + offset, clamped, is row."""
+    rows = sums.shape[1]
+    low = 0 if row == 0 else max(row - offset - top, 0)
+    high = rows if row == height - 1 else min(row - offset + 1 - top, rows)
     for t in range(low, high):
         for s in range(np.uint64(total.size)):
             sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
 @parallel(lambda bad: bad.size)
-def sum_groups(k, views, reach, channels, used, at, weights, down, down_weights, sums, bad):
-    """Weighted sums of shifted views, for several slopes and each group: sums[g, n, t, s].
+def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, bad, out):
+    """Weighted sums of shifted views, for several slopes: out[n, t, s].
+
+    The image is cut into bands of rows and blocks of columns. Each pixel is the sum over v, in
+    order, of sums over u: no bit depends on where it is cut.
 
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
     reach: number of pixels that the taps read beyond a block of columns.
@@ -131,35 +146,45 @@ def sum_groups(k, views, reach, channels, used, at, weights, down, down_weights,
     at[v, n, i, k], weights[j, v, n, i, k]: position of tap 0 of view (i, k) in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
-    sums[g, n, t, s]: the sums of each group of rows of views.
-    bad[k]: whether a pixel is not finite, for each block and group.
+    bad[band, block]: whether a pixel that was read is not finite.
     """
     rows, columns, height, width = views.shape
-    groups, slopes = sums.shape[:2]
-    breadth = -(-width * groups // (bad.size * channels)) * channels
-    taps = len(weights)
-    wide = -(-(breadth + (taps - 1) * channels) // LANES) * LANES
+    bands, blocks = bad.shape
+    slopes, taps = len(out), down_weights.shape[2]
+    breadth = -(-width // (blocks * channels)) * channels
+    wide = -(-(breadth + (len(weights) - 1) * channels) // LANES) * LANES
     padded = wide + 2 * reach
-    group, start = k % groups, k // groups * breadth
+    top, bottom = k // blocks * height // bands, (k // blocks + 1) * height // bands
+    start = k % blocks * breadth
     size = min(breadth, width - start)
-    block = np.zeros((slopes, height, size))
+    sums = np.zeros((slopes, bottom - top, size))
     lines = np.zeros(columns * padded, weights.dtype)
     parts = np.empty(wide, weights.dtype), np.empty(wide, weights.dtype)
-    total, probe = np.empty(size), np.zeros(padded, weights.dtype)
-    for v in range(group * rows // groups, (group + 1) * rows // groups):
+    total, probe = np.empty(size), 0.0
+    for v in range(rows):
         if not is_used(used, v):
             continue
-        for t in range(height):
+        low, high = top, bottom - 1  # rows that the band reads; its own are checked in any case
+        for n in range(slopes):
+            first, last = rows_read(top, bottom, down[v, n], taps, height)
+            low, high = min(low, first), max(high, last)
+        for t in range(low, high + 1):
             for u in range(columns):
                 if used[v, u]:
-                    line, base = views[v, u, t], u * padded
-                    cut_line(line, start, reach, channels, lines, base, padded, probe)
+                    cut_line(views[v, u, t], start, reach, channels, lines, u * padded, padded)
+            probe += times_zero(lines)
             for n in range(slopes):
-                sum_row(lines, at, weights, v, n, channels, parts, total)
-                for j in range(down_weights.shape[2]):
-                    add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
-    bad[k] = has_nan(probe)
-    copy(block, group, start, sums)
+                first, last = rows_read(top, bottom, down[v, n], taps, height)
+                if first <= t <= last:
+                    sum_row(lines, at, weights, v, n, channels, parts, total)
+                    for j in range(taps):
+                        weight = down_weights[v, n, j]
+                        add_row(total, t, down[v, n] + j, weight, sums, n, top, height)
+    bad[k // blocks, k % blocks] = np.isnan(probe)
+    for n in range(slopes):
+        for t in range(bottom - top):
+            for s in range(np.uint64(size)):
+                out[n, np.uint64(top + t), np.uint64(start) + s] = sums[n, t, s]
 
 
 @njit
@@ -169,37 +194,6 @@ def is_used(used, v):
     for u in range(used.shape[1]):  # `np.any`, and assigning arrays, take seconds to compile
         found = found or used[v, u]
     return found
-
-
-@njit
-def has_nan(line):
-    """Whether a number of a line is NaN."""
-    found = False
-    for s in range(line.size):
-        found = found or np.isnan(line[s])
-    return found
-
-
-@njit
-def copy(block, group, start, sums):
-    """Copy block[n, t, s] to sums[group, n, t, start + s]."""
-    for n in range(block.shape[0]):
-        for t in range(block.shape[1]):
-            for s in range(np.uint64(block.shape[2])):
-                sums[group, n, t, np.uint64(start) + s] = block[n, t, s]
-
-
-@parallel(lambda out: out.shape[0] * out.shape[1])
-def add_groups(k, sums, out):
-    """Add up sums[g, n, t, s] over the groups of rows of views: out[n, t, s]."""
-    n, t = k // out.shape[1], k % out.shape[1]
-    line, total = out[n, t], sums[0, n, t]
-    for g in range(1, len(sums)):
-        row = sums[g, n, t]
-        for s in range(np.uint64(total.size)):
-            total[s] += row[s]
-    for s in range(np.uint64(total.size)):
-        line[s] = total[s]
 
 
 @parallel(lambda out: out.shape[0] * out.shape[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,10 +28,6 @@ SLOPES_AT_ONCE = 8
 BLOCK = 2048
 """Approximate number of pixels of a line per block; shorter ones are read more slowly."""
 
-JOBS = 4
-"""Number of jobs (blocks of columns times groups of rows of views) for threads to share, if there
-are enough rows. It is constant, so that the bits do not depend on the number of threads."""
-
 
 @of_known_pixels()
 def shift_and_sum(
@@ -49,7 +46,9 @@ def shift_and_sum(
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Views. Contiguous arrays of 8 or 16 bits, float32 or float64 are read without a copy.
+        Views. Contiguous arrays of 8 or 16 bits, float32 or float64 are read without a copy, and
+        so are the grey views of a raw lenslet image of n x n pixels under a lenslet,
+        ``raw.reshape(rows, n, columns, n).transpose(1, 3, 0, 2)``.
     slopes : float or sequence of float
         Slope of each refocused image, in lenslets per view step; positive for depths behind the
         focal plane.
@@ -97,7 +96,7 @@ def shift_views(
     places: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:  # fmt: skip
     """Refocus views at places of their own, see `plan_shifts`: float32, one image each slope."""
-    views = as_readable(views)
+    views = as_readable(views, raw=True)
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
     stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)
@@ -128,8 +127,8 @@ class ShiftPlan(NamedTuple):
         Row that tap 0 of a row of views reads for row 0 of the image.
     down_weights : ndarray of float64, shape (v, n, tap)
         Weights of the rows' taps, which undo the scale and divide by the sum of the weights.
-    groups, blocks : int
-        Number of groups of rows of views, and of blocks of columns, that run in parallel.
+    bands, blocks : int
+        Numbers of bands of rows, and of blocks of columns, of the image, made in parallel.
     """
 
     used: np.ndarray
@@ -138,7 +137,7 @@ class ShiftPlan(NamedTuple):
     weights: np.ndarray
     down: np.ndarray
     down_weights: np.ndarray
-    groups: int
+    bands: int
     blocks: int
 
 
@@ -187,7 +186,7 @@ def plan_shifts(
         *_chain(weights > 0, at, across_weights.astype(precision)),
         down,
         np.moveaxis(down_weights, 0, 2).copy(),
-        groups=min(rows, max(JOBS // blocks, 1)),
+        bands=min(height, -(-numba.get_num_threads() // blocks)),
         blocks=blocks,
     )
 
@@ -196,15 +195,13 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, places, out)
     """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
     precision = np.float64 if views.dtype == np.float64 else np.float32
     plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, places, precision)
-    sums = np.empty((plan.groups, len(slopes), *views.shape[2:]))
-    bad = np.zeros(plan.groups * plan.blocks, bool)
-    _kernels.sum_groups(
+    bad = np.zeros((plan.bands, plan.blocks), bool)
+    _kernels.sum_bands(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
-        plan.down_weights, sums, bad,
+        plan.down_weights, bad, out,
     )  # fmt: skip
     if bad.any():
         refuse_not_finite(views)
-    _kernels.add_groups(sums, out)
 
 
 def view_shifts(slopes: np.ndarray, places: np.ndarray, length: int) -> np.ndarray:

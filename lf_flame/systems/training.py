@@ -1,8 +1,8 @@
 """Training refocusing networks: all of them from the same training samples, with one program.
 
 A TOML file (`SystemsConfig`) has the training samples, the recipe of each network and presets of
-their sizes. Batches are patches cut out at random positions, preferably with contrast; the run
-folder is that of `lf_flame.learning.training_run`.
+their sizes. Batches are patches at random places, preferably with contrast; all else is that of
+`lf_flame.learning.fitting`.
 """
 
 import time
@@ -18,10 +18,10 @@ from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.input_files import read_toml
 from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
+from lf_flame.learning.fitting import Batches, Fit, Run, assign_weights, train_in_folder
 from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
-from lf_flame.learning.trainers import all_variables
-from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
+from lf_flame.learning.training_config import MOST_EPOCHS, check_seed
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
@@ -177,122 +177,95 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         becomes NaN or infinite.
     """
     started, recipe = time.perf_counter(), config.recipe(name, preset)
-    counts = config.presets[preset]
+    counts, network = config.presets[preset], NETWORKS[name]
+    model = network.model(config.seed)
+    system = network.system(model, network.name)
+
+    def prepare() -> Fit:
+        samples = {}
+        held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + counts.held_out)
+        for part, some in (("train", range(counts.training_samples)), ("validation", held_out)):
+            samples[part] = draw_arrays(
+                config.training_samples, system, config.seed, some, network.truth,
+                f"training samples, {part}",
+            )  # fmt: skip
+        patches = Patches(*samples["train"], recipe, system.multiple, config.seed)
+        optimizer = make_optimizer(recipe)
+        optimizer.build(model.trainable_variables)
+        model.compile(optimizer, network.loss, metrics=[keras.metrics.MeanSquaredError("mse")])
+        # Whole images, as far as the network's sides allow.
+        height, width = (n // system.multiple * system.multiple for n in patches.size)
+        validation = tuple(x[:, :height, :width] for x in samples["validation"])
+        return Fit(model, patches, validation, "val_mse")
+
+    def finish(best: list[np.ndarray]) -> keras.Model:
+        saved = network.model(config.seed)  # a new one, without the optimiser
+        assign_weights(saved, best)
+        return saved
+
+    training_samples = to_json(config.training_samples)
+    del training_samples["data"]
     request = {
         "system": name,
         "preset": preset,
         "seed": config.seed,
-        "training_samples": {
-            name: value
-            for name, value in to_json(config.training_samples).items()
-            if name != "data"
-        },
+        "training_samples": training_samples,
         "sample_configs": [config_to_json(one) for one in config.training_samples.configs],
         "counts": {"training_samples": counts.training_samples, "held_out": counts.held_out},
         "recipe": asdict(recipe),
     }
-    network = NETWORKS[name]
-    system = network.system(network.model(config.seed), network.name)
-
-    def start(new: bool) -> PatchTrainer:
-        indices = {
-            "train": range(counts.training_samples),
-            "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + counts.held_out),
-        }
-        arrays = {
-            part: draw_arrays(
-                config.training_samples, system, config.seed, some, network.truth,
-                f"training samples, {part}",
-            )
-            for part, some in indices.items()
-        }  # fmt: skip
-        return PatchTrainer(system, network.loss, recipe, arrays)
-
-    def finish(best: list[np.ndarray]) -> keras.Model:
-        model = network.model(config.seed)  # a new one, without the optimiser
-        assign(all_variables(model), best)
-        return model
-
     metadata = {"title": system.name, "parameters": system.parameters}
-    job = Job(request, recipe.epochs, config.seed, config.checkpoint_s, start, finish, metadata)
-    return carry_out(job, Path(out), started)
+    run = Run(request, recipe.epochs, prepare, finish, metadata, config.checkpoint_s)
+    return train_in_folder(run, Path(out), started)
 
 
-def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
-    return [np.array(keras.ops.convert_to_numpy(x)) for x in variables]
+def make_optimizer(recipe: SystemRecipe) -> keras.optimizers.Optimizer:
+    """Make the optimiser of a recipe."""
+    rate = recipe.learning_rate
+    if recipe.schedule == "cosine":
+        steps = recipe.epochs * recipe.steps_per_epoch
+        rate = keras.optimizers.schedules.CosineDecay(rate, steps)
+    kinds = {"adam": keras.optimizers.Adam, "rmsprop": keras.optimizers.RMSprop}
+    return kinds[recipe.optimizer](rate)
 
 
-class PatchTrainer:
-    """Trains a system's network on patches of images, with Keras's own `train_on_batch`.
+class Patches(Batches):
+    """Patches at random places of random images, never rotated or mirrored: views have directions.
 
-    The arrays are pairs ``name: (shown, truth)`` for "train" and "validation", float32 of shape (n,
-    h, w, channels). The loss is Keras's name of one, or a function of truth and image that gives
-    one number per sample.
+    The one with more contrast of two places is used: a network learns nothing from uniform patches.
+    Images (n, h, w, channels) and their truth are float32.
     """
 
-    def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
-        self.system, self.model = system, system.model
-        self.recipe, self.arrays = recipe, arrays
-        size = arrays["train"][0].shape[1:3]
-        self.side = [min(recipe.patch, n) // system.multiple * system.multiple for n in size]
-        rate = recipe.learning_rate
-        if recipe.schedule == "cosine":
-            steps = recipe.epochs * recipe.steps_per_epoch
-            rate = keras.optimizers.schedules.CosineDecay(rate, steps)
-        kinds = {"adam": keras.optimizers.Adam, "rmsprop": keras.optimizers.RMSprop}
-        self.optimizer = kinds[recipe.optimizer](rate)
-        self.optimizer.build(self.model.trainable_variables)
-        self.model.compile(self.optimizer, loss)
+    def __init__(self, shown, truth, recipe: SystemRecipe, multiple: int, seed: int):
+        super().__init__(seed)
+        self.samples, self.recipe, self.size = (shown, truth), recipe, shown.shape[1:3]
+        self.side = [min(recipe.patch, n) // multiple * multiple for n in self.size]
+        self.cuts: list[list[tuple]] = []
 
-    def train_epoch(self, rng: np.random.Generator) -> float:
-        """Take the steps of an epoch; returns the mean loss meanwhile."""
-        losses = []
-        for _ in range(self.recipe.steps_per_epoch):
-            losses.append(self.model.train_on_batch(*self._cut(rng, self.recipe.batch_size)))
-            self.model.reset_metrics()
-        return float(np.mean(losses))
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw the places of an epoch's patches."""
+        recipe = self.recipe
+        self.cuts = [
+            [self._place(rng) for _ in range(recipe.batch_size)]
+            for _ in range(recipe.steps_per_epoch)
+        ]
 
-    def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Cut patches out of random images, never rotated or mirrored: views have directions.
+    def _place(self, rng: np.random.Generator) -> tuple:
+        truth = self.samples[1]
+        k = rng.integers(len(truth))
+        places = [
+            (k, *(slice(at, at + n) for at, n in zip(corner, self.side, strict=True)))
+            for corner in rng.integers(0, np.array(self.size) - self.side + 1, (2, 2))
+        ]
+        return max(places, key=lambda place: truth[place].std())
 
-        The one with more contrast of two positions is used: a network learns nothing from uniform
-        patches.
-        """
-        shown, truth = self.arrays["train"]
-        cuts = []
-        for _ in range(count):
-            k = rng.integers(len(shown))
-            places = [
-                tuple(slice(at, at + n) for at, n in zip(corner, self.side, strict=True))
-                for corner in rng.integers(0, np.array(shown.shape[1:3]) - self.side + 1, (2, 2))
-            ]
-            cuts.append((k, *max(places, key=lambda place: truth[k][place].std())))
-        return np.stack([shown[cut] for cut in cuts]), np.stack([truth[cut] for cut in cuts])
+    def __len__(self) -> int:
+        return self.recipe.steps_per_epoch
 
-    def evaluate(self, part: str) -> float:
-        """Mean squared error over whole images, for any loss."""
-        shown, truth = self.arrays[part]
-        if part == "train":  # some of them suffice
-            shown, truth = shown[:32], truth[:32]
-        total = 0.0
-        for k in range(0, len(shown), 16):
-            images = np.clip(self.system.predict(shown[k : k + 16]), 0, 1)
-            total += np.square(images - truth[k : k + 16]).mean((1, 2, 3)).sum()
-        return float(total / len(shown))
-
-    @property
-    def weights(self) -> list[np.ndarray]:
-        """Copies of all values of the network."""
-        return _values(all_variables(self.model))
-
-    @property
-    def state(self) -> list[np.ndarray]:
-        """Everything that the next epoch depends on; set it to continue from there."""
-        return _values([*all_variables(self.model), *self.optimizer.variables])
-
-    @state.setter
-    def state(self, values) -> None:
-        assign([*all_variables(self.model), *self.optimizer.variables], values)
+    def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
+        if not self.cuts:  # Keras looks at a batch before the first epoch
+            self.draw(np.random.default_rng(self.seed))
+        return tuple(np.stack([x[cut] for cut in self.cuts[index]]) for x in self.samples)
 
 
 def load_system(path: str | Path) -> NetworkSystem:

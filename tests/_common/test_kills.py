@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 FILE = """
 from lf_flame._common.atomic_files import write_text
 def write(place, text):
@@ -54,6 +56,7 @@ def is_whole(folder):
     return len(record["files"]) == 20 and len(texts) == 1
 
 
+@pytest.mark.slow
 def test_a_killed_writer_leaves_a_whole_file(tmp_path):
     rng, out = random.Random(1), tmp_path / "out"
     out.write_text("0" * 300_000)
@@ -63,6 +66,7 @@ def test_a_killed_writer_leaves_a_whole_file(tmp_path):
         assert text == text[0] * 300_000
 
 
+@pytest.mark.slow
 def test_a_killed_writer_leaves_a_whole_folder(tmp_path):
     """The old one under its own name or a sibling's, until the new one has its name."""
     rng, out = random.Random(2), tmp_path / "out"
@@ -78,6 +82,7 @@ def test_a_killed_writer_leaves_a_whole_folder(tmp_path):
     assert list(tmp_path.iterdir()) == [out]  # the next call removed what kills had left
 
 
+@pytest.mark.slow
 def test_of_two_writers_at_once_one_is_refused_until_the_other_ends(tmp_path):
     slow = FOLDER.replace("    with", "    import time\n    with").replace(
         "        for", "        print('ready', flush=True)\n        time.sleep(60)\n        for"

@@ -15,6 +15,7 @@ def patience(monkeypatch):
     progress.show(False)
 
 
+@pytest.mark.slow
 def test_a_bar_appears_before_a_long_step_has_ended(patience, capfd):
     for step in progress.steps([1, 2], "tracing", 2):
         time.sleep(0.3)

@@ -34,6 +34,7 @@ def alive(process):
     return status.rpartition(")")[2].split()[0] != "Z"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="asks /proc which processes run")
 def test_workers_end_with_their_parent(tmp_path):
     (tmp_path / "program.py").write_text(PROGRAM)

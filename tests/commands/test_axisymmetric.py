@@ -70,6 +70,7 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
     assert run("abel", *source, "--central", *COARSE, "--out", out).exit_code == 0

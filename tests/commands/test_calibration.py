@@ -72,6 +72,7 @@ def test_files_and_table_of_a_calibration(boards):
     assert "focal plane at z = -10.0" in said or "focal plane at z = -9.9" in said
 
 
+@pytest.mark.slow
 def test_a_picture_is_refocused_at_a_depth_by_the_calibration(boards, tmp_path):
     """And its slope map becomes mm from the user's zero."""
     placed, out, _ = boards

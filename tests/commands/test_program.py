@@ -81,6 +81,7 @@ def test_how_a_program_ends(code, status, said):
     assert status == 1 or result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("date", ["x", ""])
 def test_a_date_that_numpy_cannot_read_does_no_harm(date):
     result = ended("import numpy.f2py", SOURCE_DATE_EPOCH=date)

@@ -241,6 +241,7 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
         assert error < 0.1 < np.abs(image - views[4, 4])[:3].mean()
 
 
+@pytest.mark.slow
 def test_calls_for_other_slopes_get_other_folders_by_default(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for words in ([], ["--slope", 0.5, "--slope", -1], ["--sweep", 0, 1], ["--map", "auto"]):

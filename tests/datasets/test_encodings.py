@@ -20,6 +20,29 @@ def test_raw_is_the_raw_image_resized_by_area(light_field):
     np.testing.assert_allclose(found[..., 0], blocks, atol=1e-6)
 
 
+def test_central_is_the_raw_image_resized_without_averaging(rng):
+    """For odd numbers of views and of lenslets in a pixel, single pixels of the raw image."""
+    light_field = LightField(rng.uniform(size=(5, 5, 12, 18)).astype(np.float32))
+    raw = light_field.to_raw()
+    assert raw.shape == (60, 90)
+    found = InputEncoding("central").encode(light_field, SIZE)[..., 0]
+    np.testing.assert_array_equal(found, raw[7::15, 7::15])
+    np.testing.assert_array_equal(found, light_field.views[2, 2, 1::3, 1::3])
+
+
+@pytest.mark.slow
+def test_keras_and_tensorflow_show_the_central_view_of_the_papers_camera(rng):
+    keras, tensorflow = pytest.importorskip("keras"), pytest.importorskip("tensorflow")
+    light_field = LightField(rng.uniform(size=(15, 15, 270, 540)).astype(np.float32))
+    found = InputEncoding("central").encode(light_field, (90, 180))
+    raw = light_field.to_raw()[..., None]
+    for method in ("bilinear", "nearest"):
+        shown = tensorflow.image.resize(raw, (90, 180), method)
+        np.testing.assert_array_equal(found, shown.numpy())
+        layer = keras.layers.Resizing(90, 180, interpolation=method)
+        np.testing.assert_array_equal(found, layer(raw[None])[0])
+
+
 def test_views_are_the_ends_and_the_middle_of_the_middle_row(light_field):
     found = InputEncoding("views").encode(light_field, SIZE)
     for channel, u in enumerate((0, 2, 4)):
@@ -35,7 +58,7 @@ def test_a_grid_shows_views_side_by_side(light_field):
             np.testing.assert_array_equal(tile, area_average(light_field.views[v, u], SIZE))
 
 
-@pytest.mark.parametrize("kind", ["raw", "views", "grid"])
+@pytest.mark.parametrize("kind", ["raw", "central", "views", "grid"])
 @pytest.mark.parametrize("image", [None, (8, 12), (2, 3)])
 def test_inputs_have_the_shape_that_is_announced(kind, image, light_field):
     encoding = InputEncoding(kind, image, grid=2)
@@ -46,7 +69,7 @@ def test_inputs_have_the_shape_that_is_announced(kind, image, light_field):
 
 def test_inputs_saturate_as_a_sensor_does():
     bright = LightField(np.full((3, 3, 4, 6), 7.0))
-    for kind in ("raw", "views", "grid"):
+    for kind in ("raw", "central", "views", "grid"):
         assert InputEncoding(kind).encode(bright, SIZE).max() == 1.0
 
 

@@ -378,6 +378,7 @@ def test_any_value_in_a_card_is_taken_or_refused(tmp_path_factory, key, value, i
     assert ended(["predict", "a.png", "--model", folder / "card.keras", "--out", folder / "o"]) == 2
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 @given(name=st.sampled_from(sorted(CAMERA)), value=VALUES)
 def test_any_value_in_a_camera_is_taken_or_refused(tmp_path_factory, name, value):

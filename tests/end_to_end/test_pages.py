@@ -80,31 +80,17 @@ def test_your_camera_reads_focused_lenslets(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_data_sets_are_made_and_read_as_it_says(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
-    text = page("data_sets", ("small = 64", "small = 16"), ("# (64, ", "# (16, "),
-                ("cluster 2", "cluster 1"))  # fmt: skip
+    text = page("data_sets", ("small = 64", "small = 16"), ("# (64, ", "# (16, "))
     (settings,) = code_blocks(text, "toml")
     (tmp_path / "two_flames.toml").write_text(settings)
-    assert len(run_lines("".join(code_blocks(text, "sh")), tmp_path)) == 2
-    example, fresh = code_blocks(text, "py")
-    last = {}
-    exec(fresh, last)
-    assert (last["inputs"].shape, last["targets"].shape) == ((16, 30, 60, 1), (16, 2, 30, 60))
+    run_lines(*code_blocks(text, "sh"), tmp_path)
+    (example,) = code_blocks(text, "py")
     capsys.readouterr()
     exec(example, {})
     printed = capsys.readouterr().out.splitlines()
     promised = re.findall(r"# (\(.*?\)):", example)
     assert printed[:2] == promised
-    one, other = (
-        {
-            str(file.relative_to(folder)): file.read_bytes()
-            for file in folder.rglob("*")
-            if file.is_file() and file.name != "zarr.json"
-        }
-        for folder in (tmp_path / "two_flames.zarr", tmp_path / "again.zarr")
-    )
-    assert one == other
 
 
 KELVIN = (1750.0, 1850.0, 1800.0)

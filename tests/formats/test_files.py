@@ -31,6 +31,7 @@ def levels(rng, shape, bits=8):
     return rng.integers(0, 2**bits, shape, f"uint{bits}")
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     st.tuples(st.integers(1, 9), st.integers(1, 9)),

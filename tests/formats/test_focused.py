@@ -174,6 +174,7 @@ def test_views_show_the_picture_in_its_place_and_scale(lenslets_of, depth, state
         assert np.abs(shift).max() < 0.05 * plan.step
 
 
+@pytest.mark.slow
 def test_a_picture_before_the_lenslets_stands_as_one_behind_them(lenslets_of):
     """At a negative virtual depth, each micro-image is upside down."""
     camera = Camera(hexagonal=False)
@@ -192,6 +193,7 @@ def test_a_picture_before_the_lenslets_stands_as_one_behind_them(lenslets_of):
     assert np.abs(shift).max() < 0.15
 
 
+@pytest.mark.slow
 def test_slopes_of_views_follow_from_the_virtual_depth(lenslets_of):
     depth, camera = 2.4, Camera()
     raw = camera.record(depth, Waves((7 * depth, 20 * depth)))

@@ -87,9 +87,7 @@ def test_the_first_channel_is_the_last_of_resnet(rng):
 
 @pytest.mark.slow
 def test_inputs_may_be_larger_than_outputs(tmp_path):
-    model = build_refocus_resnet50(
-        IMAGE, 2, "random", "conv3", neck="positions", shown=(80, 128, 1)
-    )
+    model = build_refocus_resnet50(IMAGE, 2, "random", "conv3", shown=(80, 128, 1))
     assert model.input_shape == (None, 80, 128, 1)
     assert model.output_shape == (None, 2, *IMAGE, 1)
     model.save(tmp_path / "model.keras")
@@ -102,7 +100,7 @@ def test_output_planes_are_not_scrambled(paper_model, rng):
     """Channel k of the last convolution becomes image k."""
     decoder = paper_model.get_layer("decoder")
     features = rng.normal(size=(1, *decoder.input_shape[1:])).astype(np.float32)
-    channels = keras.Model(decoder.input, decoder.get_layer("planes").output)(features)
+    channels = keras.Model(decoder.input, decoder.layers[-3].output)(features)
     stack = np.array(decoder(features))[0, ..., 0]
     np.testing.assert_array_equal(stack, np.moveaxis(np.array(channels)[0], -1, 0))
 
@@ -119,6 +117,7 @@ def test_random_weights_depend_on_the_seed_alone():
     assert kernels[0].std() == pytest.approx(np.sqrt(2 / (7 * 7 * 3)), rel=0.02)
 
 
+@pytest.mark.slow
 def test_preprocessing_is_the_backbones_own(paper_model, rng):
     grey = rng.uniform(size=(1, 90, 180, 1)).astype(np.float32)
     model = paper_model.get_layer("backbone")
@@ -158,6 +157,14 @@ def test_wrong_weights_files_are_refused(resnet_arrays, tmp_path):
     np.savez(tmp_path / "shape.npz", **{**short, "conv1_conv/kernel": np.ones((3, 3, 3, 64))})
     with pytest.raises(InputError, match=r"must have shape \(7, 7, 3, 64\), got \(3, 3, 3, 64\)"):
         build_backbone(GREY, tmp_path / "shape.npz", "conv4")
+    kernel = "conv2_block1_1_conv/kernel"
+    pruned = np.where(np.arange(64) == 5, short[kernel], 0)  # many zeros, as in a pruned network
+    np.savez(tmp_path / "pruned.npz", **{**short, kernel: pruned})
+    build_backbone(GREY, tmp_path / "pruned.npz", "conv4")
+    for bad in (0.0, np.nan):
+        np.savez(tmp_path / "bad.npz", **{**short, kernel: np.full_like(short[kernel], bad)})
+        with pytest.raises(InputError, match=rf"{kernel} in .*bad\.npz is all zeros, or holds NaN"):
+            build_backbone(GREY, tmp_path / "bad.npz", "conv4")
     (tmp_path / "text.npz").write_text("no weights")
     with pytest.raises(InputError, match="is no NumPy file"):
         build_backbone(GREY, tmp_path / "text.npz")
@@ -180,9 +187,7 @@ def test_imagenet_gives_up_in_one_sentence(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_without_a_backbone_the_picture_is_the_feature_map(rng, tmp_path):
-    model = build_refocus_resnet50(
-        (32, 40), 2, backbone_weights="imagenet", backbone_depth="none", neck="positions"
-    )
+    model = build_refocus_resnet50((32, 40), 2, backbone_depth="none")
     picture = rng.uniform(size=(3, 32, 40, 1)).astype(np.float32)
     backbone = model.get_layer("backbone")
     np.testing.assert_array_equal(backbone.predict(picture, verbose=0), picture)

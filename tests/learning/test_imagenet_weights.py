@@ -53,6 +53,7 @@ def server(monkeypatch, tmp_path):
     server.server_close()
 
 
+@pytest.mark.slow
 def test_the_file_is_downloaded_once(server, tmp_path):
     path = imagenet_file()
     assert path == tmp_path / "models" / imagenet_weights.NAME
@@ -64,6 +65,7 @@ def test_the_file_is_downloaded_once(server, tmp_path):
     assert server.asked == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stalls", [False, True])
 def test_half_a_file_is_none_and_nobody_waits_for_the_rest(server, tmp_path, stalls):
     server.content, server.stalls = CONTENT[:5000], stalls
@@ -76,12 +78,14 @@ def test_half_a_file_is_none_and_nobody_waits_for_the_rest(server, tmp_path, sta
     assert list((tmp_path / "models").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_no_connection_is_the_reason_in_words(server, monkeypatch):
     monkeypatch.setattr(imagenet_weights, "ORIGIN", "http://127.0.0.1:9/")
     with pytest.raises(ImagenetUnavailable, match=r"models \(Connection refused\)\.$"):
         imagenet_file()
 
 
+@pytest.mark.slow
 def test_other_connections_of_the_process_keep_their_patience(server):
     seen = []
 

@@ -1,12 +1,10 @@
-"""`lf-flame export` and `lf-flame predict`: a trained network in other hands, on other pictures."""
+"""`lf-flame predict`: a trained network on other pictures, and its file in other hands."""
 
 import json
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 
-import keras
 import numpy as np
 import pytest
 from builders import shapes
@@ -15,16 +13,15 @@ from skimage.io import imread
 
 from lf_flame import InputError, LightField
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.config import build, to_json
+from lf_flame._common.config import build
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.formats import read_focal_stack, write_lenslet_image
 from lf_flame.formats.images import to_levels, write_image
-from lf_flame.learning.model_card import load_network, read_card
 from lf_flame.learning.prediction import read_input
-from lf_flame.learning.run_folders import predict_test_split
+from lf_flame.learning.run_folders import open_run, predict_test_split
 from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
 
@@ -52,13 +49,6 @@ def run_folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def exported(run_folder):
-    path = run_folder.parent / "exported.keras"
-    run("export", run_folder, "--out", path)
-    return path
-
-
-@pytest.fixture(scope="module")
 def sample(run_folder):
     """The first test image, and what the network made of it."""
     dataset, indices, predictions = predict_test_split(run_folder)
@@ -73,15 +63,8 @@ def run(*args):
     return result
 
 
-def write_network(path, card, network):
-    """Write a network beside its card."""
-    network.save(path)
-    write_json(path.with_suffix(".json"), to_json(card))
-    return path
-
-
 @pytest.mark.slow
-def test_an_exported_network_loads_without_this_package(exported, sample, tmp_path):
+def test_a_network_loads_without_this_package(run_folder, sample, tmp_path):
     image, expected = sample
     np.save(tmp_path / "image.npy", image[None, ..., None])
     code = (
@@ -90,41 +73,25 @@ def test_an_exported_network_loads_without_this_package(exported, sample, tmp_pa
         "print([name for name in sys.modules if name.startswith('lf_flame')])"
     )
     shown = subprocess.run(
-        [sys.executable, "-c", code, exported], cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, "-c", code, run_folder / "model.keras"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     assert shown.stdout.strip() == "[]", shown.stderr
     np.testing.assert_allclose(np.load(tmp_path / "stack.npy")[0, ..., 0], expected, atol=1e-5)
 
 
-def test_the_card_tells_a_stranger_what_the_network_is(run_folder, exported):
-    card = json.loads(exported.with_suffix(".json").read_text())
-    assert card["image"] == list(SIZE)
-    assert card["depths_mm"] == [10.0, -10.0]
-    assert card["objects"] == ["square", "circle"]
-    assert card["slopes"][0] > 0 > card["slopes"][1]
-    assert card["camera"]["lenslet_pitch_mm"] == 0.672
-    assert card["backbone_weights"] == "random (seed 1), conv3"
-    assert (card["title"], card["preset"], card["training"]["epochs"]) == (
-        "Test images",
-        "smoke",
-        1,
-    )
-    assert {"command", "versions", "git_revision"} <= set(card["exported"])
-    ours, theirs = read_card(run_folder), read_card(exported)
-    assert replace(theirs, exported={}) == ours
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("where", ["run_folder", "exported"])
-def test_a_picture_is_refocused_as_in_the_evaluation(where, sample, tmp_path, request):
+def test_a_picture_is_refocused_as_in_the_evaluation(run_folder, sample, tmp_path):
     """From a picture of 16 bits, three times as large in both directions."""
-    model, (image, expected) = request.getfixturevalue(where), sample
+    image, expected = sample
     write_image(tmp_path / "card.png", to_levels(np.kron(image, np.ones((3, 3))), 16))
-    result = run("predict", tmp_path / "card.png", "--model", model, "--out", tmp_path / "out")
+    result = run("predict", tmp_path / "card.png", "--model", run_folder, "--out", tmp_path / "out")
     out = tmp_path / "out" / "card"
     stack, slopes = read_focal_stack(out / "refocused.tif")
     np.testing.assert_allclose(stack, expected, atol=1e-3)
-    assert list(slopes) == read_card(model).slopes
+    assert list(slopes) == open_run(run_folder).slopes
     for k, name in enumerate(["refocused_1_+10mm.png", "refocused_2_-10mm.png"]):
         np.testing.assert_allclose(imread(out / name) / 255, stack[k], atol=0.003)
     record = json.loads((out / "prediction.json").read_text())
@@ -207,62 +174,10 @@ def test_pictures_do_not_go_among_the_views(run_folder, tmp_path):
         run("predict", tmp_path / "views", "--model", run_folder, "--out", tmp_path)
 
 
-def test_networks_that_are_not_there_are_one_sentence(run_folder, exported, tmp_path):
-    shutil.copy(exported, tmp_path / "alone.keras")
-    shutil.copy(exported, tmp_path / "edited.keras")
-    (tmp_path / "edited.json").write_text('{"title": "mine"}')
-    for path, message in (
-        (tmp_path / "none.keras", "There is no trained network .*none.keras"),
-        (tmp_path, "There is no finished run in"),
-        (run_folder / "model.keras", "has no model.json beside it, .* name the run folder"),
-        (tmp_path / "alone.keras", "has no alone.json beside it"),
-        (tmp_path / "edited.keras", "edited.json: preset, .* are missing"),
-    ):
-        with pytest.raises(InputError, match=message) as caught:
-            read_card(path)
-        assert len(str(caught.value).splitlines()) == 1
-
-
-def test_a_network_of_another_output_is_one_sentence(exported, tmp_path):
-    image = keras.Input((*SIZE, 1))
-    theirs = keras.Model(image, keras.layers.Conv2D(2, 3)(image))
-    path = write_network(tmp_path / "theirs.keras", read_card(exported), theirs)
-    message = r"into \(38, 62, 2\), but it should turn .* into \(2, 40, 64, 1\)"
-    with pytest.raises(InputError, match=message) as caught:
-        load_network(path, read_card(path))
-    assert len(str(caught.value).splitlines()) == 1
-
-
-def test_nothing_is_exported_into_a_run(run_folder, tmp_path):
-    before = (run_folder / "run.json").read_bytes()
-    for out in (run_folder / "run.keras", tmp_path / "network.h5"):
-        with pytest.raises(InputError, match="to a .keras file outside of its run, got"):
-            run("export", run_folder, "--out", out)
-    assert (run_folder / "run.json").read_bytes() == before
-    with pytest.raises(InputError, match="There is no finished run"):
-        run("export", run_folder.parent, "--out", tmp_path / "network.keras")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_file_that_is_no_card_is_not_replaced_by_one(run_folder, tmp_path):
-    package = tmp_path / "package.json"
-    package.write_text('{"name": "mine"}')
-    with pytest.raises(InputError, match="package.json is no network's card"):
-        run("export", run_folder, "--out", tmp_path / "package.keras")
-    assert package.read_text() == '{"name": "mine"}'
-    assert [path.name for path in tmp_path.iterdir()] == ["package.json"]
-    package.unlink()
-    for _ in range(2):  # a card is
-        run("export", run_folder, "--out", tmp_path / "package.keras")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["package.json", "package.keras"]
-
-
 def test_help_says_what_a_prediction_is():
     shown = " ".join(run("predict", "--help").output.split())
     assert "memorised the depth of each object" in shown
     assert "its output is invented" in shown
-    assert "no pickled code" in " ".join(run("export", "--help").output.split())
 
 
 @pytest.mark.slow
@@ -270,16 +185,16 @@ def test_a_run_stands_alone(run_folder, sample, tmp_path, monkeypatch):
     """From another working folder, moved, and without its data set it predicts the same."""
     picture, prediction = sample
     write_image(tmp_path / "picture.tif", picture)
-    shutil.copytree(run_folder, tmp_path / "moved", ignore=shutil.ignore_patterns("checkpoint-*"))
+    shutil.copytree(run_folder, tmp_path / "moved", ignore=shutil.ignore_patterns("checkpoint*"))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     run("predict", "../picture.tif", "--model", "../moved", "--out", "out")
     stack, slopes = read_focal_stack("out/picture/refocused.tif")
     np.testing.assert_allclose(stack, prediction, atol=1e-5)
-    card = read_card(tmp_path / "moved")
-    assert card.camera.views == 3
-    assert list(slopes) == card.slopes
-    assert card.objects == ["square", "circle"]
+    moved = open_run(tmp_path / "moved")
+    assert moved.config.camera.views == 3
+    assert list(slopes) == moved.slopes
+    assert moved.objects == ["square", "circle"]
     with pytest.raises(InputError, match="There is no data set at .*shapes.zarr"):
         predict_test_split(tmp_path / "moved")  # scores, and nothing else, need it
 
@@ -300,7 +215,7 @@ def test_records_hold_no_path_but_relative_ones(run_folder, sample, tmp_path):
 
 
 def test_scores_of_another_data_set_are_refused(run_folder, tmp_path):
-    shutil.copytree(run_folder, tmp_path / "run", ignore=shutil.ignore_patterns("checkpoint-*"))
+    shutil.copytree(run_folder, tmp_path / "run", ignore=shutil.ignore_patterns("checkpoint*"))
     record = json.loads((run_folder / "run.json").read_text())
     record["dataset"]["slopes"] = [0.5, -0.5]
     changed = record | {"data": str(run_folder.parent / "shapes.zarr")}

@@ -5,7 +5,6 @@ import json
 import pytest
 from builders import RUN
 
-from lf_flame.learning.model_card import read_card
 from lf_flame.learning.run_folders import load_run, open_run
 
 
@@ -23,11 +22,11 @@ def test_a_whole_record_is_taken(write):
     run = open_run(write(RUN))
     assert (run.slopes, run.objects) == ([1.0, -1.0], ["square", "circle"])
     assert run.record == RUN
-    assert read_card(run.folder).image == (40, 64)
+    assert run.config.image == (40, 64)
 
 
 def test_a_run_of_a_system_says_what_it_is_and_what_is_wanted(write):
-    folder = write({"system": "refocusnet", "title": "RefocusNet", "train_s": 1.0})
+    folder = write({"system": "refocusnet", "title": "RefocusNet", "epochs": 2, "train_s": 1.0})
     assert load_run(folder)["system"] == "refocusnet"
 
 

@@ -140,6 +140,7 @@ def test_noise_alone_is_not_certain(rng):
     assert np.mean(found.confidence >= TRUSTED) < 0.01
 
 
+@pytest.mark.slow
 def test_a_tilted_plane_is_not_cut_into_steps(rng):
     """Views of a plane whose slope grows by 0.02 from lenslet to lenslet, from its own picture."""
     truth = planar_slopes((60, 80), 0.0, gradient=(0.0, 0.02))

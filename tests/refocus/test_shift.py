@@ -6,12 +6,14 @@ import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiments.timing import on_threads
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.refocus import (
     _kernels,
     find_sharpest_slope,
     fourier_refocus,
     refocus_surface,
+    shift,
     shift_and_sum,
 )
 
@@ -69,18 +71,32 @@ def test_more_slopes_than_share_a_reading(rng):
 
 
 def test_views_of_8_and_16_bits_are_not_copied(rng, monkeypatch):
-    """The kernel is handed the very array."""
+    """The kernel is handed the very array, also that of a raw lenslet image."""
     seen = []
-
-    def sum_groups(views, *others):
-        seen.append(views)
-        others[7].fill(0)  # the sums
-
-    monkeypatch.setattr(_kernels, "sum_groups", sum_groups)
+    monkeypatch.setattr(_kernels, "sum_bands", lambda views, *others: seen.append(views))
+    monkeypatch.setattr(shift, "refuse_not_finite", lambda views: None)  # the image stays empty
     for dtype in ("uint8", "uint16", "float32", "float64"):
         views = rng.integers(0, 200, size=(2, 3, 8, 9)).astype(dtype)
-        shift_and_sum(views, 0.5)
-        assert np.shares_memory(seen.pop(), views)
+        for some in (views, views.transpose(2, 0, 3, 1).copy().transpose(1, 3, 0, 2)):
+            shift_and_sum(some, 0.5)
+            assert np.shares_memory(seen.pop(), some)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", ["uint16", "float32"])
+def test_a_raw_image_gives_the_bits_of_its_views_on_any_number_of_threads(dtype, rng):
+    """Under each lenslet stand 4 x 3 pixels; the last slopes shift views out of the image."""
+    raw = rng.integers(0, 4000, size=(11 * 4, 7 * 3)).astype(dtype)
+    views = raw.reshape(11, 4, 7, 3).transpose(1, 3, 0, 2)
+    slopes = [0.0, 1.3, -2.28, 5.5, -40.0]
+    expected = [reference.shift_and_sum(views, slope) for slope in slopes]
+    found = []
+    for threads in (1, 2):
+        with on_threads(threads):
+            found += [shift_and_sum(views, slopes), shift_and_sum(views.copy(), slopes)]
+    np.testing.assert_allclose(found[0], expected, rtol=3e-7)
+    for image in found[1:]:
+        np.testing.assert_array_equal(image, found[0])
 
 
 def test_views_of_weight_0_are_not_read(rng):
@@ -138,7 +154,7 @@ def test_a_cut_line_leaves_what_is_beside_it_alone(start, reach, size, channels)
     """Its own pixels are those of the line, the edges repeated, and the rest stays."""
     line = np.arange(1.0, 200, dtype=np.float32)[:42]
     lines, base = np.full(150, -1, np.float32), 25
-    _kernels.cut_line(line, start, reach, channels, lines, base, size, np.zeros(size, np.float32))
+    _kernels.cut_line(line, start, reach, channels, lines, base, size)
     at = np.arange(start - reach, start - reach + size)
     pixel = np.clip(at // channels, 0, line.size // channels - 1)
     np.testing.assert_array_equal(lines[base : base + size], line[pixel * channels + at % channels])

@@ -64,7 +64,7 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
         _ray_kernels.trace_apart,
         _exact_kernels.integrate_columns,
         _exact_kernels.integrate_rows,
-        refocus_kernels.sum_groups,
+        refocus_kernels.sum_bands,
     ]
 
     def use(cells, layout, rays):

@@ -66,6 +66,7 @@ def test_colours_come_out_as_they_went_in(system, views):
     np.testing.assert_allclose(stack[..., 2], system.refocus(views * 0.5, 0.25), atol=2e-6)
 
 
+@pytest.mark.slow
 def test_views_that_are_not_chosen_do_not_count(system, views):
     used = np.zeros((9, 9), bool)
     used[tuple(np.transpose(system.view_indices(9, 9)))] = True

@@ -26,6 +26,7 @@ def two_depths():
 LEFT, RIGHT = (10, 50, 10, 50), (10, 50, 70, 110)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("region", "slopes", "slope"),
     [

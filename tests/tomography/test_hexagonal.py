@@ -71,6 +71,7 @@ def test_emission_behind_hexagonal_lenslets(decoded):
         assert np.linalg.norm(one - truth) < 0.025 * np.linalg.norm(truth)
 
 
+@pytest.mark.slow
 def test_the_pitch_alone_puts_depths_elsewhere_and_it_is_said(decoded):
     """A view's step in the pupil is then too small by the distance of the rows in pitches."""
     found, grid = emission(decoded, lenslet_pitch_mm=0.112 * ROW)

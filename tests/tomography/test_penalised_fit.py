@@ -26,6 +26,7 @@ def flames():
     return Scene([Layer(glow, depth, size, (0.0, place * height)) for depth, place in places])
 
 
+@pytest.mark.slow
 def test_flames_that_hardly_differ_in_depth_are_told_apart(flames):
     """With short steps alone 0.82 % off; with a state scaled by the inverse, 1.2 %."""
     found = reconstruct(render(flames, CAMERA), GRID).emission

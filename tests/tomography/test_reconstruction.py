@@ -27,6 +27,7 @@ def test_planes_are_found_where_refocused_images_are_wrong(grid, truth, noisy, f
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_noise_is_measured_within_some_per_cent(clean, fits):
     for share in (0.01, 0.05):
         found = fits(share)
@@ -54,6 +55,7 @@ def test_the_strength_is_near_the_best(grid, truth, noisy):
     assert worst_error(curve.emission, truth) < 1.5 * min(errors)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_linear_fits(camera, rng):
     """Of nothing but noise; its effect is smaller towards the edges, beyond which there is none."""
     grid = FrustumGrid(replace(camera, lenslets=(72, 84)), DEPTHS)
@@ -109,6 +111,7 @@ def test_depths_of_light_are_found_on_a_stack(camera, flames, clean):
     assert found.per_mm == pytest.approx(found.emission)
 
 
+@pytest.mark.slow
 def test_emission_by_volume_needs_even_planes(fits):
     with pytest.raises(InputError, match="evenly spaced"):
         _ = fits(0.0).per_mm

@@ -53,6 +53,7 @@ def test_sharp_edges_want_total_variation_and_flames_do_not(camera, sharp, flame
     assert worst(varying.emission, flames, grid) > 1.5 * worst(smooth.emission, flames, grid)
 
 
+@pytest.mark.slow
 def test_no_cell_alone_makes_the_sum_smaller(camera, sharp):
     """The optimum of the whole sum, by small changes of its own and by other fits."""
     camera = replace(camera, lenslets=(36, 42))

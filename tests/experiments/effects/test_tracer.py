@@ -53,6 +53,7 @@ def test_the_stated_error_covers_the_true_one(small_camera):
     assert error.max() < 1e-3
 
 
+@pytest.mark.slow
 def test_bodies_in_one_another_obey_the_equation_of_transfer(small_camera):
     """Even emission and absorption, b (1 - exp(-tau)) / tau, behind a veil and before a ground."""
     size, b, tau = (40.0, 40.0), (0.7, 0.2), (1.3, 0.4)

@@ -95,6 +95,7 @@ def test_onion_peeling_inverts_a_projection():
     )
 
 
+@pytest.mark.slow
 def test_simple_methods_find_a_disc_and_a_square_and_refocused_images_do_not():
     slabs = [Slab(3.0, planes._disc), Slab(-4.0, planes._square)]
     case = planes.traced("disc and square", planes.SMALL, slabs, (3.0, -4.0))

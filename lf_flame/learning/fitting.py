@@ -1,0 +1,362 @@
+"""Training of any network with Keras's `fit`, in a run folder from which it resumes.
+
+The folder has ``config.json`` (everything that determines the result), ``checkpoint.npz`` (the
+state after the newest whole epoch that was saved), ``history.csv`` (a row for each epoch) and,
+after each call, ``model.keras`` (the network with the lowest validation loss so far) and
+``run.json`` (the record). The order of the samples depends on seed and epoch alone, and the state
+includes the generator of the dropout, so that a resumed run ends with the weights of an
+uninterrupted one.
+"""
+
+import json
+import math
+import reprlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from zipfile import BadZipFile, ZipFile
+
+import keras
+import numpy as np
+import pandas as pd
+from keras import ops
+
+from lf_flame._common import progress, provenance
+from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.atomic_files import atomic_write, remove_leftovers, write_json, write_text
+from lf_flame._common.config import build_record
+from lf_flame._common.input_files import parse_json, read_record
+from lf_flame._common.locks import exclusive
+from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import accelerators
+from lf_flame.learning.run_folders import load_run
+
+VALIDATION_BATCH = 16
+"""Number of samples in a batch without gradients."""
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """Row of the history; the loss of validation is a mean squared error."""
+
+    epoch: int
+    loss: float
+    val_loss: float
+    val_psnr_db: float | None
+    seconds: float
+
+
+class Batches(keras.utils.PyDataset):
+    """Batches for `fit`, those of epoch k drawn from ``numpy.random.default_rng([seed, k])``."""
+
+    def __init__(self, seed: int):
+        super().__init__()
+        self.seed, self.epoch = seed, 0
+
+    def on_epoch_begin(self) -> None:
+        """Draw the batches of the next epoch; Keras calls this."""
+        self.epoch += 1
+        self.draw(np.random.default_rng([self.seed, self.epoch]))
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw what ``self[k]`` gives for each batch k."""
+        raise NotImplementedError
+
+
+class ShuffledSamples(Batches):
+    """All samples in a random order, in batches; the last one may be smaller."""
+
+    def __init__(self, inputs: np.ndarray, targets: np.ndarray, batch_size: int, seed: int):
+        super().__init__(seed)
+        self.samples, self.batch_size = (inputs, targets), batch_size
+        self.order = np.arange(len(inputs))
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw the order."""
+        self.order = rng.permutation(len(self.order))
+
+    def __len__(self) -> int:
+        return -(-len(self.order) // self.batch_size)
+
+    def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
+        some = self.order[index * self.batch_size :][: self.batch_size]
+        return tuple(x[some] for x in self.samples)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Arguments of `fit`: a compiled network and its data."""
+
+    network: keras.Model
+    batches: Batches
+    validation: tuple[np.ndarray, ...]  # inputs and targets
+    watched: str = "val_loss"  # name of the mean squared error of the validation in Keras's logs
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run."""
+
+    request: dict  # everything but `epochs` that determines the result, as JSON values
+    epochs: int
+    prepare: Callable[[], Fit]
+    finish: Callable[[list[np.ndarray]], keras.Model]  # from the best weights to what is saved
+    metadata: dict  # further content of the record
+    checkpoint_s: float  # time between checkpoints; 0 writes one after every epoch
+    minutes: float = 0.0  # a call ends at the end of an epoch nearest to it; 0: no limit
+
+
+def train_in_folder(run: Run, out: Path, started: float) -> Path:
+    """Train in a run folder, or resume there; the call `started` by `time.perf_counter`.
+
+    Returns the network ``model.keras``. An InputError refuses a folder with another run or a
+    damaged checkpoint, one where another process trains, and a loss that is NaN or infinite.
+    """
+    if not 0 <= run.minutes < math.inf:
+        raise InputError(f"minutes must be 0 (to the end) or more, got {run.minutes}.")
+    model = out / "model.keras"
+    with exclusive(out):
+        _refuse_other_run(run, out)
+        if _is_finished(run, out):
+            progress.tell(f"{out} holds this run, finished.")
+            model.touch()  # make compares it with the configuration file
+            return model
+        write_json(out / "config.json", run.request)
+        for name in ("checkpoint.npz", "model.keras"):  # hundreds of megabytes each
+            remove_leftovers(out / name)
+        state = TrainingState(out / "checkpoint.npz")
+        if state.epochs_done > run.epochs:
+            raise InputError(
+                f"{out} holds {state.epochs_done} epochs of this run, more than the {run.epochs} "
+                f"wanted; choose another folder."
+            )
+        if state.epochs_done < run.epochs:
+            _fit(run, state, started)
+        _write_result(run, state, out, started)
+    return model
+
+
+def _fit(run: Run, state: "TrainingState", started: float) -> None:
+    """Call Keras's `fit` from the first epoch that is missing."""
+    fit = run.prepare()
+    state.restore(fit.network)
+    fit.batches.epoch = state.epochs_done
+    if state.epochs_done:
+        progress.tell(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
+    else:
+        state.start_s = round(time.perf_counter() - started, 2)
+    with progress.bar(
+        "training", run.epochs, "epoch", stays=True, initial=state.epochs_done
+    ) as bar:
+        fit.network.fit(
+            fit.batches,
+            epochs=run.epochs,
+            initial_epoch=state.epochs_done,
+            validation_data=fit.validation,
+            validation_batch_size=VALIDATION_BATCH,
+            shuffle=False,  # the batches shuffle
+            verbose=0,
+            callbacks=[EpochEnd(run, state, fit.watched, started, bar)],
+        )
+    if state.epochs_done < run.epochs:
+        progress.tell(
+            f"Saved after epoch {state.epochs_done} of {run.epochs}, best so far: epoch "
+            f"{state.best_row.epoch}; the same command resumes."
+        )
+
+
+class EpochEnd(keras.callbacks.Callback):
+    """Record each epoch, save the state from time to time, and stop at the time limit."""
+
+    def __init__(self, run: Run, state: "TrainingState", watched: str, started: float, bar):
+        super().__init__()
+        self.run, self.state, self.watched, self.bar = run, state, watched, bar
+        self.started, self.count = started, 0
+        self.saved = self.begun = time.perf_counter()
+
+    def on_epoch_begin(self, epoch, logs=None):
+        """Start the clock of the epoch."""
+        self.begun = time.perf_counter()
+
+    def on_epoch_end(self, epoch, logs=None):
+        """Take the epoch's losses, in Keras's logs."""
+        state, run = self.state, self.run
+        now = time.perf_counter()
+        state.add(epoch + 1, logs["loss"], logs[self.watched], now - self.begun, self.model)
+        self.bar.set_postfix_str(f"best validation PSNR {state.best_row.val_psnr_db:.2f} dB")
+        self.bar.update()
+        self.count += 1
+        if self.count == 2:  # nothing is compiled any more
+            _tell_duration(run.epochs, now - self.begun)
+        # Whichever end of an epoch is nearest to the limit: half of them are early, half late.
+        middle_of_next = now - self.started + (now - self.begun) / 2
+        if 0 < 60 * run.minutes <= middle_of_next:
+            self.model.stop_training = True
+        last = self.model.stop_training or epoch + 1 == run.epochs
+        if last or now - self.saved >= run.checkpoint_s:
+            state.save(self.model)
+            self.saved = now
+
+
+def _tell_duration(epochs: int, epoch_s: float) -> None:
+    """Print how long all epochs take on this machine."""
+    hours = epochs * epoch_s / 3600
+    if hours < 1 / 60:
+        return
+    duration = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} minutes"
+    progress.tell(f"{epochs} epochs: about {duration} on this machine, as busy as it is.")
+
+
+class TrainingState:
+    """History, weights and optimiser of a run between epochs, and the best weights so far."""
+
+    def __init__(self, path: Path):
+        self.path, self.start_s = path, 0.0
+        self.history: list[Epoch] = []
+        self.best: list[np.ndarray] = []
+        self._arrays: list[np.ndarray] = []
+        if path.exists():
+            self._load()
+
+    @property
+    def epochs_done(self) -> int:
+        """Number of whole epochs."""
+        return len(self.history)
+
+    @property
+    def best_row(self) -> Epoch:
+        """Row of the lowest validation loss."""
+        return min(self.history, key=lambda row: row.val_loss)
+
+    def add(self, epoch: int, loss: float, val_loss: float, seconds: float, network) -> None:
+        """Add an epoch, and keep its weights if they are the best."""
+        if not np.isfinite([loss, val_loss]).all():
+            raise InputError(
+                f"The loss is no longer a number in epoch {epoch} (training {loss}, validation "
+                f"{val_loss}); the last checkpoint is kept."
+            )
+        psnr = float(-10 * np.log10(val_loss)) if val_loss > 0 else None
+        self.history.append(Epoch(epoch, float(loss), float(val_loss), psnr, round(seconds, 4)))
+        if self.best_row is self.history[-1]:
+            self.best = _values(_weights(network))
+
+    def restore(self, network: keras.Model) -> None:
+        """Set weights and optimiser to the loaded state, if there is one."""
+        variables = [*_weights(network), *network.optimizer.variables]
+        if not self._arrays:
+            return
+        shapes = [tuple(x.shape) for x in self._arrays]
+        if shapes != [tuple(x.shape) for x in variables]:
+            raise InputError(
+                f"{self.path} holds the state of another network, or of another optimiser; remove "
+                f"it to begin again."
+            )
+        for variable, value in zip(variables, self._arrays, strict=True):
+            variable.assign(value)
+        self._arrays = []
+
+    def save(self, network: keras.Model) -> None:
+        """Write the state, and the history for reading."""
+        rows = [asdict(row) for row in self.history]
+        about = json.dumps({"start_s": self.start_s, "epochs": rows})
+        state = _values([*_weights(network), *network.optimizer.variables])
+        arrays = {f"state_{k:03d}": x for k, x in enumerate(state)}
+        arrays |= {f"best_{k:03d}": x for k, x in enumerate(self.best)}
+        arrays["about"] = np.frombuffer(about.encode(), np.uint8)
+        with atomic_write(self.path) as aside:
+            np.savez(aside, **arrays)  # type: ignore[arg-type]  # no array is named allow_pickle
+        write_text(self.path.with_name("history.csv"), pd.DataFrame(rows).to_csv(index=False))
+
+    def _load(self) -> None:
+        with open_arrays(self.path) as file:
+            if "about" not in file.names:
+                raise InputError(f"{self.path} is damaged; remove it to begin again.")
+            (about,) = file.read(["about"])
+            text = about.tobytes().decode("utf-8", "replace")
+            found = build_record(_About, parse_json(text, self.path), self.path)
+            self.history, self.start_s = found.epochs, found.start_s
+            for name, array in zip(file.names, file.read(file.names), strict=True):
+                if name.startswith("state_"):
+                    self._arrays.append(array)
+                elif name.startswith("best_"):
+                    self.best.append(array)
+
+
+@dataclass(frozen=True)
+class _About:
+    """Content of a checkpoint beside its arrays."""
+
+    start_s: float
+    epochs: list[Epoch]
+
+
+def _weights(network: keras.Model) -> list[keras.Variable]:
+    """Variables of a network; those of a view are the same, in the same order."""
+    return [*network.trainable_variables, *network.non_trainable_variables]
+
+
+def _values(variables: Sequence[keras.Variable]) -> list[np.ndarray]:
+    return [np.array(ops.convert_to_numpy(x)) for x in variables]
+
+
+def assign_weights(network: keras.Model, values: Sequence[np.ndarray]) -> None:
+    """Set a network to the best weights of a run."""
+    for variable, value in zip(_weights(network), values, strict=True):
+        variable.assign(value)
+
+
+def _write_result(run: Run, state: TrainingState, out: Path, started: float) -> None:
+    """Write the network with the best weights, and the record."""
+    network = run.finish(state.best)
+    best = state.best_row
+    record = {
+        **run.request,
+        "epochs": state.epochs_done,
+        "epochs_wanted": run.epochs,
+        "finished": state.epochs_done >= run.epochs,
+        "best_epoch": best.epoch,
+        "best_validation_loss": best.val_loss,
+        **run.metadata,
+        "keras_backend": keras.backend.backend(),
+        "devices": accelerators(),
+        "start_s": state.start_s,
+        "train_s": round(sum(row.seconds for row in state.history), 2),
+        "wall_s": round(time.perf_counter() - started, 2),
+        **provenance.environment(),
+    }
+    model = out / "model.keras"
+    with atomic_write(model) as aside:  # renamed last: make looks at this file
+        network.save(aside)
+        model.unlink(missing_ok=True)  # a kill leaves no older network beside the new record
+        write_json(out / "run.json", record)
+
+
+def _is_finished(run: Run, out: Path) -> bool:
+    """Whether the folder holds the network of all epochs, whole."""
+    if not ((out / "run.json").exists() and (out / "model.keras").exists()):
+        return False
+    try:
+        with ZipFile(out / "model.keras") as archive:
+            whole = archive.testzip() is None
+    except BadZipFile:
+        whole = False
+    return whole and load_run(out).get("epochs") == run.epochs
+
+
+def _refuse_other_run(run: Run, out: Path) -> None:
+    """Refuse a folder that holds another run; a run may continue for more epochs, not for fewer."""
+    path = out / "config.json"
+    if not path.exists():
+        if (out / "checkpoint.npz").exists():
+            raise InputError(
+                f"{out} holds a checkpoint without config.json; choose another folder."
+            )
+        return
+    found = read_record(path)
+    for key, value in json.loads(json.dumps(run.request)).items():
+        if found.get(key) != value:
+            raise InputError(
+                f"{out} holds a run with another {key} ({reprlib.repr(found.get(key))}, now "
+                f"{reprlib.repr(value)}); choose another folder, or remove it."
+            )

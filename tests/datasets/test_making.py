@@ -1,0 +1,142 @@
+"""The bytes of a data set follow from configuration and size, however it was made."""
+
+import json
+import math
+import random
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import zarr
+
+from lf_flame import InputError, render
+from lf_flame.datasets.config import config_to_json
+from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset, shard_size
+from lf_flame.datasets.sampling import simulate_sample
+from lf_flame.datasets.store import Dataset
+from lf_flame.refocus import shift_and_sum
+
+
+def test_a_data_set_has_the_samples_of_its_configuration(tiny, tmp_path):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    dataset = Dataset(tmp_path / "a.zarr")
+    scene, parameters = tiny.template.draw(np.random.default_rng([tiny.seed, 1]))
+    stack = shift_and_sum(render(scene, tiny.camera), dataset.attrs["slopes"])
+    blocks = stack.reshape(2, 8, 3, 12, 3).mean(axis=(2, 4))
+    np.testing.assert_allclose(dataset.targets[1], blocks, atol=1e-6)
+    sample = simulate_sample(tiny, dataset.attrs["slopes"], 1)
+    np.testing.assert_array_equal(dataset.inputs[1], sample["input"])
+    np.testing.assert_array_equal(dataset.parameters("size_mm")[1], parameters["size_mm"])
+    assert (len(dataset), dataset.config) == (2, tiny)
+    assert set(dataset.attrs["provenance"]) >= {"command", "versions", "git_revision", "wall_s"}
+
+
+@pytest.mark.parametrize("samples", [1, 16, 200, 1600, 40_000, 1_000_000])
+def test_there_are_few_files_and_enough_work_for_all(samples):
+    files = math.ceil(samples / shard_size(samples))
+    assert 10 * files <= 10_000  # input, target, three parameters or so, complete
+    assert files >= min(64, samples / LEAST_TOGETHER)
+
+
+def test_samples_lie_in_shards_each_with_its_checksum(tiny, tmp_path):
+    make_dataset(tiny, LEAST_TOGETHER + 3, tmp_path / "a.zarr")
+    array = zarr.open_group(tmp_path / "a.zarr", mode="r")["target"]
+    assert (array.shards[0], array.chunks[0]) == (LEAST_TOGETHER, 1)
+    assert "crc32c" in json.dumps(array.metadata.to_dict()["codecs"], default=str)
+    files = [path for path in (tmp_path / "a.zarr").rglob("c/*") if path.name.isdigit()]
+    assert {path.name for path in files} == {"0", "1"}
+
+
+@pytest.mark.slow
+def test_bytes_do_not_depend_on_who_does_the_work(tiny, tmp_path, samples_of):
+    """This process, others, or any executor: here threads, each with one thread of Numba's."""
+    make_dataset(tiny, 40, tmp_path / "one.zarr")
+    make_dataset(tiny, 40, tmp_path / "two.zarr", workers=2)
+    with ThreadPoolExecutor(2) as executor:
+        make_dataset(tiny, 40, tmp_path / "threads.zarr", executor=executor)
+    one, two, threads = (samples_of(tmp_path / f"{x}.zarr") for x in ("one", "two", "threads"))
+    assert one == two == threads
+    made = Dataset(tmp_path / "threads.zarr").attrs["provenance"]
+    assert made["workers"] == "ThreadPoolExecutor"
+
+
+def test_an_interrupted_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
+    class Cut(Exception):
+        pass
+
+    def cut(finished, done, total):
+        yield next(iter(finished))
+        raise Cut
+
+    resumed = []
+
+    def note(finished, done, total):
+        resumed.append((done, total))
+        return finished
+
+    with pytest.raises(Cut):
+        make_dataset(tiny, 20, tmp_path / "a.zarr", progress=cut)
+    with pytest.raises(InputError, match="begun, but is not finished"):
+        Dataset(tmp_path / "a.zarr")
+    left = tmp_path / "a.zarr.part" / "input" / "c" / "0" / f"0.{'0' * 32}.partial"
+    left.write_bytes(b"half")  # as Zarr leaves it of a write that was cut off
+    make_dataset(tiny, 20, tmp_path / "a.zarr", progress=note)
+    assert resumed == [(16, 20)]
+    make_dataset(tiny, 20, tmp_path / "b.zarr")
+    assert samples_of(tmp_path / "a.zarr") == samples_of(tmp_path / "b.zarr")
+
+
+MAKE = """
+import json, sys
+from lf_flame.datasets.config import config_from_json
+from lf_flame.datasets.making import make_dataset
+def tell(finished, done, total):
+    for one in finished:
+        print(one, flush=True)
+        yield one
+if __name__ == "__main__":
+    config = config_from_json(json.loads(sys.argv[1]), "here")
+    make_dataset(config, 160, sys.argv[2], workers=2, progress=tell)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
+    rng = random.Random(3)
+    (tmp_path / "make.py").write_text(MAKE)
+    settings = json.dumps(config_to_json(tiny)), str(tmp_path / "a.zarr")
+    for _ in range(2):
+        command = [sys.executable, tmp_path / "make.py", *settings]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+            process.stdout.readline()  # at least one shard is written
+            time.sleep(rng.uniform(0, 0.3))
+            process.kill()
+        assert not (tmp_path / "a.zarr").exists()
+    for name in ("a.zarr", "b.zarr"):
+        make_dataset(tiny, 160, tmp_path / name)
+    assert samples_of(tmp_path / "a.zarr") == samples_of(tmp_path / "b.zarr")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr", "make.py"]
+
+
+def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
+    left = tmp_path / f".a.zarr.part.{'0' * 16}.part"
+    left.mkdir()
+    (left / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert [path.name for path in tmp_path.glob("*a.*")] == ["a.zarr"]
+
+
+def test_what_is_in_the_way_is_left_alone(tiny, tmp_path):
+    mine = tmp_path / "a.zarr.part" / "thesis.txt"
+    mine.parent.mkdir()
+    mine.write_text("mine")
+    with pytest.raises(InputError, match="a.zarr.part is in the way"):
+        make_dataset(tiny, 2, tmp_path / "a.zarr")
+    (tmp_path / "b.zarr").symlink_to("nowhere")
+    with pytest.raises(InputError, match="b.zarr exists; remove it"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr")
+    assert mine.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr.part", "b.zarr"]

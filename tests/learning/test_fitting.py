@@ -1,0 +1,193 @@
+"""Training in a folder: resumed as if it had never stopped, with the best weights."""
+
+import json
+import time
+from functools import partial
+
+import keras
+import numpy as np
+import pandas as pd
+import pytest
+
+from lf_flame import InputError
+from lf_flame.learning import fitting
+from lf_flame.learning.fitting import Fit, Run, ShuffledSamples, assign_weights, train_in_folder
+
+RNG = np.random.default_rng(7)
+INPUTS, TARGETS = (RNG.normal(size=(n, 4)).astype(np.float32) for n in (11, 7))
+REQUEST = {"seed": 3}
+
+
+def small_run(epochs, rate=1e-2, request=REQUEST, **options):
+    """A dense network with dropout; the truth is a product with a fixed matrix."""
+    network = keras.Sequential([
+        keras.Input((4,)), keras.layers.Dropout(0.3, seed=1),
+        keras.layers.Dense(3, kernel_initializer=keras.initializers.GlorotUniform(seed=2)),
+    ])  # fmt: skip
+    truth = np.arange(12, dtype=np.float32).reshape(4, 3) / 10
+
+    def prepare():
+        network.compile(keras.optimizers.Adam(rate), "mse", jit_compile=False)
+        network.optimizer.build(network.trainable_variables)
+        batches = ShuffledSamples(INPUTS, INPUTS @ truth, 2, seed=3)
+        return Fit(network, batches, (TARGETS, TARGETS @ truth))
+
+    def finish(best):
+        assign_weights(network, best)
+        return network
+
+    return Run(request, epochs, prepare, finish, {}, **{"checkpoint_s": 0.0} | options)
+
+
+def train(run, out):
+    train_in_folder(run, out, time.perf_counter())
+    network = keras.saving.load_model(out / "model.keras", compile=False)
+    return network.get_weights(), json.loads((out / "run.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run of five epochs that nothing stopped: folder, weights, record."""
+    out = tmp_path_factory.mktemp("whole")
+    return out, *train(small_run(5), out)
+
+
+@pytest.mark.slow
+def test_a_run_stopped_three_times_ends_with_the_same_bits(whole, tmp_path, monkeypatch):
+    """One epoch, then the time limit, then Ctrl-C in an epoch."""
+    folder, weights, record = whole
+    train(small_run(1), tmp_path)
+    _, stopped = train(small_run(5, minutes=1e-9), tmp_path)
+    assert (stopped["epochs"], stopped["finished"]) == (2, False)
+
+    def interrupt(self, epoch, logs=None):
+        if epoch == 3:
+            raise KeyboardInterrupt
+        return on_epoch_end(self, epoch, logs)
+
+    on_epoch_end = fitting.EpochEnd.on_epoch_end
+    monkeypatch.setattr(fitting.EpochEnd, "on_epoch_end", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train(small_run(5), tmp_path)
+    monkeypatch.undo()
+    left = tmp_path / ".checkpoint.0123456789abcdef.part.npz"  # as a kill leaves one
+    left.touch()
+    ended, last = train(small_run(5), tmp_path)
+    assert not left.exists()
+    for one, other in zip(ended, weights, strict=True):
+        np.testing.assert_array_equal(one, other)
+    columns = ["epoch", "loss", "val_loss", "val_psnr_db"]
+    histories = [pd.read_csv(x / "history.csv")[columns] for x in (tmp_path, folder)]
+    pd.testing.assert_frame_equal(*histories, check_exact=True)
+    assert last["best_validation_loss"] == record["best_validation_loss"]
+    assert last["start_s"] == stopped["start_s"]
+
+
+@pytest.mark.slow
+def test_the_best_weights_are_kept(tmp_path):
+    """At too high a rate, the loss rises again."""
+    weights, record = train(small_run(4, rate=3.0), tmp_path)
+    history = pd.read_csv(tmp_path / "history.csv")
+    best = history.val_loss.idxmin()
+    assert best < 3, history
+    assert record["best_epoch"] == best + 1
+    truth = np.arange(12, dtype=np.float32).reshape(4, 3) / 10
+    loss = np.mean((TARGETS @ weights[0] + weights[1] - TARGETS @ truth) ** 2)
+    assert loss == pytest.approx(history.val_loss.min(), rel=1e-4)
+
+
+def test_an_epoch_has_every_sample_once_in_the_order_of_seed_and_epoch():
+    batches = [ShuffledSamples(INPUTS, np.arange(11), 2, seed) for seed in (3, 3, 4)]
+    batches[1].epoch = 1
+    orders = []
+    for one, calls in zip(batches, (2, 1, 2), strict=True):  # to epoch 2
+        for _ in range(calls):
+            one.on_epoch_begin()
+        orders.append(np.concatenate([one[k][1] for k in range(len(one))]))
+        assert sorted(orders[-1]) == list(range(11))
+        np.testing.assert_array_equal(one[5][0], INPUTS[one[5][1]])
+    np.testing.assert_array_equal(orders[0], orders[1])
+    assert list(orders[0]) != list(orders[2])
+    batches[0].on_epoch_begin()
+    assert list(batches[0].order) != list(orders[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("minutes", "epochs"), [(2.4, 2), (2.6, 3)])
+def test_a_limit_ends_at_the_nearest_end_of_an_epoch(tmp_path, monkeypatch, minutes, epochs):
+    """Epochs of a minute each, by a clock of their own."""
+    clock = [0.0]
+
+    class Slow(ShuffledSamples):
+        def draw(self, rng):
+            clock[0] += 60.0
+            super().draw(rng)
+
+    monkeypatch.setitem(globals(), "ShuffledSamples", Slow)
+    monkeypatch.setattr(fitting.time, "perf_counter", lambda: clock[0])
+    run = small_run(6, minutes=minutes)
+    train_in_folder(run, tmp_path, 0.0)
+    assert json.loads((tmp_path / "run.json").read_text())["epochs"] == epochs
+
+
+def change_checkpoint(out, change):
+    with np.load(out / "checkpoint.npz") as old:
+        arrays = dict(old)
+    change(arrays)
+    np.savez(out / "checkpoint.npz", **arrays)
+
+
+def set_about(text):
+    return lambda arrays: arrays.update(about=np.frombuffer(text, np.uint8))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda out: (out / "checkpoint.npz").write_bytes(b"PK\3\4 and nothing"), "NumPy file"),
+        (partial(change_checkpoint, change=lambda x: x.pop("about")), "is damaged; remove it"),
+        (partial(change_checkpoint, change=set_about(b"{")), "is not a JSON file"),
+        (partial(change_checkpoint, change=set_about(b'{"start_s": 1}')), "epochs is missing"),
+        (partial(change_checkpoint, change=lambda x: x.pop("state_000")), "of another network"),
+        (lambda out: (out / "config.json").unlink(), "a checkpoint without config.json"),
+        (lambda out: (out / "config.json").write_text('{"seed": 4}'), r"another seed \(4, now 3\)"),
+    ],
+)
+def test_a_damaged_or_other_run_is_refused(whole, tmp_path, spoil, said):
+    for name in ("checkpoint.npz", "config.json"):
+        (tmp_path / name).write_bytes((whole[0] / name).read_bytes())
+    spoil(tmp_path)
+    with pytest.raises(InputError, match=said) as caught:
+        train_in_folder(small_run(6), tmp_path, 0.0)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("run", "said"),
+    [
+        (partial(small_run, 2, rate=1e38), "no longer a number in epoch 1"),
+        (partial(small_run, 2, minutes=-1.0), "minutes must be 0"),
+        (partial(small_run, 2, minutes=np.nan), "minutes must be 0"),
+    ],
+)
+def test_a_run_that_cannot_be_is_refused(tmp_path, run, said):
+    with pytest.raises(InputError, match=said):
+        train_in_folder(run(), tmp_path / "run", time.perf_counter())
+
+
+@pytest.mark.slow
+def test_a_finished_run_stays_and_a_damaged_network_is_written_again(whole, tmp_path):
+    for file in whole[0].iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    model = tmp_path / "model.keras"
+    before = model.stat().st_ino
+    train(small_run(5), tmp_path)
+    assert model.stat().st_ino == before
+    with pytest.raises(InputError, match="holds 5 epochs of this run, more than the 3 wanted"):
+        train(small_run(3), tmp_path)
+    model.write_bytes(model.read_bytes()[:1000])
+    weights, _ = train(small_run(5), tmp_path)
+    for one, other in zip(weights, whole[1], strict=True):
+        np.testing.assert_array_equal(one, other)
