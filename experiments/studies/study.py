@@ -11,7 +11,6 @@ where it was stopped.
 """
 
 import re
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -209,7 +208,7 @@ def run_trial(
         keras.utils.clear_session()  # frees the networks of the variants before
         train(training, trial.preset, data, folder)
         images = {"network": predict_test_split(folder)[2], **images}
-        shutil.rmtree(folder / "checkpoint", ignore_errors=True)  # hundreds of megabytes
+        (folder / "checkpoint.npz").unlink(missing_ok=True)  # hundreds of megabytes
         kept = ("epochs", "best_epoch", "backbone_weights", "machine", "git_revision", "versions")
         run = open_run(folder).record
         found |= {name: run[name] for name in kept if name in run}

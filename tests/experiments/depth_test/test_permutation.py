@@ -189,4 +189,4 @@ def test_a_picture_is_no_input_for_a_network_of_views(runs, tmp_path):
         cli.commands, ["predict", str(tmp_path / "picture.npy"), "--model", str(runs[1])]
     )
     assert isinstance(result.exception, InputError)
-    assert "only networks of input kind 'raw' can be shown a picture" in str(result.exception)
+    assert "This network takes several views ('views')" in str(result.exception)

@@ -142,10 +142,10 @@ def test_networks_and_what_needs_none_are_scored_on_the_same_samples(done, monke
 def test_a_study_resumes_and_its_report_says_where_it_comes_from(done):
     folder, text, written = done
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
-    assert rows["small: batches of 1"].count(" - |") == 4
-    assert " - |" not in rows["as it is"]
+    assert rows["small: batches of 1"].split().count("-") == 4
+    assert "-" not in rows["as it is"].split()
     assert (folder / "work" / "tiny" / "as it is" / "model.keras").stat().st_mtime_ns == written
-    assert not list(folder.rglob("checkpoint/*"))
+    assert not list(folder.rglob("checkpoint*"))
     table = pd.read_csv(folder / "out/tiny.csv")
     text = (folder / "out/tiny.md").read_text()
     psnr = table.psnr_db[:2]
