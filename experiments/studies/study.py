@@ -86,7 +86,7 @@ class Study:
     def __post_init__(self):
         names = [variant.name for variant in self.variants]
         for name in names:
-            if names.count(name) > 1 or not re.fullmatch(r"[\w .,:%()-]*\w\)?", name):
+            if names.count(name) > 1 or not re.fullmatch(r"[\w .,:%()-]*[\w%)]", name):
                 raise InputError(f"A variant needs a name of its own, in words, got {name!r}.")
 
 
