@@ -71,7 +71,7 @@ $(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(VENV)/installed
 slopes: $(RESULTS)/slopes.csv  ## print the slopes of sharpest focus beside geometry and paper
 	@cat $(RESULTS)/slopes.md
 $(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(VENV)/installed
-	$(EXPERIMENT) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS)
+	$(EXPERIMENT) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS) >/dev/null
 
 train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
 train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
