@@ -248,7 +248,7 @@ def _describe(pool: list[Result], paper: dict) -> str:
         f"{seeds}, weights {pool[0].weights}. Trained for {epochs:,} of the paper's {planned:,} "
         f"epochs (best: {record['best_epoch']:,}), in {_duration(seconds)} on {_machine(record)}."
     )
-    if epochs >= planned:
+    if epochs >= planned or record["preset"] != "paper":
         return text
     text += f" All {planned:,} take {_duration(seconds / epochs * planned)} there."
     more = " The same command resumes the training; MINUTES=0 goes on to the last epoch."
