@@ -1,7 +1,6 @@
 # lf_flame: every target is a thin call of `lf-flame` or of `python -m experiments` (see their --help).
 #
-#   PRESET            paper (default: the paper's method at its sizes), closed-form (a recipe of our
-#                     own, a minute), smoke (CI)
+#   PRESET            paper (default: the paper's method at its sizes) or smoke (CI)
 #   MINUTES           of training for each table, 4 by default; the same command resumes where it
 #                     ended. 0: to the last epoch
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
@@ -21,18 +20,22 @@ TEST_JOBS ?= -n auto --dist loadfile --no-loadscope-reorder
 BIN := $(VENV)/bin
 LF := $(BIN)/lf-flame
 EXPERIMENT := $(BIN)/python -m experiments
-# The closed form learns from the images of the paper's method, where it has made none of its own.
-DATA := data/$(if $(and $(filter closed-form,$(PRESET)),$(wildcard data/paper/flames.zarr/zarr.json), \
-          $(wildcard data/paper/shapes.zarr/zarr.json),$(if $(wildcard data/closed-form),,yes)),paper,$(PRESET))
+DATA := data/$(PRESET)
 # git ignores data/, runs/ and results/; no target writes the committed results.
 RUNS := runs/$(RUN)
 RESULTS := results/$(RUN)
-REFERENCE := $(wildcard $(addprefix experiments/results/,paper paper-seed* closed-form closed-form-seed*))
-# The paper's method forms light fields by tracing rays; the same images come straight from a scene.
-ROUTE ?= $(if $(filter paper smoke,$(PRESET)),rays,direct)
-BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights "$(BACKBONE_WEIGHTS)") \
+REFERENCE := $(wildcard experiments/results/paper experiments/results/paper-*)
+# The paper's method forms light fields by tracing rays; `direct` computes the same images sooner.
+ROUTE ?= rays
+# A value as one word for the shell, whatever is in it.
+quoted = '$(subst ','\'',$(1))'
+ifneq ($(words $(RUN) $(PRESET)),2)
+$(error RUN and PRESET name folders and must be one word each, got "$(RUN)" and "$(PRESET)")
+endif
+BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(call quoted,$(BACKBONE_WEIGHTS))) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
-TRAINING := --minutes $(MINUTES) $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
+SEEDED := $(if $(SEED),--seed $(SEED))
+TRAINING := --minutes $(MINUTES) $(BACKBONE) $(SEEDED) $(if $(EPOCHS),--epochs $(EPOCHS))
 
 # Each command uses all cores, so one runs at a time.
 .NOTPARALLEL:
@@ -40,10 +43,10 @@ TRAINING := --minutes $(MINUTES) $(BACKBONE) $(if $(SEED),--seed $(SEED)) $(if $
         compare test test-all lint docs FORCE
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
-.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
+.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv $(RESULTS)/%.json
 
 help:  ## show this list
-	@echo 'make TARGET [PRESET=paper|closed-form|smoke] [MINUTES=4] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
+	@echo 'make TARGET [PRESET=paper|smoke] [MINUTES=4] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(VENV)/tools  ## create .venv with lf_flame, all its extras, and the tools for tests and documentation
@@ -68,7 +71,7 @@ $(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(VENV)/installed
 slopes: $(RESULTS)/slopes.csv  ## print the slopes of sharpest focus beside geometry and paper
 	@cat $(RESULTS)/slopes.md
 $(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(VENV)/installed
-	$(EXPERIMENT) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS)
+	$(EXPERIMENT) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS) >/dev/null
 
 train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
 train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
@@ -80,22 +83,24 @@ $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(VENV)/ins
 	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
 # The flames' table before that of the shapes, which takes five times as many epochs of eight times as
-# many samples; behind the paper's method the closed form, which takes a minute.
-SOLVED := $(if $(filter paper,$(PRESET)),$(if $(filter paper%,$(RUN)),$(RUN:paper%=closed-form%),$(RUN)-closed-form))
-tables: scored $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 7 and 8, beside the printed values
-	$(if $(SOLVED),@$(MAKE) --no-print-directory scored PRESET=closed-form RUN=$(SOLVED) BACKBONE_DEPTH= EPOCHS=)
-	@$(EXPERIMENT) tables $(RESULTS) $(addprefix results/,$(SOLVED)) $(REFERENCE) --out $(RESULTS)/tables.md
+# many samples.
+tables: scored $(RESULTS)/table2_baselines.json $(RESULTS)/table1_baselines.json $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 5 to 8, beside the printed values
+	@$(EXPERIMENT) tables $(RESULTS) $(REFERENCE) --out $(RESULTS)/tables.md
 scored: $(RESULTS)/table2.csv $(RESULTS)/table1.csv
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml | $(VENV)/installed
 	$(EXPERIMENT) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml | $(VENV)/installed
 	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
+$(RESULTS)/table1_baselines.json: $(DATA)/shapes.zarr/zarr.json experiments/shapes.toml | $(VENV)/installed
+	@$(EXPERIMENT) baselines $(DATA)/shapes.zarr experiments/shapes.toml --out $(RESULTS) $(SEEDED) >/dev/null
+$(RESULTS)/table2_baselines.json: $(DATA)/flames.zarr/zarr.json experiments/flames.toml | $(VENV)/installed
+	@$(EXPERIMENT) baselines $(DATA)/flames.zarr experiments/flames.toml --out $(RESULTS) $(SEEDED) >/dev/null
+
 # What measures time wants a machine that does nothing else; other experiments are commands of
 # `python -m experiments` (see experiments/README.md).
-costs: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## measure what accuracy costs in time: simulation, refocusing, learning
+costs: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## measure what accuracy costs in time: simulation, refocusing
 	$(EXPERIMENT) costs --run $(RUNS)
-	$(EXPERIMENT) study experiments/studies/learning_costs.toml --out results/costs
 hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formula, and by lf_flame
 	$(EXPERIMENT) hard-cases
 effects: | $(VENV)/tools  ## set every effect beside a reference tracer, and its bound beside random scenes
@@ -103,7 +108,7 @@ effects: | $(VENV)/tools  ## set every effect beside a reference tracer, and its
 
 SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet refnet-fourier volumetric unet-nine-views)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(VENV)/installed
-	$(LF) train-system $* --config $< --preset $(if $(filter smoke,$(PRESET)),smoke,equal-seconds) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
+	$(LF) train-system $* --config $< --preset $(if $(filter smoke,$(PRESET)),smoke,equal-seconds) --out $(RUNS)/$* $(SEEDED)
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## train all refocusing systems for equal seconds, and compare them
 	$(EXPERIMENT) compare $(RUNS)
 

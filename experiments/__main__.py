@@ -12,7 +12,7 @@ Make targets call these commands; `make help` lists them.
 """
 
 SECTIONS = [
-    cloup.Section("The paper", [own.slopes, own.evaluate, own.tables]),
+    cloup.Section("The paper", [own.slopes, own.evaluate, own.baselines, own.tables]),
     cloup.Section("Simulation", [own.effects, own.hard_cases]),
     cloup.Section("Methods beside rivals", [own.slope_maps, own.emission, own.compare]),
     cloup.Section("What networks learn", [own.study, own.depth_test]),

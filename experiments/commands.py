@@ -5,12 +5,13 @@ NAME.md, tables NAME.csv, pictures NAME.png, and the record NAME.json.
 """
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import click
 import cloup
 
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED, FiniteRange, UsablePath
 from lf_flame.learning.keras_loading import load_keras
 
 
@@ -36,7 +37,8 @@ def start_networks() -> None:
 def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
     """Search the slope of sharpest focus of each object in data-set CONFIGS.
 
-    Printed beside the slope from the camera's geometry, and the paper's.
+    Printed beside the slope from the camera's geometry, and the paper's. OUT also gets the paper's
+    Figures 5 and 6, the objects at their depths before the camera.
     """
     from experiments.paper.evaluation import slope_report
     from lf_flame.datasets.config import read_config
@@ -52,12 +54,31 @@ def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
 def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
     """Score the test split of a finished RUN, and write its table and figure.
 
-    OUT gets TABLE.csv, .md and .json, TABLE_history.csv and FIGURE.png.
+    OUT gets TABLE.csv and .json, TABLE_history.csv and FIGURE.png.
     """
     load_keras()
     from experiments.paper.evaluation import evaluate_run
 
     evaluate_run(run, table, figure, out)
+
+
+@cloup.command()
+@click.argument("data", type=FOLDER)
+@click.argument("config", type=FILE)
+@click.option("--out", type=FOLDER, required=True, help="Results folder.")
+@click.option("--seed", type=SEED, help="Seed of the split, in place of CONFIG's.")
+def baselines(data: Path, config: Path, out: Path, seed: int | None) -> None:
+    """Score the mean training image, and a ridge regression, on the test split of a DATA set.
+
+    CONFIG is the training whose split is used. OUT gets TABLE_baselines.csv, .md and .json.
+    """
+    load_keras()
+    from experiments.paper.evaluation import baseline_report
+    from lf_flame.learning.training_config import read_training_config
+
+    settings = read_training_config(config)
+    settings = settings if seed is None else replace(settings, seed=seed)
+    click.echo(baseline_report(data, settings, out))
 
 
 @cloup.command()
@@ -170,36 +191,39 @@ def compare(runs, out, data, light_fields, photographs, refocusnet_weights, vari
               help="Folder for data sets and runs.")  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True,
               help="Processes that simulate; 0 = one per core.")  # fmt: skip
-@click.option("--imagenet", type=FILE,
-              help="ImageNet weights, where a variant needs them (default: Keras's).")  # fmt: skip
-def study(study: Path, out: Path, work: Path, workers: int, imagenet: Path | None) -> None:
-    """Train the variants of a STUDY file, and compare their scores on the same test samples.
+@click.option("--weights", type=(str, FILE), multiple=True, metavar="NAME FILE",
+              help="File of the backbone's weights that variants name, such as imagenet; may be "
+              "repeated.")  # fmt: skip
+def study(
+    study: Path, out: Path, work: Path, workers: int, weights: tuple[tuple[str, Path], ...]
+) -> None:
+    """Compare the variants of a STUDY file on the same test samples.
 
-    A variant changes a data set, a model or a recipe; experiments/studies/ shows how. The command
-    resumes where it was stopped, and reports after each variant.
+    experiments/studies/ shows what a variant may change. With a preset a network is trained for
+    each. The command resumes where it was stopped, and reports after each variant.
     """
     start_networks()
     from experiments.studies.study import run_study
     from lf_flame._common.provenance import cpu_count
 
-    show(run_study(study, out, work, workers or cpu_count(), imagenet))
+    show(run_study(study, out, work, workers or cpu_count(), dict(weights)))
 
 
 @cloup.command("depth-test")
-@click.argument("runs", nargs=-1, required=True, type=FOLDER)
+@click.argument("folders", nargs=-1, required=True, type=FOLDER)
 @out_option("depth_test")
 @click.option("--samples", type=click.IntRange(min=1), default=16, show_default=True,
               help="Number of scenes for each scenario.")  # fmt: skip
-def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
-    """Test whether trained networks see depth, or have memorised it.
+def depth_test(folders: tuple[Path, ...], out: Path, samples: int) -> None:
+    """Test whether networks, and the ridge regression, see depth or have memorised it.
 
-    RUNS are run folders of `lf-flame train`, trained on the same kind of scenes. In training every
-    object has a depth of its own; here two exchange their depths, all move, or one is alone.
+    FOLDERS are runs of `lf-flame train`, or data sets (.zarr) for the regression alone, all of the
+    same kind of scenes. Here objects exchange their depths, all move, or one is alone.
     """
     start_networks()
     from experiments.depth_test.permutation import run_depth_test
 
-    show(run_depth_test(runs, out, samples))
+    show(run_depth_test(folders, out, samples))
 
 
 @cloup.command()

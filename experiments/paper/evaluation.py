@@ -1,4 +1,4 @@
-"""Scores of a trained network on its test split, and the slopes of sharpest focus."""
+"""Scores on the test split, with and without a network, and the slopes of sharpest focus."""
 
 import math
 from pathlib import Path
@@ -7,8 +7,10 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from experiments.paper.figures import result_figure, sharpness_figure
-from experiments.paper.tables import compare_with_paper, read_paper_values, result_markdown
+from experiments.paper.figures import result_figure, setup_figure, sharpness_figure
+from experiments.paper.ridge import NAME as RIDGE
+from experiments.paper.ridge import Ridge
+from experiments.paper.tables import TABLES, compare_with_paper, read_paper_values
 from experiments.report import markdown, write_report
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
@@ -16,9 +18,11 @@ from lf_flame._common.config import to_json
 from lf_flame._common.input_files import read_text
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import render_sample, search_slopes
+from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
+from lf_flame.learning.run_folders import open_run, predict_test_split
 from lf_flame.learning.scores import WINDOWS, score
+from lf_flame.learning.training_config import TrainingConfig
 
 
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, list[float]]:
@@ -32,29 +36,44 @@ def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, lis
     }
 
 
-def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
-    """Score images that need no network, a row for each of them and each plane.
+def score_baselines(
+    dataset: Dataset, split: tuple[float, float, float], seed: int
+) -> dict[str, list[dict]]:
+    """Score images that need no network on the test split, rows of each plane by baseline.
 
-    The mean training image and, if it has the targets' size, the input image itself.
+    The mean training image, and the ridge regression of `experiments.paper.ridge`.
     """
-    targets = dataset.targets[test]
-    mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
-    baselines = {"mean of the training images": mean}
-    if dataset.inputs.shape[1:] == (*targets.shape[2:], 1):
-        copied = np.moveaxis(dataset.inputs[test], 3, 1)
-        baselines["the input image"] = np.broadcast_to(copied, targets.shape)
-    tables = [
-        score(targets, images).assign(baseline=name, depth_mm=dataset.config.depths_mm)
-        for name, images in baselines.items()
-    ]
-    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]]
+    parts = split_indices(len(dataset), split, seed)
+    targets = dataset.targets[parts["test"]]
+    mean = dataset.targets[parts["train"]].mean(axis=0)
+    images = {
+        "mean training image": np.broadcast_to(mean, targets.shape),
+        RIDGE: Ridge(dataset, parts).predict(dataset.inputs[parts["test"]]),
+    }
+    return {
+        name: score(targets, found).assign(depth_mm=dataset.config.depths_mm).to_dict("records")
+        for name, found in images.items()
+    }
+
+
+def baseline_report(data: Path, config: TrainingConfig, out: Path) -> str:
+    """Score a data set without a network; writes ``TABLE_baselines.csv``, ``.md`` and ``.json``."""
+    dataset = Dataset(data)
+    table, found = TABLES[dataset.config.kind], score_baselines(dataset, config.split, config.seed)
+    rows = pd.concat([pd.DataFrame(rows).assign(baseline=name) for name, rows in found.items()])
+    rows = rows[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]].round(4)
+    record = {"data": str(data), "seed": config.seed, "split": config.split, "baselines": found}
+    title = f"{read_paper_values(table)['title']}, without a network"
+    name = f"{table}_baselines"
+    path = write_report(out, name, title, record, [markdown(rows)], tables={name: rows})
+    return path.read_text(encoding="utf-8")
 
 
 def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     """Score a run's test split; write its table, and the figure of its first test sample.
 
-    Writes ``FIGURE.png``, ``TABLE_history.csv``, ``TABLE.md``, ``TABLE.json`` and, last because
-    make looks at it, ``TABLE.csv``.
+    Writes ``FIGURE.png``, ``TABLE_history.csv``, ``TABLE.json`` and, last because make looks at it,
+    ``TABLE.csv``.
     """
     record = dict(open_run(run).record)
     paper = read_paper_values(table)
@@ -62,7 +81,6 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     dataset, indices, predictions = predict_test_split(run)
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)
-    baselines = score_baselines(dataset, training_indices(len(dataset), record), indices)
     # The model's own entry says which weights were asked for; the record's, which were used.
     model = {key: value for key, value in record["model"].items() if key != "backbone_weights"}
     record = {
@@ -70,7 +88,6 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
            if key != "test_indices" and not key.endswith("sha256")},
         "model": model,
         "table": scores.to_dict("records"),
-        "baselines": baselines.to_dict("records"),
         "ssim_by_window": score_windows(targets, predictions),
         "paper": paper["source"],
         "evaluation": provenance.environment(),
@@ -87,13 +104,15 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     )
     figures.save(picture, out / f"{figure}.png")
     write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))
-    write_text(out / f"{table}.md", result_markdown(record, paper))
     write_json(out / f"{table}.json", record)
     write_text(out / f"{table}.csv", scores.round(6).to_csv(index=False))
 
 
 def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
-    """Search the slopes of data-set templates; return the table, and write it into `out`."""
+    """Search the slopes of data-set templates; return the table, and write it into `out`.
+
+    The paper's Figures 5 and 6, the mean scenes before the camera, are written there too.
+    """
     paper = read_paper_values("slopes")
     printed = dict(zip(paper["depth_mm"], paper["slope"], strict=True))
     rows, records, panels = [], [], {}
@@ -122,8 +141,10 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     ]  # fmt: skip
     if out is None:
         return "\n\n".join(body)
+    numbers = {"shapes": "figure5", "flames": "figure6"}
+    setups = {numbers[config.kind]: setup_figure(config) for config in configs}
     path = write_report(
         out, "slopes", paper["title"], {"data_sets": records}, body, tables={"slopes": table},
-        pictures={"slopes": sharpness_figure(panels)},
+        pictures={"slopes": sharpness_figure(panels), **setups},
     )  # fmt: skip
     return path.read_text(encoding="utf-8")

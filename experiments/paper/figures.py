@@ -1,26 +1,72 @@
-"""Figures 7 and 8 of the paper, sharpness against slope, and how networks learn."""
+"""Figures 5 to 8 of the paper, sharpness against slope, and how networks learn."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import StrMethodFormatter
-from scipy.ndimage import uniform_filter
+from matplotlib.patches import Ellipse, Rectangle
+from matplotlib.transforms import Affine2D
 
 from lf_flame._common.figures import subplots
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
-from lf_flame.refocus.figures import draw_searches, shown_slope
+from lf_flame.refocus.figures import draw_searches
 
 LENSLETS_ENLARGED = 12
 """Number of lenslets along each side of the part of the raw image that is shown enlarged."""
 
 
+def setup_figure(config: DatasetConfig):
+    """Draw Figure 5 or 6 of the paper: the mean scene's objects at their depths, and the camera.
+
+    An oblique view; light runs to the right. Planes are as large as the field at the focal plane.
+    Lengths along the axis have another scale than those across, behind the main lens none.
+    """
+    camera, (scene, _), depths = config.camera, config.draw(None), np.array(config.depths_mm)
+    height, width = camera.field_mm(0.0)
+    figure, axis = subplots(figsize=(12, 3.6), layout="constrained")
+    step = 0.48 * width
+    focal, *places = 3 * step * (depths.max() - [0.0, *depths]) / max(np.ptp(depths), 1e-9)
+    lens, array, sensor = 4.6 * step, 5.7 * step, 6.2 * step
+
+    def oblique(place: float):
+        """Turn (right, up) in a plane at a place of the axis into the drawing."""
+        return Affine2D([[0.35, 0, place], [0.15, 1, 0], [0, 0, 1]]) + axis.transData
+
+    def draw_plane(place: float, color: str, label: str) -> None:
+        frame = Rectangle((-width / 2, -height / 2), width, height, fc=color, ec="0.4")
+        axis.add_patch(frame).set_transform(oblique(place))
+        axis.text(place, 0.75 * height, label, ha="center", va="bottom")
+
+    for layer, item, place in zip(scene.layers, config.template.objects, places, strict=True):
+        draw_plane(place, "black", f"{item.name}\n{layer.depth_mm:g} mm")
+        (down, right), (h, w) = layer.centre_mm, layer.size_mm
+        axis.imshow(
+            layer.texture, cmap="gray", vmin=0, vmax=1, transform=oblique(place), zorder=1.5,
+            extent=(right - w / 2, right + w / 2, -down - h / 2, h / 2 - down),
+        )  # fmt: skip
+    glass = Ellipse((0, 0), height, height, fc="lightblue", ec="C0")
+    axis.add_patch(glass).set_transform(oblique(lens))
+    axis.text(lens, 0.75 * height, "main lens", ha="center", va="bottom")
+    draw_plane(array, "lightblue", "MLA")
+    draw_plane(sensor, "0.85", "sensor")
+    axis.plot([-0.6 * step, sensor], [0, 0], "--", color="C1", lw=1)  # optical axis
+    for start, end, mm in (
+        (focal, lens, camera.focus_distance_mm),
+        (lens, array, camera.image_distance_mm),
+        (array, sensor, camera.lenslet_focal_mm),
+    ):
+        ends = {"xy": (start, -0.8 * height), "xytext": (end, -0.8 * height)}
+        axis.annotate("", **ends, arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0})
+        axis.text((start + end) / 2, -0.83 * height, f"{mm:.5g} mm", ha="center", va="top")
+    axis.set(xlim=(-0.7 * step, sensor + 0.5 * step), ylim=(-1.1 * height, 1.2 * height), aspect=1)
+    axis.axis("off")
+    return figure
+
+
 def enlarged_part(views: np.ndarray) -> tuple[int, int]:
-    """Find the part whose micro-images vary most in both directions; returns its corner (t, s)."""
-    down, across = (views.mean(axis=axis).std(axis=0) for axis in (1, 0))
-    uneven = uniform_filter(down * across, LENSLETS_ENLARGED, mode="constant")
+    """Find the part around the micro-image that varies most; returns its corner (t, s)."""
+    uneven = views.std(axis=(0, 1))
     places = zip(np.unravel_index(uneven.argmax(), uneven.shape), uneven.shape, strict=True)
     t, s = (
         int(np.clip(k - LENSLETS_ENLARGED // 2, 0, max(n - LENSLETS_ENLARGED, 0)))
@@ -70,8 +116,6 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
     part = raw[t : t + side, s : s + side]
     enlarged.imshow(part, cmap="gray", vmin=0, vmax=max(float(part.max()), 1e-6))
     enlarged.set_title(f"{LENSLETS_ENLARGED} x {LENSLETS_ENLARGED} of its lenslets", fontsize=10)
-    for spine in enlarged.spines.values():
-        spine.set(color="C1", linewidth=1.2)
 
 
 def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
@@ -84,45 +128,23 @@ def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
         layout="constrained",
     )  # fmt: skip
     for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
-        rows = [
-            f"{label}: found {shown_slope(search.slope, 3)}, geometry {shown_slope(there, 3)}, "
-            f"paper {shown_slope(printed, 2)}"
-            for label, search, there, printed in layers
-        ]
-        draw_searches(axis, [search for _, search, *_ in layers], rows)
+        draw_searches(axis, [search for _, search, *_ in layers], [label for label, *_ in layers])
         for k, (_, _, there, printed) in enumerate(layers):
-            _mark_slopes(axis, there, printed, f"C{k}")
-        axis.set_ylim(0, 1.25)
+            axis.plot([there] * 2, [0, 1.2], "--", color=f"C{k}", linewidth=1)
+            axis.plot([printed, there], [1.12] * 2, "-", color=f"C{k}", linewidth=1.5)
+            axis.plot(printed, 1.12, "v", color=f"C{k}", markersize=9, markeredgecolor="black")
         axis.set_title(title, fontsize=11, loc="left")
         axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8)
-    axes[-1, 0].set_xlabel("slope (lenslets per view step)")
-    black = {"color": "black"}
-    handles = [
-        Line2D([], [], linestyle="--", label="geometry: from the camera's equation", **black),
-        Line2D([], [], linestyle="", marker="o", label="found: peak of the curve", **black),
-        Line2D([], [], linestyle="", marker="v", label="paper: as printed", **black),
-    ]
-    figure.legend(handles=handles, ncols=3, fontsize=9, loc="outside upper left")
+    axes[-1, 0].set_xlabel(
+        "slope (lenslets per view step); dashed: by the camera's equation, triangle: in the paper"
+    )
     return figure
-
-
-def _mark_slopes(axis, geometry: float, paper: float, color: str) -> None:
-    """Mark both slopes above a curve, and their difference if it can be seen."""
-    axis.plot([geometry] * 2, [0, 1.2], "--", color=color, linewidth=1)
-    axis.plot([paper, geometry], [1.12] * 2, "-", color=color, linewidth=1.5)
-    axis.plot(paper, 1.12, "v", color=color, markersize=9, markeredgecolor="black")
-    if abs(paper - geometry) > 0.05:  # the step of the paper's search
-        axis.annotate(
-            f"paper {paper - geometry:+.2f}", (max(paper, geometry), 1.12), (5, 0),
-            textcoords="offset points", color=color, va="center",
-        )  # fmt: skip
 
 
 def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):
     """Draw validation PSNR against epochs, a panel for each table, a colour for each recipe.
 
     Each panel holds the histories of its runs by recipe, and the PSNR values that the paper prints.
-    A run without epochs is a dashed level.
     """
     figure, axes = subplots(
         1, len(panels), figsize=(6.5 * len(panels), 5), squeeze=False, layout="constrained"
@@ -132,13 +154,9 @@ def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFram
         for k, (recipe, histories) in enumerate(recipes.items()):
             for number, history in enumerate(histories):
                 style = {"color": f"C{k}", "label": None if number else recipe}
-                if len(history) == 1:
-                    axis.axhline(history.val_psnr_db.item(), ls="--", lw=1, **style)
-                else:
-                    axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
+                axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
         axis.set(xlabel="epochs", ylabel="PSNR of the validation split (dB)")
         axis.set_title(title, fontsize=11)
-        axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
         axis.grid(alpha=0.3)
         axis.legend(fontsize=9, loc="lower right")
     return figure

@@ -1,8 +1,9 @@
 """Tables I and II: one run beside the printed values, and several runs side by side.
 
 A results folder holds ``table1.json`` and ``table2.json``, the records that
-`experiments.paper.evaluation` writes, and ``table1_history.csv`` and ``table2_history.csv``, the
-validation scores of each epoch.
+`experiments.paper.evaluation` writes, ``table1_history.csv`` and ``table2_history.csv``, the
+validation scores of each epoch, and ``table1_baselines.json`` and ``table2_baselines.json``, the
+scores of images that need no network.
 """
 
 import math
@@ -14,14 +15,18 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.inputs import epochs_in_words, read_history
+from experiments.inputs import read_history
 from experiments.paper.figures import learning_figure
 from experiments.report import markdown, write_report
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.errors import InputError
-from lf_flame.learning.scores import FOREGROUND, standard_deviation
+from lf_flame.learning.scores import standard_deviation
 
-TABLES = ("table1", "table2")
+TABLES = {"shapes": "table1", "flames": "table2"}
+"""The paper's tables by kind of data set."""
+
+COMMITTED = Path(__file__).parents[1] / "results"
+"""Folder of the results that come with the checkout."""
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
@@ -29,12 +34,20 @@ COLUMNS = [
 ]  # fmt: skip
 
 COMPARED = [
-    "run", "n_seeds", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd",
-    "paper_ssim", "paper_psnr_db",
+    "source", "run", "n_seeds", "epochs", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db",
+    "psnr_seed_sd", "paper_ssim", "paper_psnr_db",
 ]  # fmt: skip
 
-SETTLED = 50
-"""Number of epochs over which a validation score is averaged, to compare two parts of a run."""
+NETWORKS = {
+    "imagenet": "ResNet-50 (ImageNet)",
+    "random": "ResNet-50 (random weights)",
+    "resnet50_imagenet_conv1-conv4.npz": "ResNet-50 (ImageNet)",
+    "resnet50_pruned_8bit_keras_names.npz": "pruned 8-bit ResNet-50 (ImageNet)",
+}
+"""Backbone by the weights in a record; any other file is called by its name."""
+
+STAGES = {"conv3": "first three stages", "conv4": "first four stages", "conv5": "all five stages"}
+DROPOUT = {"image": "", "vector": ", dropout on the vector", "none": ", no dropout"}
 
 
 def read_paper_values(table: str) -> dict:
@@ -48,68 +61,8 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
         raise InputError(
             f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
         )
-    table = scores.assign(
-        depth_mm=paper["depth_mm"],
-        object=paper["object"],
-        paper_ssim=paper["ssim"],
-        paper_psnr_db=paper["psnr_db"],
-    )
-    return table[COLUMNS]
-
-
-def result_markdown(record: dict, paper: dict) -> str:
-    """Write the record of one run as Markdown: its scores, baselines, and SSIM by window."""
-    rows = pd.DataFrame(record["table"])
-    table = pd.DataFrame(
-        {
-            "depth (mm)": rows.depth_mm.map("{:g}".format),
-            "object": rows.object,
-            "SSIM": _with_spread(rows.ssim, rows.ssim_sd, 3),
-            "printed": rows.paper_ssim.map("{:g}".format),
-            "difference": (rows.ssim - rows.paper_ssim).map("{:+.3f}".format),
-            "PSNR (dB)": _with_spread(rows.psnr_db, rows.psnr_sd, 2),
-            "printed (dB)": rows.paper_psnr_db.map("{:g}".format),
-            "difference (dB)": (rows.psnr_db - rows.paper_psnr_db).map("{:+.2f}".format),
-            "PSNR, foreground (dB)": _with_spread(
-                rows.psnr_foreground_db, rows.psnr_foreground_sd, 2
-            ),
-        }
-    )
-    cells = [
-        "{ssim:.3f} / {psnr_db:.2f} / {psnr_foreground_db:.2f}".format(**row)
-        for row in record["baselines"]
-    ]
-    depths = [f"{z:g} mm" for z in paper["depth_mm"]]
-    names = [row["baseline"] for row in record["baselines"][:: len(depths)]]
-    baselines = [
-        {"baseline": name} | dict(zip(depths, cells[k * len(depths) :], strict=False))
-        for k, name in enumerate(names)
-    ]
-    windows = [
-        {"window": name} | {z: f"{x:.4f}" for z, x in zip(depths, row, strict=True)}
-        for name, row in record["ssim_by_window"].items()
-    ]
-    start = f"start {record['start_s']:.0f} s, " if "start_s" in record else ""
-    return "\n\n".join(
-        [
-            f"# {paper['title']}",
-            markdown(table),
-            f"Mean ± standard deviation over {rows.n_test[0]} test samples. "
-            f"Foreground: the pixels brighter than {FOREGROUND:.0%} of the peak in the reference.",
-            f"Preset {record['preset']}: {epochs_in_words(record)}; seed {record['seed']}; "
-            f"backbone weights: {record['backbone_weights']}; {start}epochs "
-            f"{record['train_s']:.0f} s on {_machine(record)}.",
-            "Without a network, SSIM / PSNR (dB) / PSNR of the foreground (dB) on the same test "
-            "samples:",
-            markdown(baselines),
-            "SSIM of the same images with other windows:",
-            markdown(windows),
-        ]
-    ) + "\n"  # fmt: skip
-
-
-def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
-    return [f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(mean, spread, strict=True)]
+    table = scores.assign(depth_mm=paper["depth_mm"], object=paper["object"])
+    return table.assign(paper_ssim=paper["ssim"], paper_psnr_db=paper["psnr_db"])[COLUMNS]
 
 
 def _machine(record: dict) -> str:
@@ -141,6 +94,11 @@ class Result:
         data = self.record.get("dataset", {}).get("config")
         return self.folder.resolve().parent, self.weights, *map(self.record.get, RECIPE), data
 
+    @property
+    def committed(self) -> bool:
+        """Whether the folder came with the checkout."""
+        return self.folder.resolve().parent == COMMITTED
+
 
 def read_result(folder: Path, name: str, run: str) -> Result | None:
     """Read a table of a results folder; None if there is none."""
@@ -152,14 +110,29 @@ def read_result(folder: Path, name: str, run: str) -> Result | None:
     missing = [key for key in needed if key not in record]
     if missing:
         raise InputError(f"{path} is damaged: it must hold {', '.join(missing)}.")
-    depths = [row["depth_mm"] for row in record["table"]]
-    scored = all(isinstance(row.get("ssim"), float | int) for row in record["table"])
-    if depths != read_paper_values(name)["depth_mm"] or not scored:
+    _check_planes(record["table"], name, path)
+    learning = read_history(history, record["epochs"]) if history.exists() else None
+    return Result(run, folder, record, learning)
+
+
+def read_baselines(folders: Sequence[Path], name: str) -> dict[str, list[dict]]:
+    """Read the scores without a network, rows by baseline, of the first folder that has them."""
+    for folder in folders:
+        path = folder / f"{name}_baselines.json"
+        if path.exists():
+            found = read_record(path).get("baselines", {"none": []})
+            for rows in found.values():
+                _check_planes(rows, name, path)
+            return found
+    return {}
+
+
+def _check_planes(rows: list[dict], name: str, path: Path) -> None:
+    scored = all(isinstance(row.get("ssim"), float | int) for row in rows)
+    if [row.get("depth_mm") for row in rows] != read_paper_values(name)["depth_mm"] or not scored:
         raise InputError(
             f"{path} is damaged: its table must have the depths of the paper, with SSIM."
         )
-    learning = read_history(history, record["epochs"]) if history.exists() else None
-    return Result(run, folder, record, learning)
 
 
 def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
@@ -176,119 +149,125 @@ def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
     return pools
 
 
-def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
-    """Tabulate each pool and plane beside the printed values; columns as in `COMPARED`.
+def title_of(pool: Sequence[Result]) -> str:
+    """Name a row by what was run: backbone, dropout, input, preset and seeds, from the record."""
+    first, record = pool[0], pool[0].record
+    file = re.sub(r" \(sha256 \w+\)", "", first.weights)
+    name, _, depth = file.rpartition(", ")
+    network = f"{NETWORKS.get(name, f'ResNet-50 ({name})')}, {STAGES.get(depth, depth)}"
+    place = record["model"].get("dropout_place") or record["recipe"].get("dropout_place", "image")
+    kind = record.get("dataset", {}).get("config", {}).get("input", {}).get("kind", "raw")
+    return "".join([
+        "reference: " if first.committed else f"this run, {first.folder}: ",
+        network if name else file, DROPOUT[place], "" if kind == "raw" else f", input {kind}",
+        "" if record["preset"] == "paper" else f", preset {record['preset']}",
+        f", {len(pool)} seeds" if len(pool) > 1 else "",
+    ])  # fmt: skip
+
+
+def compare_table(
+    pools: Sequence[list[Result]], paper: dict, baselines: dict[str, list[dict]] | None = None
+) -> pd.DataFrame:
+    """Tabulate each baseline, pool and plane beside the printed values; columns as in `COMPARED`.
 
     Scores are means over the seeds, spreads their standard deviations (n - 1).
     """
+    entries = [(name, name, 0, math.nan, [rows]) for name, rows in (baselines or {}).items()]
+    entries += [
+        (title_of(pool), pool[0].run, len(pool), pool[0].record["epochs"],
+         [result.record["table"] for result in pool])
+        for pool in pools
+    ]  # fmt: skip
     blocks = [pd.DataFrame(columns=COMPARED)]
-    for pool in pools:
+    for source, run, count, epochs, tables in entries:
         rows = [
             (row["depth_mm"], row["ssim"], math.inf if row["psnr_db"] is None else row["psnr_db"])
-            for result in pool
-            for row in result.record["table"]
+            for table in tables
+            for row in table
         ]
         scores = pd.DataFrame(rows, columns=["depth_mm", "ssim", "psnr_db"])
         seeds = scores.groupby("depth_mm", sort=False)
         spreads = seeds.agg(standard_deviation).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
         block = seeds.mean().join(spreads).reset_index()
         block = block.assign(
-            run=pool[0].run, n_seeds=len(pool), object=paper["object"], paper_ssim=paper["ssim"],
-            paper_psnr_db=paper["psnr_db"],
+            source=source, run=run, n_seeds=count, epochs=epochs, object=paper["object"],
+            paper_ssim=paper["ssim"], paper_psnr_db=paper["psnr_db"],
         )  # fmt: skip
         blocks.append(block[COMPARED])
     return pd.concat(blocks[1:] or blocks)
 
 
-def tabulate_learning(results: Sequence[Result]) -> pd.DataFrame:
-    """Tabulate the best epoch of each run, and its gain over the second half of its epochs.
-
-    Both ends are means over `SETTLED` epochs; NaN for shorter runs.
-    """
-    rows = []
-    for result in results:
-        if result.history is None:
-            continue
-        psnr = result.history.val_psnr_db
-        best = result.history.loc[psnr.idxmax()]
-        last, middle = len(psnr), len(psnr) // 2
-        gain = psnr[last - SETTLED :].mean() - psnr[middle - SETTLED : middle].mean()
-        rows.append({
-            "run": result.run, "machine": _machine(result.record),
-            "epochs": result.record["epochs"], "best_psnr_db": best.val_psnr_db,
-            "best_epoch": int(best.epoch), "best_s": best.seconds,
-            "gain_db": gain if middle >= SETTLED else math.nan,
-        })  # fmt: skip
-    return pd.DataFrame(rows)
-
-
 def comparison_markdown(
     table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict, missing: Sequence[str]
 ) -> list[str]:
-    """Write a comparison as paragraphs of Markdown: a column for each pool, and its origin."""
-    columns = {
-        "depth (mm)": [f"{z:g}" for z in paper["depth_mm"]],
-        "object": paper["object"],
-        "printed": [f"{s:g} / {p:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)],
-    }
-    for pool in pools:
-        rows = table[table["run"] == pool[0].run]
-        columns[_title(pool)] = [
-            _cell(*row) for row in rows.loc[:, "ssim":"psnr_seed_sd"].to_numpy()
-        ]
+    """Write a comparison as paragraphs of Markdown: a row for each source, and its origin."""
+    planned = f"{paper['epochs']:,}"
+    depths = [
+        f"{z:g} mm, {name}" for z, name in zip(paper["depth_mm"], paper["object"], strict=True)
+    ]
+    printed = [f"{p:g}, {s:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)]
+    rows = [["printed in the paper", planned, *printed]]
+    for (source, _), block in table.groupby(["source", "run"], sort=False):
+        epochs = block.epochs.iloc[0]
+        cells = [_cell(*row) for row in block.loc[:, "ssim":"psnr_seed_sd"].to_numpy()]
+        length = "none" if math.isnan(epochs) else f"{epochs:,.0f} of {planned}"
+        rows.append([source, length, *cells])
     parts = [
         f"## {paper['title']}",
-        "SSIM / PSNR (dB), means over the test split; ±: standard deviation over the seeds.",
-        markdown(pd.DataFrame(columns)),
+        "PSNR (dB), SSIM: means over the test split; ±: standard deviation over the seeds.",
+        markdown(pd.DataFrame(rows, columns=["source", "epochs", *depths])),
     ]
     if pools:
-        parts.append("\n".join(f"- {_title(pool)}: {_describe(pool)}" for pool in pools))
+        parts += ["\n".join(f"- {title_of(pool)}: {_describe(pool, paper)}" for pool in pools)]
     if missing:
         parts.append(f"No finished run of this table: {', '.join(missing)}.")
-    learning = tabulate_learning([result for pool in pools for result in pool])
-    if len(learning):
-        parts += [
-            "How the networks learnt. PSNR is that of the validation split. Seconds count from the "
-            "start of the run; compare them on one machine only. Gain: mean PSNR of the last "
-            f"{SETTLED} epochs, less that of the {SETTLED} epochs before the middle of the run.",
-            markdown(learning, {
-                "run": ("run", ""), "machine": ("machine", ""), "epochs": ("epochs", ","),
-                "best_psnr_db": ("best PSNR (dB)", ".2f"), "best_epoch": ("at epoch", ","),
-                "best_s": ("after (s)", ",.0f"), "gain_db": ("gain (dB)", "+.2f"),
-            }, missing="-"),
-        ]  # fmt: skip
     return parts
 
 
-def _title(pool: list[Result]) -> str:
-    seeds = f", {len(pool)} seeds" if len(pool) > 1 else ""
-    epochs = pool[0].record["epochs"]
-    return f"{pool[0].run}{seeds}" + (f", {epochs:,} epochs" if epochs else "")
+def _duration(seconds: float) -> str:
+    for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.0f} seconds"
 
 
 def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
+    digits = 4 if ssim >= 0.999 else 3
     if math.isnan(ssim_sd):
-        return f"{ssim:.3f} / {psnr:.2f}"
-    return f"{ssim:.3f} ± {ssim_sd:.3f} / {psnr:.2f} ± {psnr_sd:.2f}"
+        return f"{psnr:.2f}, {ssim:.{digits}f}"
+    return f"{psnr:.2f} ± {psnr_sd:.2f}, {ssim:.{digits}f} ± {ssim_sd:.3f}"
 
 
-def _describe(pool: list[Result]) -> str:
-    first = pool[0]
-    seeds = f"seed {first.record['seed']}"
-    if len(pool) > 1:
-        listed = sorted(pool, key=lambda result: result.record["seed"])
-        seeds = "seeds " + ", ".join(f"{one.record['seed']} ({one.run})" for one in listed)
-    return (
-        f"{seeds}; preset {first.record['preset']}, {epochs_in_words(first.record)}; backbone "
-        f"weights: {first.weights}"
+def _describe(pool: list[Result], paper: dict) -> str:
+    """Say what a row rests on, how far it was trained, and how long all epochs would take."""
+    record, planned = pool[0].record, paper["epochs"]
+    epochs, seconds = record["epochs"], record["train_s"]
+    listed = sorted(pool, key=lambda result: result.record["seed"])
+    seeds = ", ".join(f"seed {one.record['seed']} ({one.run})" for one in listed)
+    text = (
+        f"{seeds}, weights {pool[0].weights}. Trained for {epochs:,} of the paper's {planned:,} "
+        f"epochs (best: {record['best_epoch']:,}), in {_duration(seconds)} on {_machine(record)}."
     )
+    if epochs >= planned or record["preset"] != "paper":
+        return text
+    text += f" All {planned:,} take {_duration(seconds / epochs * planned)} there."
+    more = " The same command resumes the training; MINUTES=0 goes on to the last epoch."
+    return text if pool[0].committed else text + more
+
+
+LINEAR = (
+    "Linear: a ridge regression from the network's own picture to the images, no network. On these "
+    "scenes the images are a linear function of the picture, which the network approaches slowly "
+    "(at 0 mm the picture is the image). What a network adds would show only where that is not so, "
+    "as where objects change places: the depth permutation test."
+)
 
 
 def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
     """Compare both tables of results folders; returns the Markdown, and writes it to `out`.
 
-    Beside `out`, NAME.md, are NAME.csv, NAME_learning.csv, NAME.png (validation PSNR against
-    epochs) and NAME.json. An InputError refuses a missing folder or a damaged record.
+    Beside `out`, NAME.md, are NAME.csv, NAME.png (validation PSNR against epochs) and NAME.json. An
+    InputError refuses a missing folder or a damaged record.
     """
     if out is not None and out.suffix != ".md":
         raise InputError(f"The file for the tables must end in .md, got {out}.")
@@ -298,31 +277,27 @@ def report_tables(folders: Sequence[Path], out: Path | None = None) -> str:
             raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
     names = [folder.resolve().name for folder in folders]
     runs = names if len(set(names)) == len(names) else [str(folder) for folder in folders]
-    parts, tables, learning, panels = [], [], [], {}
-    for name in TABLES:
+    parts, tables, panels = [LINEAR], [], {}
+    for name in TABLES.values():
         paper = read_paper_values(name)
         found = [read_result(f, name, run) for f, run in zip(folders, runs, strict=True)]
         missing = [run for run, result in zip(runs, found, strict=True) if result is None]
         results = [result for result in found if result is not None]
         pools = pool_seeds(results)
-        table = compare_table(pools, paper)
+        table = compare_table(pools, paper, read_baselines(folders, name))
         parts += comparison_markdown(table, pools, paper, missing)
         tables.append(table.assign(table=name))
-        learning.append(tabulate_learning(results).assign(table=name))
         curves = {
-            _title(pool): [one.history for one in pool if one.history is not None] for pool in pools
+            title_of(pool): [one.history for one in pool if one.history is not None]
+            for pool in pools
         }
         panels[paper["title"]] = curves, paper["psnr_db"]
     if out is None:
         return "\n\n".join(parts)
-    numbers = {out.stem: pd.concat(tables), f"{out.stem}_learning": pd.concat(learning)}
+    rows = pd.concat(tables)
+    rows = rows[["table", *rows.columns.drop("table")]].round(6)
     path = write_report(
         out.parent, out.stem, "Tables I and II", {"results": [str(folder) for folder in folders]},
-        parts, tables={name: _table_first(rows) for name, rows in numbers.items()},
-        pictures={out.stem: learning_figure(panels)},
+        parts, tables={out.stem: rows}, pictures={out.stem: learning_figure(panels)},
     )  # fmt: skip
     return path.read_text(encoding="utf-8")
-
-
-def _table_first(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[["table", *rows.columns.drop("table")]].round(6)

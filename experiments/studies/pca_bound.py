@@ -8,11 +8,9 @@ network knows. The PSNR of the projections therefore bounds linear decoders. The
 pictures may do a little better where much is black or saturated.
 """
 
-import numpy as np
-from scipy.linalg import eigh
+from itertools import pairwise
 
-MOST_SAMPLES = 4096
-"""Maximum number of training targets for the components; the work grows with its cube."""
+import numpy as np
 
 
 def project(
@@ -24,30 +22,19 @@ def project(
     are independent of one another; each component then lies in one band. Without them, chance
     correlations in few samples spoil the components, and the bound comes out too low.
     """
-    train_targets = train_targets[:MOST_SAMPLES]
     mean = train_targets.mean(axis=0, dtype=float).astype(np.float32)
     train, test = train_targets - mean, test_targets - mean
-    width = train.shape[-1]
-    edges = [band * width // bands for band in range(bands + 1)]
-    parts = [(..., slice(*pair)) for pair in zip(edges, edges[1:], strict=False)]
-    spectra = [_spectrum(_flat(train[part])) for part in parts]
-    largest = np.sort(np.concatenate([squares for squares, _ in spectra]))[-k:]
-    least = min(largest[largest > np.finfo(np.float32).eps * largest[-1]], default=np.inf)
+    edges = np.linspace(0, train.shape[-1], bands + 1).astype(int)
+    parts = [(..., slice(*pair)) for pair in pairwise(edges)]
+    spectra = [np.linalg.svd(_flat(train[part]), full_matrices=False)[1:] for part in parts]
+    values = np.sort(np.concatenate([values for values, _ in spectra]))[::-1]
+    least = max(values[:k][-1], 1e-6 * values[0], np.finfo(np.float32).tiny)
     projected = np.zeros_like(test)
-    for part, (squares, directions) in zip(parts, spectra, strict=True):
-        pictures, _ = np.linalg.qr(_flat(train[part]).T @ directions[:, squares >= least])
-        projected[part] = (_flat(test[part]) @ pictures @ pictures.T).reshape(test[part].shape)
+    for part, (values, pictures) in zip(parts, spectra, strict=True):
+        kept = pictures[values >= least]
+        projected[part] = (_flat(test[part]) @ kept.T @ kept).reshape(test[part].shape)
     return np.clip(projected + mean, 0, 1)
 
 
 def _flat(x: np.ndarray) -> np.ndarray:
     return x.reshape(len(x), -1)
-
-
-def _spectrum(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squared singular values of (n, pixels), and their directions among the samples.
-
-    From the inner products of the samples, because there are far fewer samples than pixels.
-    """
-    squares, directions = eigh((samples @ samples.T).astype(float))
-    return squares, directions.astype(np.float32)

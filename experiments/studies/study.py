@@ -1,17 +1,17 @@
-"""Learning studies: variants of a data set, a model and a recipe, trained alike and compared.
+"""Studies: variants of a data set, a model and a recipe, compared on the same test samples.
 
-A study file (experiments/studies/*.toml) names a data set, a training configuration and a preset,
-and what each variant changes of them. All variants are scored on the same light fields, those of
-the configuration's own test split. A work folder holds ``data/`` (data sets by a hash of their
-configuration, so that variants share them) and, for each variant, ``STUDY/VARIANT/``: a run of
-`lf_flame.learning.training.train` and, last, ``score.json``. A study resumes where it was stopped.
+A study file (experiments/studies/*.toml) names a data set, a training configuration, and what each
+variant changes of them. With a preset, a network is trained for each variant. Beside it, and alone
+without a preset, stand two results that need no training: the ridge regression of
+`experiments.paper.ridge`, and the bound of `experiments.studies.pca_bound`.
+
+The folder WORK/STUDY holds for each variant VARIANT.zarr, its data set (or that of the first
+variant with the same one), VARIANT/, its run, and last VARIANT.json, its scores. A study resumes
+where it was stopped.
 """
 
-import hashlib
-import json
 import re
-import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import fill
@@ -22,7 +22,8 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from experiments.paper.tables import read_paper_values
+from experiments.paper.ridge import Ridge
+from experiments.paper.tables import TABLES, read_paper_values
 from experiments.report import markdown, write_report
 from experiments.studies.pca_bound import project
 from lf_flame._common.atomic_files import write_json
@@ -33,23 +34,16 @@ from lf_flame._common.progress import progress_bar
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
-from lf_flame.learning.checkpoints import find_checkpoints
 from lf_flame.learning.decoder import AVERAGES
-from lf_flame.learning.imagenet_weights import ImagenetUnavailable
-from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
+from lf_flame.learning.run_folders import open_run, predict_test_split
 from lf_flame.learning.scores import score
 from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
 
-MEASURES = ["ssim", "psnr_db", "psnr_foreground_db", "bound_db"]
-RUN = ["training_samples", "epochs", "best_epoch", "start_s", "train_s"]
-COLUMNS = ["variant", "series", "x", "depth_mm", "object", *RUN, *MEASURES]
-MEAN = "mean"
-"""Entry of the column "object" in rows of the mean over the planes."""
-
-SCORES = {"psnr_db": "PSNR (dB)", "ssim": "SSIM"}
-"""Labels of the scores in the figures."""
+MEASURES = ["ssim", "psnr_db", "psnr_foreground_db"]
+COLUMNS = ["variant", "system", "epochs", "best_epoch", "depth_mm", "object", *MEASURES]
 
 
 @strict
@@ -68,21 +62,9 @@ class Changes:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class Variant(Changes):
-    """A variant of a study: its changes, its place x on the study's axis, and its curve there.
-
-    It may have fewer training samples than the split gives, and another preset than the study.
-    """
+    """A variant of a study, by its changes."""
 
     name: str
-    series: str = ""
-    x: float | None = None
-    training_samples: int | None = None
-    preset: str | None = None
-
-    @property
-    def folder(self) -> str:
-        """Name of its folder: words and numbers of its name."""
-        return "-".join(re.findall(r"[\w.]*\w", self.name))
 
 
 @strict
@@ -90,52 +72,47 @@ class Variant(Changes):
 class Study:
     """A study; files of data set and training are named from the working directory.
 
-    `common` changes apply to all variants, before their own. `x` names the axis, if every variant
-    has a place on one. A timed study compares seconds, and has to be run on an idle machine.
+    `common` changes apply to all variants, before their own. Without a preset nothing is trained.
     """
 
     title: str
     data: str
     training: str
-    preset: str
     samples: int
     variants: list[Variant]
+    preset: str | None = None
     common: Changes = field(default_factory=Changes)
-    x: str | None = None
-    timed: bool = False
 
     def __post_init__(self):
-        folders = [variant.folder for variant in self.variants]
-        for variant in self.variants:
-            if not variant.folder or folders.count(variant.folder) > 1:
-                raise InputError(
-                    f"A variant needs a name of its own with a letter or a digit, got "
-                    f"{variant.name!r}."
-                )
-            if (variant.x is None) != (self.x is None):
-                raise InputError(
-                    f"The study and every variant need an x, or none; variant {variant.name!r} "
-                    f"differs."
-                )
+        names = [variant.name for variant in self.variants]
+        for name in names:
+            if names.count(name) > 1 or not re.fullmatch(r"[\w .,:%()-]*[\w%)]", name):
+                raise InputError(f"A variant needs a name of its own, in words, got {name!r}.")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A variant with its data set, its training with one preset, and the common test samples."""
+    """A variant with its data set, and its training with one preset, or with none."""
 
     variant: Variant
     data: DatasetConfig
     training: TrainingConfig
-    test: np.ndarray
+    preset: str | None
 
     @property
     def request(self) -> dict:
         """Configuration of data set and training, as JSON values."""
         return {"data": to_json(self.data), "training": to_json(self.training)}
 
-    def read_score(self, runs: Path) -> dict | None:
+    @property
+    def parts(self) -> dict[str, np.ndarray]:
+        """Samples for training, validation and test, the same in all variants."""
+        (samples,) = self.data.samples.values()
+        return split_indices(samples, self.training.split, self.training.seed)
+
+    def read_score(self, work: Path) -> dict | None:
         """Read the scores from the study's work folder; None if there are none of this trial."""
-        path = runs / self.variant.folder / "score.json"
+        path = work / f"{self.variant.name}.json"
         found = read_record(path) if path.exists() else {}
         return found if found.get("request") == self.request else None
 
@@ -147,7 +124,6 @@ def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
     """
     study = build(Study, read_toml(path), path)
     data, training = read_toml(study.data), read_toml(study.training)
-    build(TrainingConfig, training, study.training)
     return study, [
         _build_trial(study, variant, data, training, f"{path}: variant {variant.name!r}")
         for variant in study.variants
@@ -155,28 +131,23 @@ def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
 
 
 def _build_trial(study: Study, variant: Variant, data: dict, training: dict, source: str) -> Trial:
-    preset = variant.preset or study.preset
-    if preset not in training["presets"]:
-        known = ", ".join(training["presets"])
-        raise InputError(f"{source}: preset must be one of {known}, got {preset!r}.")
-    recipe = training["presets"][preset]
-    values = {"data": data, "model": training.get("model", {}), "recipe": recipe}
+    presets = training["presets"]
+    if study.preset is not None and study.preset not in presets:
+        raise InputError(
+            f"{source}: preset must be one of {', '.join(presets)}, got {study.preset!r}."
+        )
+    values = {
+        "data": data, "model": training.get("model", {}), "recipe": presets.get(study.preset, {}),
+    }  # fmt: skip
     for changes in (study.common, variant):
         values = _merge(values, {name: getattr(changes, name) for name in values})
-    recipe = {**values["recipe"], "without_imagenet": "stop"}
-    parts = {"model": values["model"], "presets": {preset: recipe}}
-    config = build(TrainingConfig, {**training, **parts}, source)
-    split = split_indices(study.samples, config.split, config.seed)
-    count, most = variant.training_samples, len(split["train"])
-    if count is not None:
-        if not 1 <= count <= most:
-            raise InputError(f"{source}: training_samples must be 1 to {most}, got {count}.")
-        # The split cuts one random order of the samples into three parts: the last ones stay test
-        # samples, and those that are left out join them, unscored.
-        shares = count / study.samples, len(split["validation"]) / study.samples
-        config = replace(config, split=(*shares, 1 - sum(shares)))
+    if study.preset is not None:
+        presets = {study.preset: {**values["recipe"], "without_imagenet": "stop"}}
+    config = {**training, "model": values["model"], "presets": presets}
     dataset = config_from_json({**values["data"], "samples": {"study": study.samples}}, source)
-    return Trial(variant, dataset, config, split["test"])
+    trial = Trial(variant, dataset, build(TrainingConfig, config, source), study.preset)
+    trial.parts  # noqa: B018 - refuses too few samples
+    return trial
 
 
 def _merge(values, changes):
@@ -191,173 +162,138 @@ def _merge(values, changes):
 
 
 def run_study(
-    path: Path, out: Path, work: Path, workers: int = 1, imagenet: Path | None = None
+    path: Path, out: Path, work: Path, workers: int = 1, weights: Mapping[str, Path] | None = None
 ) -> Path:
-    """Train and score the variants of a study that are not yet done; report after each.
+    """Score the variants of a study that are not yet done; report after each.
 
-    `imagenet` is a file of weights for the variants that need ImageNet's (default: Keras downloads
-    them). Without weights they are left out, and show as a dash.
+    `weights` are files by the name that variants give as `backbone_weights`. A variant whose
+    network cannot be trained, as without its weights, is left out and shows as a dash.
     """
     study, trials = read_study(path)
-    runs = work / path.stem
+    work = work / path.stem
     for number, trial in enumerate(trials, 1):
-        if trial.read_score(runs) is None:
+        if trial.read_score(work) is None:
             tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
+            first = next(one for one in trials if one.request["data"] == trial.request["data"])
             try:
-                run_trial(trial, runs, work / "data", workers, imagenet)
-            except ImagenetUnavailable:
-                tqdm.write("Left out: Keras cannot get its ImageNet weights; see --imagenet.")
-            write(path.stem, study, trials, runs, out)
-    return write(path.stem, study, trials, runs, out)
+                run_trial(trial, work, work / f"{first.variant.name}.zarr", workers, weights)
+            except InputError as error:
+                tqdm.write(f"Left out: {error}")
+            write(path.stem, study, trials, work, out)
+    return write(path.stem, study, trials, work, out)
 
 
-def run_trial(trial: Trial, runs: Path, data: Path, workers: int, imagenet: Path | None) -> None:
+def run_trial(
+    trial: Trial, work: Path, data: Path, workers: int, weights: Mapping[str, Path] | None = None
+) -> None:
     """Make the data set, train and score, or resume where an earlier call was stopped."""
-    text = json.dumps(to_json(trial.data), sort_keys=True)
-    dataset = data / f"{hashlib.sha256(text.encode()).hexdigest()[:12]}.zarr"
-    folder, training = runs / trial.variant.folder, trial.training
-    if not dataset.exists():
-        make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress_bar)
-    keras.utils.clear_session()  # frees the networks of the variants before
-    if imagenet is not None and training.model.backbone_weights == "imagenet":
-        model = replace(training.model, backbone_weights=str(imagenet))
-        training = replace(training, model=model)
-    train(training, *training.presets, dataset, folder)
-    run = open_run(folder).record
-    kept = (*RUN[1:], "backbone_weights", "machine", "git_revision", "versions", "date")
-    found = {name: run[name] for name in kept if name in run} | {
-        "request": trial.request, "planes": _score_planes(trial, folder, run),
-        "test_samples": len(trial.test), "training_samples": run["parts"]["train"],
-    }  # fmt: skip
-    write_json(folder / "score.json", found)
-    for checkpoint in find_checkpoints(folder):  # hundreds of megabytes, no longer needed
-        shutil.rmtree(checkpoint)
-
-
-def _score_planes(trial: Trial, folder: Path, run: dict) -> list[dict]:
-    """Score the test samples plane by plane, beside the bound."""
-    dataset, indices, predictions = predict_test_split(folder, trial.test)
-    targets = dataset.targets[indices]
-    train_targets = dataset.targets[training_indices(len(dataset), run)]
+    if not data.exists():
+        make_dataset(trial.data, *trial.data.samples.values(), data, workers, progress_bar)
+    found, dataset, parts = {"request": trial.request}, Dataset(data), trial.parts
+    if dataset.config != trial.data:
+        raise InputError(f"{data} is of another configuration than the study; remove it.")
+    train_targets, targets = (dataset.targets[parts[part]] for part in ("train", "test"))
     objects = [item.name for item in trial.data.template.objects]
-    # The objects stand side by side and vary independently: a band for each.
-    bound = score(targets, project(train_targets, targets, AVERAGES, bands=len(objects)))
-    scores = score(targets, predictions).assign(
-        bound_db=bound.psnr_db, depth_mm=trial.data.depths_mm, object=objects
-    )
-    return scores[["depth_mm", "object", *MEASURES]].to_dict("records")
+    images = {
+        "linear": Ridge(dataset, parts).predict(dataset.inputs[parts["test"]]),
+        # The objects stand side by side and vary independently: a band for each.
+        "bound": project(train_targets, targets, AVERAGES, bands=len(objects)),
+    }
+    if trial.preset is not None:
+        folder, training = work / trial.variant.name, trial.training
+        name = training.model.backbone_weights
+        if weights and name in weights:
+            model = replace(training.model, backbone_weights=str(weights[name]))
+            training = replace(training, model=model)
+        keras.utils.clear_session()  # frees the networks of the variants before
+        train(training, trial.preset, data, folder)
+        images = {"network": predict_test_split(folder)[2], **images}
+        (folder / "checkpoint.npz").unlink(missing_ok=True)  # hundreds of megabytes
+        kept = ("epochs", "best_epoch", "backbone_weights", "machine", "git_revision", "versions")
+        run = open_run(folder).record
+        found |= {name: run[name] for name in kept if name in run}
+    found["planes"] = [
+        row
+        for system, drawn in images.items()
+        for row in score(targets, drawn)[MEASURES]
+        .assign(system=system, depth_mm=trial.data.depths_mm, object=objects)
+        .to_dict("records")
+    ]
+    write_json(work / f"{trial.variant.name}.json", found)
 
 
-def write(name: str, study: Study, trials: Sequence[Trial], runs: Path, out: Path) -> Path:
+def write(name: str, study: Study, trials: Sequence[Trial], work: Path, out: Path) -> Path:
     """Write ``NAME.csv``, ``.md``, ``.png`` and ``.json``."""
-    paper = read_paper_values({"shapes": "table1", "flames": "table2"}[trials[0].data.kind])
-    scores = [(trial.variant, trial.read_score(runs)) for trial in trials]
-    done = {variant.name: found for variant, found in scores if found is not None}
-    rows = tabulate(scores)
-    record = {"study": to_json(study), "results": done, "paper": paper["source"]}
-    body = report_body(study, rows, list(done.values()), paper)
+    paper = read_paper_values(TABLES[trials[0].data.kind])
+    found = {trial.variant.name: trial.read_score(work) for trial in trials}
+    rows = tabulate([(trial.variant, found[trial.variant.name]) for trial in trials])
+    parts = {part: len(indices) for part, indices in trials[0].parts.items()}
+    done = {name: scores for name, scores in found.items() if scores is not None}
+    record = {"study": to_json(study), "parts": parts, "results": done, "paper": paper["source"]}
     return write_report(
-        out, name, study.title, record, body, tables={name: rows.round(4)},
-        pictures={name: draw_scores(study, rows, paper)},
+        out, name, study.title, record, report_body(study, rows, record, paper),
+        tables={name: rows.round(4)}, pictures={name: draw_scores(study, rows, paper)},
     )  # fmt: skip
 
 
 def tabulate(scores: Sequence[tuple[Variant, dict | None]]) -> pd.DataFrame:
-    """Tabulate scores, columns as in `COLUMNS`; a missing variant has a mean of NaN."""
-    rows = []
-    for variant, found in scores:
-        found = found or {"planes": []}
-        about = {"variant": variant.name, "series": variant.series, "x": variant.x}
-        about |= {name: found.get(name) for name in RUN}
-        rows += [{**about, **plane} for plane in found["planes"]]
-        means = pd.DataFrame(found["planes"], columns=MEASURES, dtype=float).mean()
-        rows.append({**about, "object": MEAN, **means})
-    return pd.DataFrame(rows, columns=COLUMNS).astype(dict.fromkeys(RUN, float))
+    """Tabulate scores, columns as in `COLUMNS`; a missing variant has no rows."""
+    rows = [
+        {"variant": variant.name, **(found if plane["system"] == "network" else {}), **plane}
+        for variant, found in scores
+        for plane in (found or {"planes": []})["planes"]
+    ]
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"epochs": float, "best_epoch": float})
 
 
-def report_body(study: Study, rows: pd.DataFrame, done: Sequence[dict], paper: dict) -> list[str]:
+def report_body(study: Study, rows: pd.DataFrame, record: dict, paper: dict) -> list[str]:
     """Write the table, and how it was made, as Markdown."""
-    means = rows[rows["object"] == MEAN]
-    means = means.assign(seconds=means["start_s"] + means["train_s"]).astype(object)
-    printed = {
-        "variant": "*printed in the paper*", "psnr_db": np.mean(paper["psnr_db"]),
-        "ssim": np.mean(paper["ssim"]),
-    }  # fmt: skip
-    columns = {
-        "variant": ("variant", ""), "x": (study.x, "g"),
-        "training_samples": ("training samples", ".0f"), "epochs": ("epochs", ".0f"),
-        "best_epoch": ("best epoch", ".0f"), "seconds": ("seconds", ".0f"),
-        "psnr_db": ("PSNR (dB)", ".2f"),
-        "psnr_foreground_db": ("foreground (dB)", ".2f"), "ssim": ("SSIM", ".3f"),
-        "bound_db": ("bound (dB)", ".2f"),
-    }  # fmt: skip
-    hidden = ["x"] * (study.x is None) + ["seconds"] * (not study.timed)
-    tests = " or ".join(sorted({str(found["test_samples"]) for found in done})) or "0"
+    lines = []
+    for variant in study.variants:
+        line = {"variant": variant.name}
+        for system, planes in rows[rows.variant == variant.name].groupby("system", sort=False):
+            line[system] = (
+                f"{planes.psnr_db.mean():.2f}, {planes.psnr_db.min():.2f}, {planes.ssim.mean():.4f}"
+            )
+            if system == "network":
+                line["best epoch"] = (
+                    f"{planes.best_epoch.iloc[0]:.0f} of {planes.epochs.iloc[0]:.0f}"
+                )
+        lines.append(line)
+    weights = [one.get("backbone_weights") for one in record["results"].values()]
+    weights = "; ".join(dict.fromkeys(name for name in weights if name))
     return [
-        markdown(
-            pd.concat([means, pd.DataFrame([printed])]),
-            {name: form for name, form in columns.items() if name not in hidden},
-            missing="-",
-        ),
-        f"Means over the {len(paper['depth_mm'])} planes and the same {tests} test samples of each "
-        "data set. Foreground: the foreground pixels of the reference alone. A dash: not yet "
-        "trained, or not printed.",
-        "Bound: the test images projected on the first 256 principal components of the training "
-        "images, the best that a decoder of 256 fixed pictures can do "
-        "(`experiments.studies.pca_bound`).",
-        "Backbone weights: " + "; ".join(dict.fromkeys(x["backbone_weights"] for x in done)) + ".",
+        f"PSNR (dB), that of the worst plane, SSIM: means over {len(paper['depth_mm'])} planes and "
+        f"the same {record['parts']['test']} test samples, learnt from {record['parts']['train']}. "
+        f"Printed in the paper: {np.mean(paper['psnr_db']):.2f}, {min(paper['psnr_db']):.2f}, "
+        f"{np.mean(paper['ssim']):.3f}. A dash: not yet done.",
+        markdown(lines, missing="-"),
+        "linear: ridge regression from the network's picture to the images, no network; a raw "
+        "picture is the image at 0 mm. bound: the test images projected on the first "
+        f"{AVERAGES} principal components of the training images, the best that a decoder of "
+        f"{AVERAGES} fixed pictures can do. Backbone weights: {weights or 'none'}.",
     ]
 
 
 def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
-    """Draw PSNR and SSIM, mean and range of the planes: one curve a series, or one row a variant.
-
-    Curves run along x; a timed study has a point for each variant at its seconds.
-    """
-    listed = study.x is None and not study.timed
-    if study.timed:
-        rows = rows.assign(x=rows["start_s"] + rows["train_s"], series=rows["variant"])
-    elif listed:
-        rows = rows.assign(x=pd.factorize(rows["variant"])[0], series="mean, range of the planes")
-    planes = rows[rows["object"] != MEAN].groupby("variant")
-    means = rows[(rows["object"] == MEAN) & rows["psnr_db"].notna()].sort_values("x")
+    """Draw PSNR and SSIM of each variant, a row, and system: mean and range of the planes."""
     names = [variant.name for variant in study.variants]
-    size = (12, 2 + 0.4 * len(names)) if listed else (8, 8)
-    grid = (1, 2) if listed else (2, 1)
-    figure, axes = subplots(
-        *grid, figsize=size, sharex=not listed, sharey=listed, layout="constrained"
-    )
-    for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
-        low, high = planes[name].min(), planes[name].max()
-        for series, curve in means.groupby("series", sort=False):
-            mean, x = curve.set_index("variant")[name], curve["x"]
-            reach = mean - low[mean.index], high[mean.index] - mean
-            if listed:
-                axis.errorbar(mean, x, xerr=reach, fmt="o", capsize=3, label=series)
-            else:
-                axis.errorbar(x, mean, yerr=reach, fmt="o-", capsize=3, label=series)
-        span = axis.axvspan if listed else axis.axhspan
-        span(min(paper[name]), max(paper[name]), color="0.85", label="printed, range of the planes")
-        axis.set(**{"xlabel" if listed else "ylabel": label})
+    size = 12, 2 + 0.4 * len(names)
+    figure, axes = subplots(1, 2, sharey=True, layout="constrained", figsize=size)
+    for axis, name, label in zip(axes, ("psnr_db", "ssim"), ("PSNR (dB)", "SSIM"), strict=True):
+        for system, group in rows.groupby("system", sort=False):
+            planes = group.groupby("variant", sort=False)[name].agg(["mean", "min", "max"])
+            reach = [planes["mean"] - planes["min"], planes["max"] - planes["mean"]]
+            places = [names.index(variant) for variant in planes.index]
+            axis.errorbar(planes["mean"], places, xerr=reach, fmt="o", capsize=3, label=system)
+        printed = min(paper[name]), max(paper[name])
+        axis.axvspan(*printed, color="0.85", label="printed, range of the planes")
+        axis.set_xlabel(label)
         axis.grid(alpha=0.3)
-    if listed:
-        axes[0].set_yticks(range(len(names)), [fill(name, 32) for name in names])
-        axes[0].set_ylim(len(names) - 0.5, -0.5)
-    elif study.timed:
-        axes[1].set_xscale("log")
-        axes[1].set_xlabel("seconds, from the data set on disk to the trained network")
-    else:
-        bound = means.groupby("x")["bound_db"].max()
-        top = axes[0].get_ylim()[1] + 15  # the bound has no limit where nothing varies
-        axes[0].plot(bound.index, bound, "k--", label="bound of 256 pictures")
-        axes[0].set_ylim(top=min(top, axes[0].get_ylim()[1]))
-        ticks = sorted({variant.x for variant in study.variants})
-        least = min((x for x in ticks if x > 0), default=1.0)
-        axes[1].set_xscale("symlog", linthresh=least, linscale=0.4)  # linear near 0
-        axes[1].set_xticks(ticks, [f"{x:,g}" for x in ticks])
-        axes[1].set_xlim(-least / 4 if ticks[0] == 0 else least / 1.3, 1.3 * ticks[-1])
-        axes[1].set_xlabel(study.x)
+    axes[0].set_xlim(right=min(axes[0].get_xlim()[1], 100))  # rounding lies beyond
+    axes[0].set_yticks(range(len(names)), [fill(name, 32) for name in names])
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
     figure.suptitle(study.title, fontsize=11)
     handles = axes[0].get_legend_handles_labels()
-    figure.legend(*handles, ncols=2, fontsize=9, loc="outside lower center")
+    figure.legend(*handles, ncols=4, fontsize=9, loc="outside lower center")
     return figure

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -146,23 +147,27 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(asked, tmp_pat
     results = tmp_path / "experiments" / "results"
     alone = asked("tables", "SEED=2")
     assert alone.count("--preset paper --data data/paper/") == 2
-    for recipe in ("paper", "closed-form"):
-        for kind in ("shapes", "flames"):
-            assert re.search(rf"--out runs/{recipe}-seed2/{kind} .*--seed 2 *\n", alone)
+    for kind in ("shapes", "flames"):
+        assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2 *\n", alone)
+    assert alone.count("--out results/paper-seed2 --seed 2") == 2  # the baselines' split
     kept = "--out results/paper-seed2/tables.md"
-    assert re.search(rf"tables results/paper-seed2 results/closed-form-seed2 +{kept}$", alone)
-    committed = ("closed-form", "closed-form-seed2", "paper", "paper-seed2", "paper-seed3")
+    assert re.search(rf"tables results/paper-seed2 +{kept}$", alone)
+    committed = ("paper", "paper-conv5", "paper-seed2", "paper-seed3")
     for name in (*committed, "smoke"):
         (results / name).mkdir(parents=True)
     together = asked("tables", "SEED=2").strip().splitlines()[-1].split()
     at = together.index("tables")
-    assert together[at + 1 : at + 3] == ["results/paper-seed2", "results/closed-form-seed2"]
-    assert set(together[at + 3 : -2]) == {f"experiments/results/{name}" for name in committed}
+    assert together[at + 1] == "results/paper-seed2"
+    assert set(together[at + 2 : -2]) == {f"experiments/results/{name}" for name in committed}
     assert "--seed" not in asked("tables")
-    assert asked("tables", "EPOCHS=7").count("--epochs 7\n") == 2  # of the paper's method alone
-    solved = asked("tables", "PRESET=closed-form")
-    assert "tables results/closed-form " in solved
-    assert "paper/flames" not in solved
+    assert asked("tables", "EPOCHS=7").count("--epochs 7\n") == 2
+
+
+def test_make_passes_any_path_of_weights_as_one_word(asked):
+    for path in ("a file.h5", "it's.h5", 'a "b".h5'):
+        found = asked("train-flame", f"BACKBONE_WEIGHTS={path}").strip().splitlines()[-1]
+        words = shlex.split(found)
+        assert words[words.index("--backbone-weights") + 1] == path
 
 
 def test_make_trains_the_papers_method_by_the_clock_and_goes_on(asked, tmp_path):
@@ -173,11 +178,9 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(asked, tmp_path)
         return re.findall(r"lf-flame train experiments/(\w+).toml --preset (\S+) .*", text), text
 
     found, text = trained("tables")
-    assert found == [(kind, preset) for preset in ("paper", "closed-form")
-                     for kind in ("flames", "shapes")]  # fmt: skip
-    assert text.count("--minutes 4 ") == 4
+    assert found == [("flames", "paper"), ("shapes", "paper")]
+    assert text.count("--minutes 4 ") == 2
     assert text.count("--preset paper --route rays ") == 2
-    assert text.count("--preset closed-form --route direct ") == 2
     assert text.index("lf-flame weights") < text.index("lf-flame dataset")
     assert "--minutes 0 " in trained("train-flame", "MINUTES=0")[1]
     made = ["data/paper/flames.zarr/zarr.json", "runs/paper/flames/model.keras", ".venv/installed"]
@@ -235,22 +238,20 @@ def test_from_data_set_to_table(tmp_path):
     assert table.psnr_db.between(3, 60).all()
     assert (table.psnr_foreground_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
+    fitted = "baselines flames.zarr experiments/flames.toml --seed 2 --out results"
+    assert experiment(*fitted.split(), cwd=tmp_path).returncode == 0
     shown = experiment("tables", "results", cwd=tmp_path).stdout
-    assert "backbone weights: random, conv3" in shown
+    assert "weights random, conv3. Trained for 2 of the paper's 1,000 epochs" in shown
+    assert "| linear: ridge from the picture, no network" in shown
     assert "No finished run of this table: results." in shown  # Table I was not run
-    solved = ROOT / "experiments" / "results" / "closed-form"
-    beside = experiment("tables", "results", solved, "--out", "both.md", cwd=tmp_path).stdout
+    reference = ROOT / "experiments" / "results" / "paper"
+    beside = experiment("tables", "results", reference, "--out", "both.md", cwd=tmp_path).stdout
     assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"
     assert imread(tmp_path / "both.png").shape[1] > 1000
-    assert re.search(r"printed +\| results, 2 epochs +\| closed-form", beside)
-    assert re.search(
-        "- results, 2 epochs: seed 2; preset smoke, 2 epochs, best [12], batch 2", beside
-    )
+    row = "this run, results: ResNet-50 (random weights), first three stages, preset smoke |"
+    assert f"{row} 2 of 1,000 |" in " ".join(beside.split())
     record = json.loads((tmp_path / "results" / "table2.json").read_text())
     assert record["seed"] == 2
-    copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]
-    # At 0 mm the input is the ground truth (deviation 5), but for the slope that is searched for.
-    assert copied[2]["psnr_db"] > 50 > 10 + max(copied[k]["psnr_db"] for k in (0, 1, 3))
 
 
 @pytest.mark.slow

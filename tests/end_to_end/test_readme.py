@@ -91,10 +91,8 @@ def test_the_table_of_the_readme_holds_the_committed_numbers():
     for row in (
         f"| Table I (shapes), printed | {cells('table1', 'paper', '1', 'paper_', 2)} |",
         f"| the paper's method, {epochs:,} of 5,000 epochs | {cells('table1', 'paper', '1')} |",
-        f"| closed form, three seeds | {cells('table1', 'closed-form', '3')} |",
         f"| Table II (flames), printed | {cells('table2', 'paper', '3', 'paper_', 2)} |",
         f"| the paper's method, 1,000 epochs, three seeds | {cells('table2', 'paper', '3')} |",
-        f"| closed form, three seeds | {cells('table2', 'closed-form', '3')} |",
     ):
         assert row in text, row
 
@@ -189,7 +187,7 @@ def test_extras_that_are_named_exist_and_all_of_them_are_named():
 def test_presets_that_are_named_exist():
     text = (ROOT / "docs" / "reproduction.md").read_text(encoding="utf-8")
     presets = re.findall(r"^\| `([\w-]+)`(?: \(default\))? \| [\d,]+", text, re.MULTILINE)
-    assert presets == ["paper", "closed-form", "smoke"]
+    assert presets == ["paper", "smoke"]
     for kind in ("shapes", "flames"):
         recipes = (ROOT / "experiments" / f"{kind}.toml").read_text(encoding="utf-8")
         for preset in presets:
@@ -198,10 +196,10 @@ def test_presets_that_are_named_exist():
 
 def test_tables_are_made_in_a_fresh_clone(asked, tmp_path):
     """Results that came with the clone do not stand for runs that are not there."""
-    shutil.copytree(RESULTS / "closed-form", tmp_path / "experiments" / "results" / "closed-form")
+    shutil.copytree(RESULTS / "paper", tmp_path / "experiments" / "results" / "paper")
     for table in ("table1.csv", "table2.csv"):
-        (tmp_path / "experiments" / "results" / "closed-form" / table).touch()
-    steps = asked("tables", "PRESET=closed-form", "RUN=closed-form")
+        (tmp_path / "experiments" / "results" / "paper" / table).touch()
+    steps = asked("tables")
     for step in ("dataset", "train", "evaluate"):
         for kind in ("shapes", "flames"):
             assert re.search(rf"(lf-flame|-m experiments) {step} \S*{kind}", steps), (step, kind)

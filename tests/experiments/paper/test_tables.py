@@ -13,6 +13,7 @@ from skimage.metrics import structural_similarity
 from experiments.inputs import epochs_in_words, read_history
 from experiments.paper.evaluation import score_baselines, score_windows
 from experiments.paper.figures import LENSLETS_ENLARGED, enlarged_part
+from experiments.paper.ridge import NAME, STRENGTHS, Ridge
 from experiments.paper.tables import (
     COLUMNS,
     compare_table,
@@ -21,9 +22,10 @@ from experiments.paper.tables import (
     read_paper_values,
     read_result,
     report_tables,
-    result_markdown,
+    title_of,
 )
 from lf_flame import InputError
+from lf_flame.datasets.split import split_indices
 from lf_flame.learning.scores import WINDOWS, score
 
 PRINTED = read_paper_values("table1")
@@ -47,8 +49,6 @@ def make_record(seed=1, error=0.1, **changed):
         "backbone_weights": f"random (seed {seed}), conv5", "start_s": 61.4, "train_s": 3.0,
         "machine": f"machine {seed}",
         "table": compare_with_paper(scores, PRINTED).to_dict("records"),
-        "baselines": scores.assign(baseline="the same", depth_mm=PRINTED["depth_mm"])
-        .to_dict("records"),
         "ssim_by_window": windows,
     } | changed  # fmt: skip
 
@@ -79,35 +79,60 @@ def test_the_paper_prints_these_values():
     assert flames["ssim"] == [0.91, 0.94, 0.96, 0.95]
 
 
-def test_a_table_has_scores_printed_values_and_differences():
+def test_a_table_has_scores_and_printed_values():
     record = make_record()
     assert list(record["table"][0]) == COLUMNS
-    text = result_markdown(record, PRINTED)
-    row = record["table"][0]
-    assert f"{row['psnr_db'] - 45.05:+.2f}" in text
-    assert f"{row['psnr_foreground_db']:.2f} ± {row['psnr_foreground_sd']:.2f}" in text
-    assert f"{record['ssim_by_window']['11 x 11'][3]:.4f}" in text
-    assert "7 epochs, best 6, batch 2; seed 1; backbone weights: random (seed 1), conv5" in text
-    assert "start 61 s, epochs 3 s on machine 1" in text
-    assert epochs_in_words({"epochs": 0, "recipe": {}}) == "closed form, no epochs"
     unfinished = {"epochs": 84, "best_epoch": 81, "recipe": {"epochs": 1000, "batch_size": 2}}
     assert epochs_in_words(unfinished) == "84 of 1,000 epochs, best 81, batch 2"
 
 
-def test_baselines_are_the_mean_training_image_and_the_input():
-    targets = np.empty((4, 2, 16, 20))
-    targets[:3] = np.array([0.3, 0.5, 0.7])[:, None, None, None]
-    targets[3] = 0.9  # neither trained on nor tested
-    inputs = np.full((4, 16, 20, 1), 0.1)
-    inputs[2] = 0.6
-    config = SimpleNamespace(depths_mm=[20.0, -10.0])
-    dataset = SimpleNamespace(targets=targets, inputs=inputs, config=config)
-    table = score_baselines(dataset, np.array([0, 1]), np.array([2]))
-    assert list(table.baseline) == 2 * ["mean of the training images"] + 2 * ["the input image"]
-    expected = np.repeat([-20 * np.log10(0.3), -20 * np.log10(0.1)], 2)
-    np.testing.assert_allclose(table.psnr_db, expected)
-    dataset.inputs = inputs[:, ::2]  # an input of another size cannot be compared
-    assert len(score_baselines(dataset, np.array([0, 1]), np.array([2]))) == 2
+class Scenes(SimpleNamespace):
+    """A data set of 40 pictures, and images that are an affine function of them, of 6 numbers."""
+
+    def __init__(self, rng, noise=0.0):
+        numbers = rng.uniform(size=(40, 6))
+        pictures, images = (
+            0.2 + np.tensordot(numbers, rng.uniform(0, 0.1, size=(6, *shape)), 1)
+            for shape in ((12, 12, 1), (2, 12, 12))
+        )
+        pictures += noise * rng.normal(size=pictures.shape)
+        images += noise * rng.normal(size=images.shape)
+        config = SimpleNamespace(depths_mm=[1, 2])
+        super().__init__(inputs=pictures, targets=images, config=config)
+
+    def __len__(self):
+        return 40
+
+
+def test_ridge_learns_what_is_linear_and_the_mean_image_stands_beside_it(rng):
+    scenes = Scenes(rng)
+    found = score_baselines(scenes, (0.5, 0.25, 0.25), 1)
+    parts = split_indices(40, (0.5, 0.25, 0.25), 1)
+    assert list(found) == ["mean training image", NAME]
+    assert min(row["psnr_db"] for row in found[NAME]) > 100
+    test = scenes.targets[parts["test"]]
+    mean = np.broadcast_to(scenes.targets[parts["train"]].mean(axis=0), test.shape)
+    psnr = [row["psnr_db"] for row in found["mean training image"]]
+    np.testing.assert_allclose(psnr, score(test, mean).psnr_db)
+
+
+def test_ridge_equals_its_primal_form_and_the_validation_chooses_its_strength(rng):
+    """weights = (P^T P + strength k)^-1 P^T I, with noise that only regularisation keeps out."""
+    scenes = Scenes(rng, noise=0.05)
+    parts = split_indices(40, (0.5, 0.25, 0.25), 1)
+    ridge = Ridge(scenes, parts)
+    p, i = scenes.inputs.reshape(40, -1), scenes.targets.reshape(40, -1)
+    train, losses, drawn = parts["train"], {}, {}
+    centred, images = p[train] - p[train].mean(0), i[train] - i[train].mean(0)
+    for strength in STRENGTHS:
+        k = strength * (centred**2).sum() / len(centred)
+        weights = np.linalg.solve(centred.T @ centred + k * np.eye(144), centred.T @ images)
+        drawn[strength] = (p - p[train].mean(0)) @ weights + i[train].mean(0)
+        losses[strength] = np.mean((drawn[strength] - i)[parts["validation"]] ** 2)
+    assert ridge.strength == min(losses, key=losses.get)
+    assert STRENGTHS[0] < ridge.strength < STRENGTHS[-1]
+    expected = drawn[ridge.strength].reshape(scenes.targets.shape)
+    np.testing.assert_allclose(ridge.predict(scenes.inputs), expected, atol=1e-5)
 
 
 def test_ssim_by_window(rng):
@@ -123,14 +148,11 @@ def test_ssim_by_window(rng):
     assert windows["7 x 7, scikit-image's default"][0] == pytest.approx(expected)
 
 
-def test_micro_images_are_enlarged_where_they_vary_in_both_directions():
+def test_micro_images_are_enlarged_where_they_vary():
     views = np.zeros((3, 3, 40, 50), np.float32)
-    views[1:, :, :20, 25:] = 1  # vary along v, on a quarter of the image
-    views[:, 1:, 15:, 30:] = 1  # vary along u; both where these overlap
+    views[1:, :, 10, 30] = 1
     t, s = enlarged_part(views)
-    middle = LENSLETS_ENLARGED // 2
-    assert 10 <= t + middle <= 25
-    assert 30 <= s + middle <= 49
+    assert (t + LENSLETS_ENLARGED // 2, s + LENSLETS_ENLARGED // 2) == (10, 30)
     assert enlarged_part(np.zeros((3, 3, 4, 5), np.float32)) == (0, 0)
 
 
@@ -143,7 +165,7 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
     write_history(folders[0], [1, 3, 2, 1, 1, 1, 1, 1])
     text = report_tables(folders, tmp_path / "out" / "tables.md")
     assert text == (tmp_path / "out" / "tables.md").read_text(encoding="utf-8")
-    endings = {"tables.md", "tables.csv", "tables_learning.csv", "tables.png", "tables.json"}
+    endings = {"tables.md", "tables.csv", "tables.png", "tables.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == endings
     table = pd.read_csv(tmp_path / "out" / "tables.csv")
     assert list(table.table) == ["table1"] * 4
@@ -154,15 +176,16 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
         means = np.array([s[name] for s in scores])
         np.testing.assert_allclose(table[name], means.mean(axis=0), atol=1e-6)
         np.testing.assert_allclose(table[spread], means.std(axis=0, ddof=1), atol=1e-6)
-    cell = table[["ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd"]].iloc[2]
-    assert "{:.3f} ± {:.3f} / {:.2f} ± {:.2f}".format(*cell) in text
-    assert "- paper, 3 seeds, 7 epochs: seeds 1 (paper), 2 (paper-seed2), 3 (paper-seed3);" in text
+    cell = table[["psnr_db", "psnr_seed_sd", "ssim", "ssim_seed_sd"]].iloc[2]
+    assert "{:.2f} ± {:.2f}, {:.3f} ± {:.3f}".format(*cell) in text
+    assert ", all five stages, 3 seeds | 7 of 5,000 |" in " ".join(text.split())
+    assert ", 3 seeds: seed 1 (paper), seed 2 (paper-seed2), seed 3 (paper-seed3), weights" in text
+    # 3 s for 7 epochs, of 5,000
+    assert "7 of the paper's 5,000 epochs (best: 6), in 3 seconds on machine 1. All 5,000 " in text
+    assert " 5,000 take 35.7 minutes there. The same command resumes" in text
     first, second = text.split("## Table II.")
     assert "No finished run of this table: none." in first
     assert "No finished run of this table: paper, paper-seed2, paper-seed3, none." in second
-    (learnt,) = pd.read_csv(tmp_path / "out" / "tables_learning.csv").to_dict("records")
-    assert (learnt["run"], learnt["best_psnr_db"], learnt["best_epoch"]) == ("paper", 3, 1)
-    assert (learnt["best_s"], np.isnan(learnt["gain_db"])) == (4, True)
 
 
 @pytest.mark.parametrize(
@@ -192,8 +215,53 @@ def test_each_seed_of_one_place_counts_once(tmp_path):
     own = make_results(tmp_path / "own" / "a", 3)
     assert pools(a, again, b, own) == [["a", "b"], ["again"], ["a"]]
     text = report_tables([a, own])
-    assert f"- {a}, 7 epochs: seed 1" in text  # folders of one name are named by their path
-    assert f"- {own}, 7 epochs: seed 3" in text
+    assert f"- this run, {a}: ResNet-50 (random weights), all five stages: seed 1 ({a})," in text
+    assert f": seed 3 ({own})," in text
+
+
+@pytest.mark.parametrize(
+    ("changed", "title"),
+    [
+        ({"backbone_weights": "imagenet, conv5"}, "ResNet-50 (ImageNet), all five stages"),
+        (
+            {"backbone_weights": "resnet50_pruned_8bit_keras_names.npz (sha256 0a1b), conv5"},
+            "pruned 8-bit ResNet-50 (ImageNet), all five stages",
+        ),
+        (
+            {"backbone_weights": "resnet50_imagenet_conv1-conv4.npz (sha256 0a1b), conv4",
+             "model": {"dropout_place": "vector"}},
+            "ResNet-50 (ImageNet), first four stages, dropout on the vector",
+        ),
+        (
+            {"backbone_weights": "my, own.h5 (sha256 0a1b), conv3", "preset": "smoke"},
+            "ResNet-50 (my, own.h5), first three stages, preset smoke",
+        ),
+        ({"backbone_weights": "no backbone", "recipe": {"dropout_place": "none"},
+          "dataset": {"config": {"input": {"kind": "central"}}}},
+         "no backbone, no dropout, input central"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)  # fmt: skip
+def test_rows_are_called_by_what_was_run(tmp_path, changed, title):
+    result = read_result(make_results(tmp_path / "a", **changed), "table1", "a")
+    assert title_of([result]) == f"this run, {tmp_path / 'a'}: {title}"
+
+
+def test_baselines_are_rows_of_the_table(tmp_path):
+    rows = [
+        {"depth_mm": z, "ssim": 0.9, "psnr_db": psnr}
+        for z, psnr in zip(PRINTED["depth_mm"], (25.0, 24.0, None, 23.5), strict=True)
+    ]
+    folder = make_results(tmp_path / "a")
+    path = folder / "table1_baselines.json"
+    path.write_text(json.dumps({"baselines": {"mean training image": rows}}))
+    table = " ".join(report_tables([folder]).split())
+    row = "| mean training image | none | 25.00, 0.900 | 24.00, 0.900 | inf, 0.900 | 23.50, 0.900 |"
+    assert row in table
+    for damaged in ({}, {"baselines": {"mean training image": rows[1:]}}):
+        path.write_text(json.dumps(damaged))
+        with pytest.raises(InputError, match=r"table1_baselines.json is damaged"):
+            report_tables([folder])
 
 
 def test_infinite_psnr_stays_infinite(tmp_path):
@@ -203,16 +271,6 @@ def test_infinite_psnr_stays_infinite(tmp_path):
         table = compare_table([[read_result(f, "table1", f.name) for f in among]], PRINTED)
         assert np.isinf(table.psnr_db).all()
         assert list(table.psnr_seed_sd) == [spread] * 4
-
-
-def test_learning_has_best_epoch_and_gain_of_the_second_half(tmp_path):
-    folder = make_results(tmp_path / "a", epochs=200, devices=["A card"])
-    write_history(folder, [30.0] * 100 + [31.5] * 100 + [33.0])
-    text = report_tables([folder])
-    (row,) = (line for line in text.splitlines() if "A card" in line)
-    cells = [cell.strip() for cell in row.split("|")[1:-1]]
-    assert cells == ["a", "A card, machine 1", "200", "33.00", "200", "402", "+1.53"]
-    # (49 * 31.5 + 33) / 50 - 30 = 1.53
 
 
 @pytest.mark.parametrize(
@@ -250,6 +308,8 @@ def test_a_history_that_was_cut_is_refused(tmp_path):
     whole = "epoch,seconds,val_psnr_db\n0,3.0,1\n1,1.0,2\n2,1.5,3\n"
     path.write_text(whole)
     assert list(read_history(path, 2).seconds) == [3.0, 4.0, 5.5]
+    path.write_text(whole.replace("0,3.0,1\n", ""))  # new histories begin with epoch 1
+    assert list(read_history(path, 2).seconds) == [1.0, 2.5]
     for epochs, text in ((3, whole), (2, whole[:-1]), (2, whole.replace("1.0", "")), (2, "")):
         path.write_text(text)
         with pytest.raises(InputError, match="damaged"):

@@ -1,4 +1,3 @@
-import io
 import json
 from pathlib import Path
 
@@ -9,14 +8,14 @@ from builders import shapes, toml
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
+from experiments.paper.ridge import Ridge
 from experiments.studies.pca_bound import project
 from experiments.studies.study import COLUMNS, read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame._common import figures
 from lf_flame.datasets.split import split_indices
-from lf_flame.learning.decoder import build_refocus_resnet50
-from lf_flame.learning.imagenet_weights import ImagenetUnavailable
-from lf_flame.learning.run_folders import load_run, open_run, predict_test_split, training_indices
+from lf_flame.datasets.store import Dataset
+from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.scores import score
 
 ROOT = Path(__file__).parents[3]
@@ -30,8 +29,6 @@ backbone_weights = "random"
 backbone_depth = "none"
 [presets.smoke]
 epochs = 2
-[presets.other]
-epochs = 1
 """
 
 STUDY = """
@@ -41,31 +38,23 @@ training = "training.toml"
 preset = "smoke"
 samples = 12
 [common]
-recipe = { batch_size = 3, neck = "positions" }
+recipe = { batch_size = 3 }
 """
 
 BARS = """
 [[variants]]
 name = "as it is"
 [[variants]]
-name = "another preset: 3 to train on"
-preset = "other"
-training_samples = 3
+name = "small: batches of 1"
 recipe = { batch_size = 1 }
 """
 
-CURVE = """
+STILL = """
 [[variants]]
 name = "still"
-series = "one curve"
-x = 0
 data.template = { position_mm = 0.0, objects = [{ size_mm = [9.0, 8.0] }, {}] }
-recipe = { epochs = 1 }
 [[variants]]
 name = "moving"
-series = "one curve"
-x = 1
-recipe = { epochs = 1 }
 """
 
 
@@ -77,8 +66,7 @@ def write(folder, variants, study=STUDY):
     return Path("tiny.toml")
 
 
-AXIS = STUDY.replace("samples = 12", 'samples = 12\nx = "movement (mm)"')
-TIMED = STUDY.replace("samples = 12", "samples = 12\ntimed = true")
+UNTRAINED = STUDY.replace('preset = "smoke"', "")
 
 
 def run(path):
@@ -105,10 +93,10 @@ def done(tmp_path_factory):
     Also what the report was at the stop, and when the first variant's model was written.
     """
     folder = tmp_path_factory.mktemp("study")
-    model = folder / "work" / "tiny" / "as-it-is" / "model.keras"
+    model = folder / "work" / "tiny" / "as it is" / "model.keras"
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        path = write(folder, BARS, TIMED)
+        path = write(folder, BARS)
         with pytest.MonkeyPatch.context() as inner:
             leave_undrawn(inner)
 
@@ -120,46 +108,49 @@ def done(tmp_path_factory):
             inner.setattr("experiments.studies.study.run_trial", stop)
             with pytest.raises(KeyboardInterrupt):
                 run(path)
-        at_the_stop = Path("out/tiny.csv").read_text(), model.stat().st_mtime_ns
+        at_the_stop = Path("out/tiny.md").read_text(), model.stat().st_mtime_ns
         run(path)
     return folder, *at_the_stop
 
 
 @pytest.mark.slow
-def test_variants_are_trained_alike_and_scored_on_the_same_samples(done, monkeypatch):
+def test_networks_and_what_needs_none_are_scored_on_the_same_samples(done, monkeypatch):
     monkeypatch.chdir(done[0])
-    assert len(list(Path("work/data").iterdir())) == 1  # both variants share it
+    assert [path.name for path in Path("work/tiny").glob("*.zarr")] == ["as it is.zarr"]  # shared
     table = pd.read_csv("out/tiny.csv")
     assert list(table.columns) == COLUMNS
-    assert list(table["object"]) == ["square", "circle", "mean"] * 2
-    assert list(table["training_samples"]) == [6] * 3 + [3] * 3
-    assert list(table["epochs"]) == [2] * 3 + [1] * 3
-    test = split_indices(12, (0.5, 0.25, 0.25), 1)["test"]
-    folders = ("work/tiny/as-it-is", "work/tiny/another-preset-3-to-train-on")
-    for folder, (_, rows) in zip(folders, table.groupby("variant", sort=False), strict=True):
+    assert list(table["object"]) == ["square", "circle"] * 6
+    assert list(table.system) == (["network"] * 2 + ["linear"] * 2 + ["bound"] * 2) * 2
+    parts = split_indices(12, (0.5, 0.25, 0.25), 1)
+    for folder, (_, rows) in zip(
+        ("work/tiny/as it is", "work/tiny/small: batches of 1"),
+        table.groupby("variant", sort=False), strict=True,
+    ):  # fmt: skip
         dataset, indices, predictions = predict_test_split(folder)
-        targets = dataset.targets[test]
-        scores = score(targets, predictions[[list(indices).index(k) for k in test]])
-        np.testing.assert_allclose(rows.psnr_db[:2], scores.psnr_db, atol=1e-3)
-        np.testing.assert_allclose(rows.ssim.iloc[2], scores.ssim.mean(), atol=1e-3)
-        known = dataset.targets[training_indices(12, load_run(folder))]
-        assert len(known) == rows.training_samples.iloc[0]
-        mean = np.broadcast_to(known.mean(axis=0), targets.shape)
-        assert (rows.bound_db.iloc[:2].to_numpy() > score(targets, mean).psnr_db.to_numpy()).all()
+        np.testing.assert_array_equal(indices, parts["test"])
+        targets, known = dataset.targets[indices], dataset.targets[parts["train"]]
+        ridge = Ridge(dataset, parts).predict(dataset.inputs[indices])
+        for system, images in (
+            ("network", predictions), ("linear", ridge), ("bound", project(known, targets, 256, 2)),
+        ):  # fmt: skip
+            found, expected = rows[rows.system == system], score(targets, images)
+            np.testing.assert_allclose(found.psnr_db, expected.psnr_db, atol=1e-3)
+            np.testing.assert_allclose(found.ssim, expected.ssim, atol=1e-4)
 
 
 @pytest.mark.slow
 def test_a_study_resumes_and_its_report_says_where_it_comes_from(done):
-    folder, table, written = done
-    table = pd.read_csv(io.StringIO(table))
-    means = table[table["object"] == "mean"].set_index("variant")["psnr_db"]
-    assert list(means.isna()) == [False, True]
-    assert (folder / "work" / "tiny" / "as-it-is" / "model.keras").stat().st_mtime_ns == written
-    assert not list(folder.rglob("checkpoint-*"))
+    folder, text, written = done
+    rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
+    assert rows["small: batches of 1"].split().count("-") == 4
+    assert "-" not in rows["as it is"].split()
+    assert (folder / "work" / "tiny" / "as it is" / "model.keras").stat().st_mtime_ns == written
+    assert not list(folder.rglob("checkpoint*"))
     table = pd.read_csv(folder / "out/tiny.csv")
     text = (folder / "out/tiny.md").read_text()
-    assert f" {table.psnr_db[2]:.2f} |" in text
-    assert " 45.49 |" in text  # the paper's mean
+    psnr = table.psnr_db[:2]
+    assert f" {psnr.mean():.2f}, {psnr.min():.2f}, {table.ssim[:2].mean():.4f} " in text
+    assert "Printed in the paper: 45.49, 43.73" in text
     assert "no backbone" in text
     record = json.loads((folder / "out/tiny.json").read_text())
     assert record["results"]["as it is"]["epochs"] == 2
@@ -168,22 +159,24 @@ def test_a_study_resumes_and_its_report_says_where_it_comes_from(done):
 
 
 @pytest.mark.slow
-def test_a_study_along_an_axis(folder):
-    path = write(folder, CURVE, AXIS)
+def test_a_study_without_training(folder):
+    path = write(folder, STILL, UNTRAINED)
     arguments = ["study", str(path), "--out", "out", "--work", "work", "--workers", "1"]
     shown = CliRunner().invoke(commands, arguments)
     assert shown.exit_code == 0, shown.output
     assert "2 of 2: moving" in shown.output
+    assert not list(Path("work").rglob("*.keras"))
     table = pd.read_csv("out/tiny.csv")
-    means = table[table["object"] == "mean"]
-    assert list(means["x"]) == [0, 1]
-    assert means["bound_db"].iloc[0] > means["bound_db"].iloc[1]
+    assert set(table.system) == {"linear", "bound"}
+    means = table.groupby(["system", "variant"]).psnr_db.mean()
+    assert means["bound", "still"] > means["bound", "moving"]
     assert Path("out/tiny.png").exists()
-    assert "(s)" not in Path("out/tiny.md").read_text()
+    text = Path("out/tiny.md").read_text()
+    assert "epoch" not in text
     still, moving = read_study(path)[1]
     sizes = [[o.size_mm for o in trial.data.template.objects] for trial in (still, moving)]
     assert sizes == [[(9.0, 8.0), (9.0, 9.0)], [(10.0, 10.0), (9.0, 9.0)]]
-    centres = open_run("work/tiny/still").open_dataset().parameters("centre_mm")
+    centres = Dataset("work/tiny/still.zarr").parameters("centre_mm")
     np.testing.assert_array_equal(centres, np.broadcast_to([[0, -10], [0, 10]], (12, 2, 2)))
 
 
@@ -193,13 +186,11 @@ def test_a_study_along_an_axis(folder):
         ("samples = 12", "samples = 12\nspeed = 2", "tiny.toml: speed is not a known key"),
         ("samples = 12", "samples = 0", "samples"),
         ("samples = 12", "samples = 3", "3 samples are too few to split"),
-        ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, other, got 'fast'"),
-        ("{ batch_size = 1 }", "{ speed = 1 }", "train on': presets.other.speed is not a known"),
+        ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, got 'fast'"),
+        ("{ batch_size = 1 }", "{ speed = 1 }", "of 1': presets.smoke.speed is not a known"),
         ("recipe = { batch_size = 1", "data.template = { position = 1", "position is not a known"),
-        ("training_samples = 3", "training_samples = 7", "training_samples must be 1 to 6, got 7"),
-        ("training_samples = 3", "x = 3", "every variant need an x, or none; variant 'another"),
-        ("another preset: 3 to train on", "as it, is", "a name of its own with a letter .* 'as it"),
-        ("as it is", "...", "needs a name of its own with a letter or a digit, got '...'"),
+        ("small: batches of 1", "as it is", "needs a name of its own, in words, got 'as it is'"),
+        ("as it is", "...", "needs a name of its own, in words, got '...'"),
     ],
 )
 def test_impossible_studies_are_refused(folder, old, new, message):
@@ -219,38 +210,22 @@ name = "random"
 """
 
 
-@pytest.mark.slow
-def test_variants_without_their_imagenet_weights_are_left_out(folder, monkeypatch, capsys):
-    def build(*args, backbone_weights, **options):
-        if backbone_weights == "imagenet":
-            raise ImagenetUnavailable("The ImageNet weights are far away;")
-        return build_refocus_resnet50(*args, backbone_weights=backbone_weights, **options)
-
-    monkeypatch.setattr("lf_flame.learning.training.build_refocus_resnet50", build)
-    path = write(folder, IMAGENET, STUDY.replace("batch_size = 3", "epochs = 1"))
-    text = run(path).read_text()
-    rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
-    assert rows["pre-trained"].count(" - |") == 7
-    assert " - |" not in rows["random"]
-    assert "Left out: Keras cannot get its ImageNet weights" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_a_file_may_replace_keras_imagenet_weights(folder, monkeypatch):
+def test_files_replace_named_weights_and_what_has_none_is_left_out(folder, monkeypatch, capsys):
     path = write(folder, IMAGENET)
     requested = []
-    monkeypatch.setattr(
-        "experiments.studies.study.train",
-        lambda config, *_: requested.append(config.model.backbone_weights),
-    )
-    Path("weights.npz").touch()
-    _, trials = read_study(path)
-    for trial in trials:
-        with pytest.raises(InputError, match="no finished run"):
-            run_trial(trial, Path("work"), Path("work/data"), 1, Path("weights.npz"))
+
+    def train(config, preset, data, out):
+        requested.append(config.model.backbone_weights)
+        raise InputError("No such weights.")
+
+    monkeypatch.setattr("experiments.studies.study.train", train)
+    run_study(path, Path("out"), Path("work"), weights={"imagenet": Path("weights.npz")})
     assert requested == ["weights.npz", "random"]
+    assert capsys.readouterr().out.count("Left out: No such weights.") == 2
+    assert pd.read_csv("out/tiny.csv").empty
     # The request keeps "imagenet", so that the variant counts as done without naming the file.
-    assert trials[0].request["training"]["model"]["backbone_weights"] == "imagenet"
+    trial = read_study(path)[1][0]
+    assert trial.request["training"]["model"]["backbone_weights"] == "imagenet"
 
 
 @pytest.mark.parametrize(
@@ -260,8 +235,7 @@ def test_every_study_can_be_built(path, monkeypatch):
     monkeypatch.chdir(ROOT)
     study, trials = read_study(path)
     assert len(trials) == len(study.variants)
-    tests = {tuple(trial.test) for trial in trials}
-    assert len(tests) == 1
+    assert len({tuple(trial.parts["test"]) for trial in trials}) == 1
     asked = [json.dumps(trial.request) for trial in trials]
     assert len(set(asked)) == len(asked)  # no variant is another under a new name
 
