@@ -232,7 +232,7 @@ def depth_test(folders: tuple[Path, ...], out: Path, samples: int) -> None:
               show_default=True)  # fmt: skip
 @click.option("--budget-s", type=FiniteRange(min=0, min_open=True), default=150.0,
               show_default=True, help="Seconds for the methods of integration.")  # fmt: skip
-@click.option("--run", type=FOLDER, default="runs/closed-form", show_default=True,
+@click.option("--run", type=FOLDER, default="runs/paper", show_default=True,
               help="Folder of trained networks, RUN/shapes and RUN/flames.")  # fmt: skip
 def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     """Measure what accuracy costs in time, on a machine that does nothing else.
