@@ -137,23 +137,19 @@ def epochs_in_words(record: dict) -> str:
 
 
 def read_history(path: Path, epochs: int) -> pd.DataFrame:
-    """Read epochs 0 (the start) to `epochs` of a run's ``history.csv``; refuse a damaged file.
+    """Read epochs 1 to `epochs` of a run's ``history.csv``; refuse a damaged file.
 
-    The seconds are counted from the start of the run. Without the last line's end, its last number
-    may be cut.
+    Older histories begin with epoch 0, the start. The seconds are counted from the start of the
+    run. Without the last line's end, its last number may be cut.
     """
     text, columns = read_text(path), ["epoch", "seconds", "val_psnr_db"]
-    with readable(path, (ValueError, OverflowError)):
-        rows = pd.read_csv(StringIO(text))
-    complete = (
-        text.endswith("\n")
-        and set(columns) <= set(rows.columns)
-        and list(rows["epoch"]) == list(range(epochs + 1))
-        and all(rows[name].dtype.kind in "if" and rows[name].notna().all() for name in columns)
-    )
-    if not complete:
+    with readable(path, (ValueError, OverflowError, KeyError)):
+        rows = pd.read_csv(StringIO(text)).astype(dict.fromkeys(columns, float))
+        first = rows["epoch"].min()
+        complete = list(rows["epoch"]) == list(range(int(first), epochs + 1)) and first <= 1
+    if not complete or rows[columns].isna().any(axis=None) or not text.endswith("\n"):
         raise InputError(
-            f"{path} is damaged: it must hold the numbers {', '.join(columns)} of the epochs 0 to "
+            f"{path} is damaged: it must hold the numbers {', '.join(columns)} of the epochs 1 to "
             f"{epochs}, each line with its end."
         )
     return rows.assign(seconds=rows["seconds"].cumsum())
