@@ -106,7 +106,7 @@ hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formu
 effects: | $(VENV)/tools  ## set every effect beside a reference tracer, and its bound beside random scenes
 	$(EXPERIMENT) effects
 
-SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet refnet-fourier volumetric unet-nine-views)
+SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet volumetric unet-nine-views)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(VENV)/installed
 	$(LF) train-system $* --config $< --preset $(if $(filter smoke,$(PRESET)),smoke,equal-seconds) --out $(RUNS)/$* $(SEEDED)
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## train all refocusing systems for equal seconds, and compare them

@@ -30,7 +30,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_slopes
 from lf_flame.systems import formulas
 from lf_flame.systems.base import RefocusingSystem
-from lf_flame.systems.formulas import REFERENCES, FourierSlice, ShiftAndSum, average
+from lf_flame.systems.formulas import FourierSlice, ShiftAndSum
 from lf_flame.systems.refnet import ALPHAS, SLOPES
 from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
 from lf_flame.systems.resnet50 import ResNet50
@@ -43,14 +43,12 @@ WINDOW = 11
 """Side in pixels of the window of the structural similarity."""
 
 SELECTIONS = {
-    "3 x 3 views": formulas.square_of_views,  # ApertureNet's
-    "lattice of 9 views": formulas.lattice_of_views,
     "RefocusNet's 4 views": formulas.diamond_of_views,
-    "cross of 17 views": formulas.cross_of_views,  # the volumetric system's
-    "7 x 7 views": partial(formulas.square_of_views, side=7),
+    "ApertureNet's 3 x 3 views": formulas.square_of_views,
+    "volumetric cross of 17 views": formulas.cross_of_views,
     "RefNet's 7 x 7 views": formulas.outer_square_of_views,
 }
-"""Views of plain shift-and-sum: every network is set beside the mean of the views that it uses."""
+"""Views of plain shift-and-sum: those of each network, so that its input has a baseline."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +73,12 @@ def select_entries(
     `official` is a file of RefocusNet's trained weights, by its authors.
     """
     networks = [
-        Entry(network.name, partial(load_system, runs / name), training_of(runs / name))
+        Entry(network.system.name, partial(load_system, runs / name), training_of(runs / name))
         for name, network in NETWORKS.items()
     ]
     if official:
         load = partial(RefocusNet.of_weights, official)
-        networks.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
+        networks.append(Entry(OFFICIAL, load, {}))
     papers = [runs / "shapes", runs / "flames", *variants]
     return [*_formulas(), *networks, *(resnet_entry(path, tested) for path in papers)]
 
@@ -95,18 +93,18 @@ def _formulas() -> list[Entry]:
 
 
 def resnet_entry(folder: Path, tested: Sequence[HeldOut]) -> Entry:
-    """Enter a run of the paper's network, unless it has seen light fields of the test sets."""
+    """Enter a run of the paper's network, unless it was trained on test light fields."""
     about = training_of(folder)
     recipe = "{preset} preset, {epochs:,} epochs".format(**about) if about else "no run"
     name = f"{ResNet50.name}, {recipe}, {folder.resolve().name.replace('-', ' ')}"
     try:
         run = open_run(folder)
         for held_out in tested:
-            seen = set(held_out.indices) - set(run.record["test_indices"])
-            if seen and scene_settings(held_out.config) == scene_settings(run.config):
+            trained = set(held_out.indices) - set(run.record["test_indices"])
+            if trained and scene_settings(held_out.config) == scene_settings(run.config):
                 raise InputError(
                     f"{folder} has seen light fields that it would be tested on, such as "
-                    f"{min(seen)}."
+                    f"{min(trained)}."
                 )
     except InputError as error:
         return Entry(name, partial(_refuse, str(error)), {})
@@ -120,8 +118,8 @@ def _refuse(reason: str) -> None:
 def training_of(folder: Path) -> dict:
     """Read steps and seconds of a run's training, and its PSNR meanwhile; {} without a run.
 
-    The seconds are those of the median epoch times the epochs, whatever else the machine did, and
-    without drawing the training samples.
+    The seconds are those of the median epoch times the number of epochs, so that other programs
+    change them little; drawing the training samples is excluded.
     """
     try:
         record = load_run(folder)
@@ -134,9 +132,9 @@ def training_of(folder: Path) -> dict:
         )
     except (InputError, KeyError):
         return {}
-    epochs, took = history["epoch"].to_numpy(), np.diff(history["seconds"])
-    seconds = epochs * (float(np.median(took)) if len(took) else 0.0)
-    kept = ("system", "preset", "seed", "counts", "recipe", "epochs", "best_epoch")
+    epochs = history["epoch"].to_numpy()
+    seconds = epochs * float(np.median(np.diff(history["seconds"], prepend=0.0)))
+    kept = ("system", "preset", "seed", "recipe", "epochs", "best_epoch")
     facts = {key: record[key] for key in (*kept, "date", "git_revision") if key in record}
     facts |= {"steps": int(each * epochs[-1]), "seconds": float(seconds[-1])}
     if system:
@@ -157,17 +155,16 @@ class Scene:
     block: tuple[int, int] = (1, 1)  # number of lenslets in a pixel of the images
     border: int = 0  # number of these pixels that are not scored
 
-    def truth(self, reference: str = "shift-and-sum") -> np.ndarray:
-        """Refocus with all views, by one of the `REFERENCES`."""
-        return average(REFERENCES[reference](self.views, self.slopes), self.block)
+    def reference(self) -> np.ndarray:
+        """Refocus with all views by shift-and-sum."""
+        return ShiftAndSum().refocus(self.views, self.slopes, self.block)
 
 
 @dataclass(frozen=True)
 class TestSet:
     """Light fields that are refocused at the same planes; a callable gives the scenes.
 
-    The truth is a key of `lf_flame.systems.formulas.REFERENCES`; the origin of the scenes is for
-    the record.
+    The origin of the scenes is for the record.
     """
 
     __test__ = False  # for pytest, which would collect it
@@ -175,7 +172,6 @@ class TestSet:
     name: str
     planes: list[str]
     scenes: Callable[[], Iterator[Scene]]
-    truth: str = "shift-and-sum"
     origin: str = ""
 
 
@@ -226,7 +222,7 @@ def paper_sets(config: DatasetConfig, held_out: HeldOut, count: int) -> list[Tes
         name, seed = f"{kind}, {scenario.name}", f"drawn by seed {config.seed}"
         sets.append(TestSet(name, _millimetres(depths), placed, origin=seed))
     alphas, scenes = [f"alpha {a:g}" for a in ALPHAS], partial(own, SLOPES * config.block[0])
-    return [*sets, TestSet(f"{kind}, RefNet's slopes", alphas, scenes, "Fourier slice", origin)]
+    return [*sets, TestSet(f"{kind}, RefNet's slopes", alphas, scenes, origin)]
 
 
 def _millimetres(depths: Sequence[float]) -> list[str]:

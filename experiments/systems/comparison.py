@@ -1,8 +1,8 @@
 """The comparison: every refocusing system on the same light fields, by the same measures.
 
 All systems refocus from views in memory to images in memory, on all cores. Each is timed in a
-process of its own, and shown with its budget: the views that it uses, steps and seconds of its
-training.
+process of its own. Every row states the number of views that the system receives, and the steps and
+seconds of its training.
 """
 
 import time
@@ -19,17 +19,18 @@ from lf_flame._common.figures import subplots
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import score
 from lf_flame.systems.base import RefocusingSystem
+from lf_flame.systems.resnet50 import ResNet50
 
 COLUMNS = [
-    "test_set", "truth", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
+    "test_set", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
     "psnr_foreground_db", "psnr_foreground_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
 ]  # fmt: skip
 
 PANELS = {"flames": "flames", "flames, order reversed": "flames at other depths"}
 """Test sets that are drawn, with their titles, beside the photographs."""
 
-SHOWN_DB = (20.0, 70.0)
-"""Range of PSNR in the picture; what is beyond is a triangle at the edge."""
+PSNR_RANGE = (20.0, 70.0)
+"""Range of PSNR in the figure; a triangle at the edge marks values outside it."""
 
 EQUAL = 0.25
 """Largest relative difference of training times that are called equal."""
@@ -38,17 +39,16 @@ EQUAL = 0.25
 def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
     """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
 
-    A system that refuses the set is missing there, with its own words; so is an InputError in place
-    of a system.
+    The row of a system that refuses the set has the reason; an InputError may take its place.
     """
     refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
-    truths, drawn = [], {name: [] for name in systems}
+    references, refocused = [], {name: [] for name in systems}
     for scene in test_set.scenes():
-        truths.append(_inner(scene.truth(test_set.truth), scene.border))
+        references.append(_inner(scene.reference(), scene.border))
         for name in set(systems) - set(refused):
             try:
                 images = systems[name].refocus(scene.views, scene.slopes, scene.block)
-                drawn[name].append(_inner(images, scene.border))
+                refocused[name].append(_inner(images, scene.border))
             except InputError as error:
                 refused[name] = str(error)
     tables = []
@@ -56,12 +56,12 @@ def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
         if name in refused:
             table = pd.DataFrame([{"why_missing": refused[name]}])
         else:
-            table = score(np.stack(truths), np.stack(drawn[name]))
+            table = score(np.stack(references), np.stack(refocused[name]))
             table = table.rename(columns={"n_test": "light_fields"}).assign(
                 views=len(set(system.view_indices(*scene.views.shape[:2]))),
                 slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
             )  # fmt: skip
-        table = table.assign(system=name, test_set=test_set.name, truth=test_set.truth)
+        table = table.assign(system=name, test_set=test_set.name)
         tables.append(table.reindex(columns=COLUMNS))
     return pd.concat(tables, ignore_index=True)
 
@@ -81,7 +81,7 @@ def run_comparison(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: 
             if names.count(name) > 1:
                 raise InputError(f"Two {kind} are called {name!r}; compare one at a time.")
     started, frame = time.perf_counter(), next(test_sets[0].scenes())
-    results = step_bar(_compete(entries, test_sets, frame), len(entries) + len(test_sets))
+    results = step_bar(_measure_and_score(entries, test_sets, frame), len(entries) + len(test_sets))
     results = list(results)
     scores = pd.concat([x for x in results if isinstance(x, pd.DataFrame)], ignore_index=True)
     systems = pd.DataFrame([x for x in results if isinstance(x, dict)])
@@ -91,7 +91,7 @@ def run_comparison(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: 
         "test_sets": {one.name: one.origin for one in test_sets},
         "frame": {
             "planes": len(frame.slopes),
-            "image": " x ".join(str(n) for n in frame.truth().shape[1:]),
+            "image": " x ".join(str(n) for n in frame.reference().shape[1:]),
             "views": " x ".join(str(n) for n in frame.views.shape[:2]),
         },
         "wall_s": round(time.perf_counter() - started, 1),
@@ -103,7 +103,7 @@ def run_comparison(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: 
     )  # fmt: skip
 
 
-def _compete(entries, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
+def _measure_and_score(entries, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
     """Yield budget and cost of each system, then the scores of all on each test set."""
     loaded = {}
     for one in entries:
@@ -148,9 +148,12 @@ def with_equal_effort(systems: pd.DataFrame, about: dict[str, dict]) -> pd.DataF
         limit = min((curve[axis][-1] for curve in curves.values()), default=np.nan)
         reached = {
             name: max(
-                psnr
-                for at, psnr in zip(curve[axis], curve["psnr_db"], strict=True)
-                if at <= limit + 1e-6
+                (
+                    psnr
+                    for at, psnr in zip(curve[axis], curve["psnr_db"], strict=True)
+                    if at <= limit + 1e-6
+                ),
+                default=np.nan,  # the first epoch of another network took less
             )
             for name, curve in curves.items()
         }
@@ -160,8 +163,9 @@ def with_equal_effort(systems: pd.DataFrame, about: dict[str, dict]) -> pd.DataF
 
 
 def body(scores: pd.DataFrame, systems: pd.DataFrame, record: dict) -> list[str]:
-    """Write scores and budgets as Markdown."""
-    frame, known = record["frame"], systems[systems.parameters.notna()]
+    """Write scores and budgets as Markdown, fewest views first."""
+    frame, systems = record["frame"], systems.sort_values("views", kind="stable")
+    known = systems[systems.parameters.notna()]
     seconds, steps = systems.at_seconds.max(), systems.at_steps.max()
     budgets = {
         "system": ("system", ""),
@@ -177,27 +181,51 @@ def body(scores: pd.DataFrame, systems: pd.DataFrame, record: dict) -> list[str]
     if np.isnan(seconds):  # no network was trained
         del budgets["after_seconds_db"], budgets["after_steps_db"]
     return [
-        "PSNR in dB (peak 1) and SSIM against shift-and-sum of all views (at RefNet's slopes: the "
-        "Fourier slice of all views), means over planes and light fields; every plane is in "
-        "compare.csv.",
-        "## What each system gets",
-        "Systems are trained alike for about the same time, not for the same number of steps, and "
-        "each uses the views of its publication. Steps are those of the optimiser; seconds are "
-        "those of the median epoch times the epochs, without drawing the training samples. Beside "
-        "them is the PSNR on whole held-out training samples, best epoch so far, after the seconds "
-        "and the steps that all have had; RefNet's is at its own sixteen slopes, that of the "
-        "others at six random ones, and the rate of learning of each falls towards its own end. "
+        "PSNR in dB (peak 1) and SSIM against shift-and-sum of all views, means over planes and "
+        "light fields; every plane is in compare.csv.",
+        "## Equal seconds and equal inputs",
+        *_fairness(systems),
+        markdown(known, budgets),
+        "Steps are those of the optimiser. Seconds are those of the median epoch times the number "
+        "of epochs, without drawing the training samples. The two columns in dB are the PSNR on "
+        "whole held-out training samples, best epoch so far, after the seconds and after the steps "
+        "that all networks had; RefNet's is at its own sixteen slopes, that of the others at six "
+        "random ones, and the learning rate of most falls to zero at its own last step. "
         f"Milliseconds and peak memory are for {frame['planes']} planes of {frame['image']} from "
         f"{frame['views']} views in memory, each system in a process of its own.",
-        markdown(known, budgets),
-        _unequal(systems),
         "## PSNR (dB)",
         _table(scores, systems, "psnr_db", "{:.2f}"),
         "## SSIM",
-        "Of RefNet more than 0.925 is published against the Fourier slice, on other data.",
         _table(scores, systems, "ssim", "{:.3f}"),
         "## What is missing",
         _missing(scores),
+    ]
+
+
+def _fairness(systems: pd.DataFrame) -> list[str]:
+    """State which systems had equal seconds, and which receive equal inputs."""
+    trained, paragraphs = systems[systems.at_seconds.notna()], []
+    if len(trained):
+        spans = (
+            f"{trained[name].min():,.0f} to {trained[name].max():,.0f}"
+            for name in ("training_s", "steps", "views")
+        )
+        took, steps, views = spans
+        paragraphs.append(
+            f"**Equal seconds, not equal steps:** the networks that share one trainer were trained "
+            f"for {took} s; in that time they took {steps} steps. Each receives the views of its "
+            f"publication, {views} of them, and the second U-Net those of ApertureNet. "
+            f"{_unequal(systems)}"
+        )
+    # The paper's network receives one image, encoded from the views.
+    named = systems[systems.views.notna() & ~systems.system.str.startswith(ResNet50.name)]
+    names = named.groupby("views").system.agg(list)
+    groups = [f"- {n:.0f} views: {'; '.join(some)}" for n, some in names.items() if len(some) > 1]
+    return [
+        *paragraphs,
+        "**Equal inputs:** only the systems of one line below receive the same views. The rows of "
+        "all tables are in the order of the number of views.",
+        "\n".join(groups),
     ]
 
 
@@ -207,7 +235,7 @@ def _unequal(systems: pd.DataFrame) -> str:
     usual = trained.training_s[trained.at_seconds.notna()].median()
     other = trained[(trained.training_s / usual - 1).abs() > EQUAL]
     if other.empty:
-        return "All systems had the same training time, within a quarter."
+        return "All had the same training time, within a quarter."
     names = (f"{row.system} ({row.training_s:,.0f} s)" for row in other.itertuples())
     return f"Not trained for the same time, within a quarter of {usual:.0f} s: {'; '.join(names)}."
 
@@ -216,12 +244,14 @@ def _table(scores: pd.DataFrame, systems: pd.DataFrame, measure: str, form: str)
     """Write a table of means, a row for each system with its budget, a column for each test set."""
     known = scores[scores.groupby("system")[measure].transform("count") > 0]
     means = known.groupby(["system", "test_set"], sort=False)[measure].mean().unstack("test_set")
-    means = means.loc[known.system.unique(), scores.test_set.unique()]
+    in_order = [name for name in systems.system if name in means.index]
+    means = means.loc[in_order, scores.test_set.unique()]
 
     def written(value: float) -> str:
         return "exact" if np.isinf(value) else "-" if np.isnan(value) else form.format(value)
 
-    table = systems.set_index("system")[["views", "steps", "training_s"]].join(means, how="right")
+    budget = systems.set_index("system")[["views", "steps", "training_s"]]
+    table = budget.join(means, how="right")
     columns = {"system": ("system", ""), "views": ("views", ".0f"), "steps": ("steps", ",.0f")}
     columns |= {"training_s": ("training (s)", ",.0f")}
     columns |= {name: (name, written) for name in means}
@@ -251,10 +281,10 @@ def figure(scores: pd.DataFrame, systems: pd.DataFrame):
         means = scores[scores.test_set == name].groupby("system")["psnr_db"].mean()
         for place, system in enumerate(rows.system):
             value = means.get(system, np.nan)
-            marker = "<" if value < SHOWN_DB[0] else ">" if value > SHOWN_DB[1] else "o"
+            marker = "<" if value < PSNR_RANGE[0] else ">" if value > PSNR_RANGE[1] else "o"
             colour = "tab:orange" if "(ours)" in system else "tab:blue"
-            axis.plot(np.clip(value, *SHOWN_DB), place, marker, color=colour, clip_on=False)
-        axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB)")
+            axis.plot(np.clip(value, *PSNR_RANGE), place, marker, color=colour, clip_on=False)
+        axis.set(xlim=PSNR_RANGE, xlabel="PSNR (dB)")
         axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
     axes[0, 0].set_yticks(range(len(rows)), [_label(row) for row in rows.itertuples()], fontsize=8)

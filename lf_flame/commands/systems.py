@@ -29,14 +29,13 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
     """Train a refocusing SYSTEM; continues an interrupted run.
 
     SYSTEM is a key of [systems] in CONFIG. All learn from the same training samples: new random
-    light fields, with every object at its own depth, each at several slopes. The reference is
-    refocused from all views.
+    light fields, with every object at its own depth, each at several slopes. The target is
+    shift-and-sum of all views.
 
     \b
       aperturenet      ours: nine aligned views, each for a ninth of the aperture
       refocusnet       four aligned views (Ben Dayan et al. 2020), the published layers
       refnet           7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
-      refnet-fourier   the same, from the Fourier slice instead of shift-and-sum
       volumetric       a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
       unet-nine-views  the same U-Net after ApertureNet's nine views
     """  # noqa: D301 - click reads the backspace

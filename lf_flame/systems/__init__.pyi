@@ -11,8 +11,6 @@ from .refocusnet import build_refocusnet as build_refocusnet
 from .region_refocus import refocus_regions as refocus_regions
 from .region_refocus import search_region_slope as search_region_slope
 from .resnet50 import ResNet50 as ResNet50
-from .similarity import ms_ssim as ms_ssim
-from .similarity import ssim as ssim
 from .sparse_unet import SparseUNet as SparseUNet
 from .sparse_unet import build_unet as build_unet
 from .training import NETWORKS as NETWORKS

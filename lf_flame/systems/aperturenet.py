@@ -18,7 +18,6 @@ import keras
 import numpy as np
 from keras import layers, ops
 
-from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import square_of_views
 
@@ -34,26 +33,18 @@ BOX_SIDE = 9
 FILTERS = 32, 48
 """Number of filters at half and at a quarter of the resolution."""
 
-CONVINCED = 4.0
-"""Initial logit of the first box: training starts from shift-and-sum."""
+INITIAL_LOGIT = 4.0
+"""Initial logit of the first box: training starts near shift-and-sum."""
 
-SURE = 20.0
+MAX_LOGIT = 20.0
 """Largest absolute logit, so that no weight is infinite."""
-
-BLOCK = 2
-"""Side of the blocks of pixels that space-to-depth moves into channels."""
-
-PIXELS = BLOCK**2
-"""Number of channels that replace one channel: the pixels of a block, row by row."""
 
 
 def build_aperturenet(seed: int = 0) -> keras.Model:
     """Build the network.
 
-    Half the resolution, and a quarter for large displacements, is enough to see how far the views
-    disagree. All sharp detail comes from the mean of the views. Its pixels are moved, four by four,
-    into the channels of half the resolution (space to depth; W. Shi et al., CVPR 2016), where
-    convolutions have enough channels to be fast.
+    Half the resolution, and a quarter for large displacements, is enough to measure how much the
+    views differ. All sharp detail comes from the mean of the views.
 
     Parameters
     ----------
@@ -72,17 +63,18 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
     >>> build_aperturenet(seed=1).count_params() > 10_000
     True
     """
-    # Networks that were trained before need the layers' names, such as "shares".
-    seen = keras.Input((None, None, VIEWS), name="aligned_views")
-    features = _see_disagreement(seen, seed)
-    boxes = _box_weights(features)
-    mixed = _mix_boxes(boxes, _blurred_means(seen))
-    correction = _from_zero(PIXELS, "correction")(features)
-    return keras.Model(seen, _depth_to_space(mixed + correction), name="aperturenet")
+    views = keras.Input((None, None, VIEWS), name="aligned_views")
+    features = _features(views, seed)
+    logits = _zero_convolution(len(WIDTHS), "box_logits")(features)
+    logits += np.array([INITIAL_LOGIT] + [0] * (len(WIDTHS) - 1), np.float32)
+    weights = ops.exp(ops.clip(logits, -MAX_LOGIT, MAX_LOGIT))
+    mixed = ops.mean(weights * _blurred_means(views), -1, True) / ops.mean(weights, -1, True)
+    correction = _zero_convolution(1, "correction")(features)
+    return keras.Model(views, mixed + correction, name="aperturenet")
 
 
-def _see_disagreement(seen, seed: int):
-    """Compute features from the differences of the views: (h/2, w/2, 32)."""
+def _features(views, seed: int):
+    """Features of the differences between the views: (h/2, w/2, 32)."""
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
     def convolution(filters: int, side: int, kind=layers.Conv2D, **options):
@@ -90,7 +82,7 @@ def _see_disagreement(seen, seed: int):
         return kind(filters, side, padding="same", kernel_initializer=initial, **options)
 
     half, quarter = FILTERS
-    near = seen - ops.mean(seen, axis=-1, keepdims=True)
+    near = views - ops.mean(views, axis=-1, keepdims=True)
     near = convolution(half, 4, strides=2, activation="relu")(near)
     far = convolution(quarter, 3, strides=2, activation="relu")(near)
     for _ in range(2):
@@ -100,70 +92,22 @@ def _see_disagreement(seen, seed: int):
     return convolution(half, 3, activation="relu")(x)
 
 
-def _box_weights(features):
-    """Weights of the boxes for each pixel, above 0: (h/2, w/2, box and pixel of a block)."""
-    channels = PIXELS * len(WIDTHS)
-    first_box = np.float32([CONVINCED] * PIXELS + [0] * (channels - PIXELS))
-    logits = _from_zero(channels, "shares")(features) + first_box
-    return ops.exp(ops.clip(logits, -SURE, SURE))
+def _zero_convolution(filters: int, name: str):
+    """Make a convolution to twice the resolution with zero weights: no effect before training."""
+    return layers.Conv2DTranspose(
+        filters, 4, strides=2, padding="same", kernel_initializer="zeros", name=name
+    )
 
 
-def _blurred_means(seen):
-    """Blur the mean of the views by every box: (h/2, w/2, box and pixel of a block)."""
-    mean = _fixed("mean_in_quads", _mean_to_depth(), strides=BLOCK)(seen)
-    boxes = _fixed("boxes", _kernels_in_depth(make_boxes()))
+def _blurred_means(views):
+    """Blur the mean of the views by every box: (h, w, boxes)."""
+    boxes = layers.Conv2D(
+        len(WIDTHS), BOX_SIDE, padding="same", use_bias=False, trainable=False, name="boxes"
+    )
+    boxes.build((None, None, None, 1))
+    boxes.set_weights([make_boxes()])
+    mean = ops.mean(views, axis=-1, keepdims=True)
     return boxes(mean) / boxes(ops.ones_like(mean))  # the divisor is below 1 at the edges
-
-
-def _mix_boxes(weights, blurred):
-    """Average the boxes with their weights, for each pixel: (h/2, w/2, pixel of a block)."""
-    every_box = np.tile(np.eye(PIXELS), (len(WIDTHS), 1))[None, None]
-    over_boxes = _fixed("over_boxes", every_box)
-    return over_boxes(weights * blurred) / over_boxes(weights)
-
-
-def _depth_to_space(x):
-    """Move the pixels of the blocks back to their places: (h, w, 1)."""
-    back = np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS)
-    return _fixed("image", back, layers.Conv2DTranspose, strides=BLOCK)(x)
-
-
-def _from_zero(filters: int, name: str):
-    """Make a convolution with zero weights, which contributes nothing until it has learnt."""
-    return layers.Conv2D(filters, 3, padding="same", kernel_initializer="zeros", name=name)
-
-
-def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
-    """Make a convolution with fixed weights."""
-    transposed = kind is layers.Conv2DTranspose
-    layer = kind(
-        kernel.shape[2 if transposed else 3], kernel.shape[:2], padding="same", use_bias=False,
-        trainable=False, name=name, **options,
-    )  # fmt: skip
-    layer.build((None, None, None, kernel.shape[3 if transposed else 2]))
-    layer.set_weights([kernel])
-    return layer
-
-
-def _mean_to_depth() -> np.ndarray:
-    """Kernel of the mean over the views, from space to depth: (2, 2, 9, 4)."""
-    return np.repeat(np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS), VIEWS, axis=2) / VIEWS
-
-
-def _kernels_in_depth(kernels: np.ndarray) -> np.ndarray:
-    """Turn kernels (side, side, 1, count) into one that does the same on pixels in channels.
-
-    It leads from the pixels of a block to every kernel's result there: (blocks, blocks, 4, count *
-    4).
-    """
-    side, count = kernels.shape[0], kernels.shape[3]
-    reach = -(-(side // 2) // BLOCK)
-    out = np.zeros((2 * reach + 1,) * 2 + (BLOCK, BLOCK, count, BLOCK, BLOCK))
-    for i, j, a, b in np.ndindex(side, side, BLOCK, BLOCK):
-        # Pixel (a, b) of a block reads this pixel of the block at this offset.
-        (down, row), (right, column) = (divmod(n - side // 2, BLOCK) for n in (i + a, j + b))
-        out[down + reach, right + reach, row, column, :, a, b] = kernels[i, j, 0]
-    return out.reshape(*out.shape[:2], PIXELS, count * PIXELS)
 
 
 def make_boxes() -> np.ndarray:
@@ -178,14 +122,9 @@ class ApertureNet(NetworkSystem):
     """ApertureNet applied to a light field."""
 
     name = "ApertureNet (ours)"
-    smallest = 37
+    smallest = 35
     multiple = 4
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the views at the centres of 3 x 3 equal parts of the aperture."""
         return square_of_views(rows, columns, SIDE)
-
-    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Align the nine views."""
-        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block=block)
-        return np.moveaxis(aligned, 1, -1)

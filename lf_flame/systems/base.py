@@ -13,13 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import (
-    Views,
-    as_block,
-    as_slopes,
-    as_views,
-    refuse_uncounted,
-)
+from lf_flame.refocus import align_views
+from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views, refuse_uncounted
 
 ViewIndices = Sequence[tuple[int, int]]
 """Row and column of each selected view."""
@@ -131,8 +126,6 @@ class NetworkSystem(RefocusingSystem):
     ----------
     model : keras.Model
         Network from images (n, h, w, channels) of any size to images (n, h, w, channels).
-    name : str, optional
-        Name in tables. Default: that of the class.
 
     Attributes
     ----------
@@ -145,47 +138,47 @@ class NetworkSystem(RefocusingSystem):
     colours: int = 1
     multiple: int = 1
 
-    def __init__(self, model, name: str | None = None):
-        self.model, self.name = model, name or self.name
-        self.parameters = model.count_params()
+    def __init__(self, model):
+        self.model, self.parameters = model, model.count_params()
 
-    @abstractmethod
-    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Prepare the network's input, float32 (m, h, w, channels).
+    def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Prepare the network's input, float32 (m, h, w, channels): here the aligned views.
 
         Views have shape (v, u, t, s), or (v, u, t, s, 3) for a network of 3 colours; slopes and
         block are those of `refocus`.
         """
+        indices = self.view_indices(*views.shape[:2])
+        return np.moveaxis(align_views(views, slopes, indices, block=block), 1, -1)
 
-    def truth(self, stack: np.ndarray) -> np.ndarray:
-        """Arrange refocused images (n, h, w) as the network's output, (m, h, w, c)."""
+    def prepare_target(self, stack: np.ndarray) -> np.ndarray:
+        """Arrange refocused images (n, h, w) like the network's output, (m, h, w, channels)."""
         return stack[..., None]
 
-    def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        """Choose the slopes to learn from a light field, given proposed ones."""
+    def training_slopes(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+        """Choose the slopes to train at with a sample, given its own."""
         return slopes
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         if views.ndim == 4 or self.colours > 1:
-            return self._draw(views, slopes, block)
-        channels = [self._draw(views[..., c], slopes, block) for c in range(views.shape[4])]
+            return self._apply(views, slopes, block)
+        channels = [self._apply(views[..., c], slopes, block) for c in range(views.shape[4])]
         return np.stack(channels, axis=-1)
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Refocus a light field that the network can process directly."""
-        return self.predict(self.show(views, slopes, block))[..., 0]
+    def _apply(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Refocus a light field with as many channels as the network processes together."""
+        return self.predict(self.prepare_input(views, slopes, block))[..., 0]
 
-    def predict(self, shown: np.ndarray) -> np.ndarray:
+    def predict(self, inputs: np.ndarray) -> np.ndarray:
         """Run the network on images (m, h, w, channels), in batches that fit into memory.
 
         If the sides are no multiples of `multiple`, edges are repeated, and cut off again.
         """
-        height, width = shown.shape[1:3]
+        height, width = inputs.shape[1:3]
         beyond = -height % self.multiple, -width % self.multiple
         if any(beyond):
             sides = ((0, 0), (0, beyond[0]), (0, beyond[1]), (0, 0))
-            shown = np.pad(shown, sides, mode="edge")
-        some = max(PIXELS_AT_ONCE // (shown.shape[1] * shown.shape[2]), 1)
-        starts = range(0, len(shown), some)
-        drawn = [self.model.predict_on_batch(shown[k : k + some]) for k in starts]
-        return np.concatenate(drawn)[:, :height, :width]
+            inputs = np.pad(inputs, sides, mode="edge")
+        size = max(PIXELS_AT_ONCE // (inputs.shape[1] * inputs.shape[2]), 1)
+        batches = [inputs[k : k + size] for k in range(0, len(inputs), size)]
+        outputs = np.concatenate([self.model.predict_on_batch(batch) for batch in batches])
+        return outputs[:, :height, :width]

@@ -1,7 +1,6 @@
 """Refocusing by formula, as systems beside the networks, and the views that systems select."""
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
@@ -18,13 +17,17 @@ def every_view(rows: int, columns: int) -> ViewIndices:
 
 def square_of_views(rows: int, columns: int, side: int = 3) -> ViewIndices:
     """Choose the views at the centres of side x side equal parts of the aperture."""
-    _need(side, rows, columns)
-    return [(v, u) for v in middles(rows, side) for u in middles(columns, side)]
+    _check_count(side, rows, columns)
+    down, across = (
+        np.floor((np.arange(side) + 0.5) * count / side).astype(int).tolist()
+        for count in (rows, columns)
+    )
+    return [(v, u) for v in down for u in across]
 
 
 def outer_square_of_views(rows: int, columns: int, side: int = 7) -> ViewIndices:
     """Choose side x side views, spread from the first to the last."""
-    _need(side, rows, columns)
+    _check_count(side, rows, columns)
     return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
 
 
@@ -45,29 +48,12 @@ def cross_of_views(rows: int, columns: int) -> ViewIndices:
 
     These are 17 of 81 views (Samarakoon et al., arXiv 2502.19238); the fifth is the central one.
     """
-    _need(9, rows, columns)
+    _check_count(9, rows, columns)
     down, across = spread(rows, 9), spread(columns, 9)
     return [(v, across[4]) for v in down] + [(down[4], u) for u in across if u != across[4]]
 
 
-def lattice_of_views(rows: int, columns: int) -> ViewIndices:
-    """Choose nine views spread evenly over the aperture, no two in the same row or column.
-
-    They are the nodes of a rank-1 lattice, (k, 2k modulo 9) (I. H. Sloan, S. Joe, "Lattice Methods
-    for Multiple Integration", Oxford 1994). Along a row or a column they sample the aperture at
-    nine positions, unlike 3 x 3 views at three. The ghosts of an edge are three times as close.
-    """
-    _need(9, rows, columns)
-    down, across = middles(rows, 9), middles(columns, 9)
-    return [(down[(2 * (k - 4) + 4) % 9], across[k]) for k in range(9)]
-
-
-def middles(count: int, parts: int) -> list[int]:
-    """Find the views nearest to the centres of equal parts of the aperture."""
-    return np.floor((np.arange(parts) + 0.5) * count / parts).astype(int).tolist()
-
-
-def _need(side: int, rows: int, columns: int) -> None:
+def _check_count(side: int, rows: int, columns: int) -> None:
     if min(rows, columns) < side:
         raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
 
@@ -103,7 +89,7 @@ class ShiftAndSum(RefocusingSystem):
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         indices = self.view_indices(*views.shape[:2])
         if max(block) > 1 and len(indices) < views.shape[0] * views.shape[1]:
-            # Aligned directly into blocks: for few views faster than averaging images afterwards.
+            # For few views, aligning directly into blocks is faster than averaging the images.
             return align_views(views, slopes, indices, block=block).mean(axis=1)
         weights = sparse_aperture(views.shape[:2], indices)
         return average(shift_and_sum(views, slopes, weights=weights), block)
@@ -127,14 +113,7 @@ class FourierSlice(RefocusingSystem):
         return every_view(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        return average(REFERENCES["Fourier slice"](views, slopes), block)
-
-
-REFERENCES: dict[str, Callable[..., np.ndarray]] = {
-    "shift-and-sum": shift_and_sum,
-    "Fourier slice": partial(fourier_slice, edges="clamp"),
-}
-"""Reference images from all views, for systems that use fewer."""
+        return average(fourier_slice(views, slopes, edges="clamp"), block)
 
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:

@@ -1,11 +1,10 @@
 """RefNet, in our reading: 7 x 7 views become sixteen refocused images at once.
 
 E. Hedayati, T. C. Havens, J. P. Bos, "Machine learning method for light field refocusing", arXiv
-2103.16020: images at alpha = 0.125, 0.250, ... 2.0, trained either on shift-and-sum or on the
-Fourier slice. The layers are not published in the sources available to us. Ours follow the group's
-sister network of the same year (LFCompressionByRCNN-JPEG): bottleneck residual blocks, ELU, a tanh
-at the end, and the loss 0.85 (1 - SSIM) / 2 + 0.15 times the mean absolute error. This is therefore
-a network in place of RefNet, not RefNet itself.
+2103.16020: images at alpha = 0.125, 0.250, ... 2.0. The layers are not published in the sources
+available to us. Ours follow the group's sister network of the same year (LFCompressionByRCNN-JPEG):
+bottleneck residual blocks, ELU, a tanh at the end, and the loss 0.85 (1 - SSIM) / 2 + 0.15 times
+the mean absolute error. This is therefore a network in place of RefNet, not RefNet itself.
 
 Alpha is not defined there either. Here alpha = 1 keeps the focus, and an image is refocused at
 slope 1 - alpha, in pixels per view step. This is Ng's shear without his magnification; the
@@ -19,7 +18,6 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.errors import InputError
-from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import outer_square_of_views
 from lf_flame.systems.similarity import ssim
@@ -62,12 +60,12 @@ def build_refnet(seed: int = 0) -> keras.Model:
         y = layers.BatchNormalization()(convolution(WIDE, 1)(y))
         return layers.ELU()(layers.Add()([x, y]))
 
-    seen = keras.Input((None, None, SIDE**2 + 1), name="views")
-    x = layers.ELU()(convolution(WIDE, 7)(seen))
+    views = keras.Input((None, None, SIDE**2 + 1), name="views")
+    x = layers.ELU()(convolution(WIDE, 7)(views))
     for _ in range(BLOCKS):
         x = block(x)
     x = layers.Activation("tanh")(convolution(len(ALPHAS), 3)(x))
-    return keras.Model(seen, layers.Rescaling(0.5, offset=0.5)(x), name="refnet")
+    return keras.Model(views, layers.Rescaling(0.5, offset=0.5)(x), name="refnet")
 
 
 def refnet_loss(truth: Any, image: Any) -> Any:
@@ -102,27 +100,27 @@ class RefNet(NetworkSystem):
         """Range of the sixteen slopes."""
         return float(SLOPES.min()), float(SLOPES.max())
 
-    def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        """Learn the network's own sixteen slopes."""
+    def training_slopes(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+        """Return the network's own sixteen slopes."""
         return SLOPES * block[0]
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Stack the views as channels, not aligned; one input for all slopes.
 
         Slopes are in steps of the camera's views, of which the network receives only some: a last
         channel has the number of steps between two of its views, halved to be about 1.
         """
-        shown = align_views(views, [0.0], self.view_indices(*views.shape[:2]), block=block)
-        apart = np.full_like(shown[:, :1], (views.shape[0] - 1) / (SIDE - 1) / 2)
-        return np.moveaxis(np.concatenate([shown, apart], axis=1), 1, -1)
+        inputs = super().prepare_input(views, np.zeros(1), block)
+        spacing = np.full_like(inputs[..., :1], (views.shape[0] - 1) / (SIDE - 1) / 2)
+        return np.concatenate([inputs, spacing], axis=-1)
 
-    def truth(self, stack: np.ndarray) -> np.ndarray:
+    def prepare_target(self, stack: np.ndarray) -> np.ndarray:
         """Stack the sixteen images as channels."""
         return np.moveaxis(stack, 0, -1)[None]
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        images = np.moveaxis(self.predict(self.show(views, slopes, block))[0], -1, 0)
+    def _apply(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+        images = np.moveaxis(self.predict(self.prepare_input(views, slopes, block))[0], -1, 0)
         at = np.interp(slopes / block[0], SLOPES[::-1], np.arange(len(SLOPES))[::-1])
         below = np.clip(np.floor(at).astype(int), 0, len(SLOPES) - 2)
-        share = (at - below)[:, None, None].astype(np.float32)
-        return (1 - share) * images[below] + share * images[below + 1]
+        weight = (at - below)[:, None, None].astype(np.float32)
+        return (1 - weight) * images[below] + weight * images[below + 1]

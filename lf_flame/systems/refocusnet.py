@@ -13,7 +13,6 @@ from keras import layers
 
 from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame.errors import InputError
-from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import diamond_of_views
 
@@ -27,10 +26,8 @@ TAPS = {0: 2, 1: 4, 3: 6, 5: 8, 7: 10, 9: 12, 11: 14}
 
 LAST = 15
 
-RECEPTIVE_FIELD = 17
-
-OFFICIAL = "the authors' weights"
-"""Words for these weights in a network's name."""
+OFFICIAL = "RefocusNet, the authors' weights"
+"""Name of the system with these weights."""
 
 
 def build_refocusnet(seed: int = 0) -> keras.Model:
@@ -65,30 +62,15 @@ def build_refocusnet(seed: int = 0) -> keras.Model:
             name=f"w{number}",
         )  # fmt: skip
 
-    seen = keras.Input((None, None, VIEWS * COLOURS), name="aligned_views")
-    x, taps = seen, [convolution(TAPS[0], VIEWS * COLOURS)(seen)]
+    inputs = keras.Input((None, None, VIEWS * COLOURS), name="aligned_views")
+    x, taps = inputs, [convolution(TAPS[0], VIEWS * COLOURS)(inputs)]
     for number in TRUNK:
         x = convolution(number, 64, "relu")(x)
         taps.append(convolution(TAPS[number], VIEWS * COLOURS)(x))
     total = layers.Add()(taps)
     views = [total[..., COLOURS * k : COLOURS * (k + 1)] for k in range(VIEWS)]
     image = layers.Add(name="image")([convolution(LAST, COLOURS)(total), layers.Average()(views)])
-    return keras.Model(seen, image, name="refocusnet")
-
-
-def load_official_weights(model: keras.Model, path: str | Path) -> None:
-    """Load the authors' trained weights, a file ``.npz`` with the arrays ``w1``, ``b1`` ... ."""
-    with open_arrays(path) as file:
-        for number in (*TRUNK, *TAPS.values(), LAST):
-            layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
-            found = [file.header(name).shape if name in file.names else "missing" for name in names]
-            wanted = [tuple(x.shape) for x in layer.weights]
-            if found != wanted:
-                raise InputError(
-                    f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} must "
-                    f"have shapes {wanted[0]} and {wanted[1]}, got {found[0]} and {found[1]}."
-                )
-            layer.set_weights(file.read(names))
+    return keras.Model(inputs, image, name="refocusnet")
 
 
 class RefocusNet(NetworkSystem):
@@ -96,7 +78,7 @@ class RefocusNet(NetworkSystem):
 
     Parameters
     ----------
-    model, name
+    model : keras.Model
         See `NetworkSystem`.
     colours : {1, 3}, optional
         Number of colours: 3 for weights that were trained on colours, such as the authors'. Ours
@@ -104,35 +86,47 @@ class RefocusNet(NetworkSystem):
     """
 
     name = "RefocusNet"
-    smallest = RECEPTIVE_FIELD
+    smallest = 17
 
-    def __init__(self, model: keras.Model, name: str | None = None, colours: int = 1):
-        super().__init__(model, name)
+    def __init__(self, model: keras.Model, colours: int = 1):
+        super().__init__(model)
         self.colours = colours
 
     @classmethod
     def of_weights(cls, path: str | Path) -> "RefocusNet":
-        """Load the authors' trained weights, see `load_official_weights`."""
+        """Load the authors' trained weights, a file ``.npz`` with arrays ``w1``, ``b1`` ... ."""
         model = build_refocusnet()
-        load_official_weights(model, path)
-        return cls(model, f"{cls.name}, {OFFICIAL}", colours=COLOURS)
+        with open_arrays(path) as file:
+            for number in (*TRUNK, *TAPS.values(), LAST):
+                layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
+                found = [file.header(x).shape if x in file.names else "missing" for x in names]
+                wanted = [tuple(x.shape) for x in layer.weights]
+                if found != wanted:
+                    raise InputError(
+                        f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} "
+                        f"must have shapes {wanted[0]} and {wanted[1]}, got {found[0]} and "
+                        f"{found[1]}."
+                    )
+                layer.set_weights(file.read(names))
+        system = cls(model, colours=COLOURS)
+        system.name = OFFICIAL
+        return system
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose a diamond half-way to the outermost views, in the authors' order."""
         return diamond_of_views(rows, columns)
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Align the four views: red, green and blue of one after the other."""
-        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block=block)
+        aligned = super().prepare_input(views, slopes, block)
         if views.ndim == 4:
-            aligned = np.repeat(aligned[..., None], COLOURS, axis=-1)
-        n, _, height, width, _ = aligned.shape
-        return np.moveaxis(aligned, 1, 3).reshape(n, height, width, VIEWS * COLOURS)
+            return np.repeat(aligned, COLOURS, axis=-1)
+        return np.swapaxes(aligned, 3, 4).reshape(*aligned.shape[:3], VIEWS * COLOURS)
 
-    def truth(self, stack: np.ndarray) -> np.ndarray:
+    def prepare_target(self, stack: np.ndarray) -> np.ndarray:
         """Repeat grey images in three colours."""
         return np.repeat(stack[..., None], COLOURS, axis=-1)
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        images = self.predict(self.show(views, slopes, block))
+    def _apply(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+        images = self.predict(self.prepare_input(views, slopes, block))
         return images if views.ndim == 5 else images.mean(axis=-1)

@@ -71,11 +71,12 @@ class ResNet50(NetworkSystem):
                 known = ", ".join(f"{x:.2f}" for x in self.slopes)
                 raise InputError(f"{self.name} only does the slopes {known}, got {slope:.3g}.")
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Encode the light field as in training."""
         return self.config.encode(LightField.trusted(views))[None]
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    def _apply(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         views = np.ascontiguousarray(views, np.float32)
-        planes = self.model.predict_on_batch(self.show(views, slopes, block))[0, ..., 0]
-        return planes[[int(np.abs(self.slopes - slope).argmin()) for slope in slopes]]
+        inputs = self.prepare_input(views, slopes, block)
+        images = self.model.predict_on_batch(inputs)[0, ..., 0]
+        return images[[int(np.abs(self.slopes - slope).argmin()) for slope in slopes]]

@@ -21,58 +21,19 @@ structural similarity for image quality assessment", Asilomar 2003."""
 
 
 def ssim(truth: Any, image: Any) -> Any:
-    """Mean structural similarity (Z. Wang et al., IEEE Trans. Image Processing 13, 2004).
+    """Mean structural similarity of pairs of images (n, h, w, channels) from 0 to 1: shape (n,).
 
-    Parameters
-    ----------
-    truth, image : tensor, shape (n, h, w, channels)
-        Images from 0 to 1, of 11 x 11 pixels or more; windows are completely inside.
-
-    Returns
-    -------
-    tensor, shape (n,)
-        Similarity of each pair of images, 1 for equal ones.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame.systems import ssim
-    >>> image = np.random.default_rng(1).uniform(size=(1, 32, 32, 1)).astype(np.float32)
-    >>> [round(float(value), 6) for value in ssim(image, image)]
-    [1.0]
+    Z. Wang et al., IEEE Transactions on Image Processing 13, 2004; windows are completely inside.
     """
     luminance, structure = _terms(truth, image)
     return ops.mean(luminance * structure, axis=(1, 2, 3))
 
 
 def ms_ssim(truth: Any, image: Any) -> Any:
-    """Structural similarity at several scales (MS-SSIM), each half the previous one.
+    """Structural similarity at several scales (MS-SSIM), each half the previous one: shape (n,).
 
     Five scales need images of 176 pixels; smaller images have as many scales as contain a window,
-    with weights scaled to the same sum.
-
-    Parameters
-    ----------
-    truth, image : tensor, shape (n, h, w, channels)
-        Images from 0 to 1.
-
-    Returns
-    -------
-    tensor, shape (n,)
-        Similarity from 0 to 1; a scale with a negative value counts as 0.
-
-    Raises
-    ------
-    InputError
-        If the images are smaller than a window.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame.systems import ms_ssim
-    >>> image = np.random.default_rng(1).uniform(size=(1, 64, 64, 1)).astype(np.float32)
-    >>> [round(float(value), 6) for value in ms_ssim(image, image)]
-    [1.0]
+    with weights scaled to the same sum. A scale with a negative value counts as 0.
     """
     count = scales(truth.shape[1:3])
     weights = np.array(SCALE_WEIGHTS[:count]) / sum(SCALE_WEIGHTS[:count]) * sum(SCALE_WEIGHTS)
@@ -111,9 +72,9 @@ def _terms(truth: Any, image: Any) -> tuple[Any, Any]:
 
 def _blur(x: Any) -> Any:
     """Average each channel over the windows that are inside the image."""
-    places = np.arange(WINDOW) - WINDOW // 2
-    shares = np.exp(-(places**2) / (2 * DEVIATION**2))
-    shares = np.tile((shares / shares.sum()).astype(np.float32)[:, None, None, None],
-                     (1, 1, x.shape[-1], 1))  # fmt: skip
-    x = ops.depthwise_conv(x, shares, padding="valid")
-    return ops.depthwise_conv(x, np.swapaxes(shares, 0, 1), padding="valid")
+    distances = np.arange(WINDOW) - WINDOW // 2
+    weights = np.exp(-(distances**2) / (2 * DEVIATION**2))
+    weights = (weights / weights.sum()).astype(np.float32)[:, None, None, None]
+    kernel = np.tile(weights, (1, 1, x.shape[-1], 1))
+    x = ops.depthwise_conv(x, kernel, padding="valid")
+    return ops.depthwise_conv(x, np.swapaxes(kernel, 0, 1), padding="valid")

@@ -52,18 +52,18 @@ def build_unet(seed: int = 0) -> keras.Model:
     def pair(x, filters: int):
         return convolution(filters)(convolution(filters)(x))
 
-    seen = keras.Input((None, None, 1), name="sparse_image")
-    x, before = seen, []
+    image = keras.Input((None, None, 1), name="sparse_image")
+    x, skipped = image, []
     for filters in FILTERS[:-1]:
         x = pair(x, filters)
-        before.append(x)
+        skipped.append(x)
         x = layers.MaxPooling2D()(x)
     x = pair(x, FILTERS[-1])
-    for filters, same in zip(FILTERS[-2::-1], before[::-1], strict=True):
+    for filters, skip in zip(FILTERS[-2::-1], skipped[::-1], strict=True):
         initial = keras.initializers.GlorotUniform(seed=next(numbers))
         x = layers.Conv2DTranspose(filters, 2, strides=2, kernel_initializer=initial)(x)
-        x = pair(layers.Concatenate()([same, x]), filters)
-    return keras.Model(seen, layers.Add()([seen, convolution(1, None)(x)]), name="unet")
+        x = pair(layers.Concatenate()([skip, x]), filters)
+    return keras.Model(image, layers.Add()([image, convolution(1, None)(x)]), name="unet")
 
 
 def unet_loss(truth, image):
@@ -75,10 +75,9 @@ def unet_loss(truth, image):
     squared = ops.mean(ops.square(truth - image), axis=(1, 2, 3))
     absolute = ops.mean(ops.abs(truth - image), axis=(1, 2, 3))
     decibels = -10 * ops.log10(ops.maximum(squared, 1e-10))
-    likeness = ms_ssim(truth, image)
     return (
         squared
-        + SSIM_WEIGHT * (1 - likeness)
+        + SSIM_WEIGHT * (1 - ms_ssim(truth, image))
         + (1 - SSIM_WEIGHT) * absolute
         + PSNR_WEIGHT / ops.maximum(decibels, 1.0)
     )
@@ -95,17 +94,15 @@ class SparseUNet(NetworkSystem):
         """Choose the cross."""
         return cross_of_views(rows, columns)
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Refocus with the cross alone."""
         return ShiftAndSum(selection=self.view_indices).refocus(views, slopes, block)[..., None]
 
 
-class NineViewUNet(NetworkSystem):
-    """The same U-Net after shift-and-sum of ApertureNet's views: two networks, the same input."""
+class NineViewUNet(SparseUNet):
+    """The same U-Net after shift-and-sum of ApertureNet's nine views: equal inputs for both."""
 
     name = "U-Net, ApertureNet's 9 views"
-    smallest, multiple = SparseUNet.smallest, SparseUNet.multiple
-    show = SparseUNet.show
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the views at the centres of 3 x 3 equal parts of the aperture."""

@@ -1,69 +1,187 @@
 """Training refocusing networks: all of them from the same training samples, with one program.
 
-A TOML file (`SystemsConfig`) has the training samples, the recipe of each network and presets of
-their sizes. Batches are patches at random places, preferably with contrast; all else is that of
-`lf_flame.learning.fitting`.
+A TOML file (`SystemsConfig`) has the training samples, the recipe of each network, and presets that
+replace options of all recipes. A sample is a light field with several slopes, either of the paper's
+scenes with every object at a random depth, so that nothing can be memorised, or of dead leaves,
+which resemble photographs. The target is shift-and-sum of all views. Where the effect plan allows,
+it is computed directly from the scene (`lf_flame.projection`), like the views that a system uses,
+without a light field. Batches are patches at random positions, preferably with contrast.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import keras
 import numpy as np
 
+from lf_flame._common import progress
 from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.input_files import read_toml
-from lf_flame.datasets.config import config_to_json
+from lf_flame.datasets.config import DatasetConfig, config_to_json, read_config
 from lf_flame.errors import InputError
 from lf_flame.learning.fitting import Batches, Fit, Run, assign_weights, train_in_folder
 from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_config import MOST_EPOCHS, check_seed
+from lf_flame.projection import Projector
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.layouts import blank_image
+from lf_flame.simulation.rendering import render_plan
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
-from lf_flame.systems.base import NetworkSystem
+from lf_flame.systems.base import NetworkSystem, ViewIndices
+from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
 from lf_flame.systems.sparse_unet import NineViewUNet, SparseUNet, build_unet, unet_loss
-from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 FIRST_HELD_OUT = 1_000_000
 """Index of the first validation sample."""
 
+BEYOND_MM = 3.0
+"""Largest distance in mm of an object beyond the depths of its template."""
 
+LEAF_VIEWS = 9
+"""Number of views of dead leaves along each axis."""
+
+ViewSelection = Callable[[int, int], ViewIndices]
+"""Function from the number of rows and columns of views to the indices of the views used."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSample:
+    """A light field, or its scene, with slopes at which to refocus it."""
+
+    views: np.ndarray  # float32 [v, u, t, s]; without a light field, 0 in those that are not used
+    slopes: np.ndarray  # in lenslets per view step
+    block: tuple[int, int]  # number of lenslets in a pixel of the images, along (t, s)
+    projector: Projector | None = None  # of the scene, if there is no light field
+
+    def refocus(self, slopes: np.ndarray) -> np.ndarray:
+        """Refocus with all views by shift-and-sum: float32, shape (n, h, w)."""
+        if self.projector is None:
+            return ShiftAndSum().refocus(self.views, slopes, self.block)
+        return np.clip(self.projector.refocus(slopes, block=self.block), 0, 1)
+
+
+@strict
 @dataclass(frozen=True)
-class Network:
-    """A network that can be trained: its system, the function of a seed that builds it, its loss.
+class TrainingSamples:
+    """Source of training samples: scenes of data sets, and dead leaves."""
 
-    The truth is a key of `lf_flame.systems.formulas.REFERENCES`; a title distinguishes the network
-    from others of the same system.
+    data: list[str]  # files of data-set configurations, chosen at random
+    leaves: float = 0.4  # fraction of the light fields that are dead leaves
+    slopes: int = 6  # number for each light field; an object is in focus at half of them
+
+    def __post_init__(self):
+        if not self.data or not 0 <= self.leaves <= 1 or self.slopes < 1:
+            raise InputError(
+                f"Training samples need a data set, a fraction of leaves from 0 to 1 and one slope "
+                f"or more, got {len(self.data)}, {self.leaves}, {self.slopes}."
+            )
+
+    @cached_property
+    def configs(self) -> list[DatasetConfig]:
+        """Configurations of the data sets; their images must have one size."""
+        configs = [read_config(Path(path)) for path in self.data]
+        sizes = {config.image for config in configs}
+        if len(sizes) > 1:
+            raise InputError(
+                f"Training samples need images of one size, {self.data} have {sorted(sizes)}."
+            )
+        return configs
+
+    def draw(self, seed: int, index: int, select_views: ViewSelection) -> TrainingSample:
+        """Draw the sample of a seed and an index.
+
+        Where the effect plan allows, only the selected views are computed, without a light field.
+        """
+        rng = np.random.default_rng([seed, index, 7])  # 7: data sets have (seed, index)
+        if rng.uniform() < self.leaves:
+            return self._draw_leaves(rng)
+        config = self.configs[rng.integers(len(self.configs))]
+        scene, slopes, noise = self._draw_scene(config, rng)
+        camera, plan = config.camera, config.plan_of(scene)
+        if plan.not_separable:
+            views = render_plan(scene, camera, plan, seed=noise).views
+            return TrainingSample(views, slopes, config.block)
+        projector, views = Projector(scene, camera, plan), blank_image(camera, "views")
+        indices = select_views(camera.views, camera.views)
+        views[tuple(np.transpose(indices))] = projector.align_views(0.0, indices)[0]
+        return TrainingSample(views, slopes, config.block, projector)
+
+    def _draw_leaves(self, rng: np.random.Generator) -> TrainingSample:
+        image = self.configs[0].image
+        leaves = DeadLeaves()
+        views = leaves.draw((LEAF_VIEWS, LEAF_VIEWS), image, rng).views
+        slopes = rng.uniform(*leaves.slopes, self.slopes)
+        return TrainingSample(views, slopes, (1, 1))
+
+    def _draw_scene(
+        self, config: DatasetConfig, rng: np.random.Generator
+    ) -> tuple[Scene, np.ndarray, int]:
+        """Draw a scene, the slopes for it, and the seed of its sensor's noise."""
+        scene, _ = config.template.draw(rng)
+        own = np.array(config.depths_mm)
+        depths = rng.permutation(own)
+        if rng.uniform() < 0.5:
+            depths = rng.uniform(own.min() - BEYOND_MM, own.max() + BEYOND_MM, len(own))
+        placed = scene.at_depths(depths, config.camera)
+        noise = int(rng.integers(2**31))
+        sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
+        low, high = sharp.min() - 0.2, sharp.max() + 0.2
+        chosen = np.resize(rng.permutation(sharp), self.slopes // 2)
+        between = rng.uniform(low, high, self.slopes - len(chosen))
+        return placed, np.concatenate([chosen, between]), noise
+
+
+def draw_arrays(
+    training_samples: TrainingSamples,
+    system: NetworkSystem,
+    seed: int,
+    indices: Collection[int],
+    what: str = "training samples",
+) -> tuple[np.ndarray, np.ndarray]:
+    """Make the inputs and targets of a network: float32, shape (n, h, w, channels).
+
+    `what` names the progress bar.
     """
+    arrays: list[np.ndarray] = []
+    bar = progress.steps(indices, what, len(indices), "light field", stays=True)
+    for k, index in enumerate(bar):
+        sample = training_samples.draw(seed, index, system.view_indices)
+        slopes = system.training_slopes(sample.slopes, sample.block)
+        images = (
+            system.prepare_input(sample.views, slopes, sample.block),
+            system.prepare_target(sample.refocus(slopes)),
+        )
+        if not arrays:  # allocated once for all: these are gigabytes
+            arrays = [np.empty((len(indices), *x.shape), np.float32) for x in images]
+        for array, values in zip(arrays, images, strict=True):
+            array[k] = values
+    inputs, targets = (array.reshape(-1, *array.shape[2:]) for array in arrays)
+    return inputs, targets
+
+
+class Network(NamedTuple):
+    """A network that can be trained: its system, the function that builds it, and its loss."""
 
     system: type[NetworkSystem]
     model: Callable[[int], keras.Model]
     loss: str | Callable
-    truth: str = "shift-and-sum"
-    title: str = ""
-
-    @property
-    def name(self) -> str:
-        """Name in tables."""
-        return self.title or self.system.name
 
 
 NETWORKS = {
     "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
     "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
     "refnet": Network(RefNet, build_refnet, refnet_loss),
-    "refnet-fourier": Network(
-        RefNet, build_refnet, refnet_loss, "Fourier slice",
-        f"{RefNet.name}, trained on the Fourier slice",
-    ),
     "volumetric": Network(SparseUNet, build_unet, unet_loss),
     "unet-nine-views": Network(NineViewUNet, build_unet, unet_loss),
-}  # fmt: skip
+}
 
 
 @strict
@@ -72,7 +190,9 @@ class SystemRecipe:
     """Options for training a system."""
 
     epochs: int
-    steps_per_epoch: int = 100  # however many images a system receives from a light field
+    training_samples: int = 400  # number of light fields
+    held_out: int = 20  # number of light fields for validation
+    steps_per_epoch: int = 100  # whatever the number of images from a light field
     batch_size: int = 16  # number of patches in a step
     patch: int = 48  # side in pixels; it contains a window of the structural similarity
     learning_rate: float = 1e-3  # with "cosine" its initial value, falling to zero
@@ -80,37 +200,15 @@ class SystemRecipe:
     optimizer: Literal["adam", "rmsprop"] = "adam"
 
     def __post_init__(self):
-        counts = self.epochs, self.steps_per_epoch, self.batch_size
+        names = "epochs", "training_samples", "held_out", "steps_per_epoch", "batch_size"
+        counts = [getattr(self, name) for name in names]
         if min(counts) < 1 or max(counts) > MOST_EPOCHS or not self.learning_rate > 0:
             raise InputError(
-                f"epochs, steps_per_epoch and batch_size must be from 1 to {MOST_EPOCHS} and "
-                f"learning_rate above 0, got {', '.join(map(str, counts))}, {self.learning_rate}."
+                f"{', '.join(names)} must be from 1 to {MOST_EPOCHS} and learning_rate above 0, "
+                f"got {', '.join(map(str, counts))}, {self.learning_rate}."
             )
         if self.patch < 12:
             raise InputError(f"patch must be 12 or more, got {self.patch}.")
-
-
-@strict
-@dataclass(frozen=True)
-class SystemsPreset:
-    """Numbers of light fields for training and for validation, the same for every system.
-
-    Numbers of epochs and steps, where given, replace those of each system's recipe.
-    """
-
-    training_samples: int
-    held_out: int
-    epochs: int | None = None
-    steps_per_epoch: int | None = None
-
-    def __post_init__(self):
-        instead = (x for x in (self.epochs, self.steps_per_epoch) if x is not None)
-        counts = self.training_samples, self.held_out, *instead
-        if min(counts) < 1 or max(counts) > MOST_EPOCHS:
-            raise InputError(
-                "training_samples, held_out, epochs and steps_per_epoch must be from 1 to "
-                f"{MOST_EPOCHS}, got {', '.join(map(str, counts))}."
-            )
 
 
 @strict
@@ -120,7 +218,7 @@ class SystemsConfig:
 
     seed: int  # of training samples, initial weights and patches
     training_samples: TrainingSamples
-    presets: dict[str, SystemsPreset]
+    presets: dict[str, dict[str, int]]  # options that replace those of every system's recipe
     systems: dict[str, SystemRecipe]
     checkpoint_s: float = 30.0  # time between checkpoints; 0 writes one after every epoch
 
@@ -138,9 +236,8 @@ class SystemsConfig:
         for kind, key, known in options:
             if key not in known:
                 raise InputError(f"{kind} must be one of {', '.join(known)}, got {key!r}.")
-        asked, own = self.presets[preset], self.systems[name]
-        steps = asked.steps_per_epoch or own.steps_per_epoch
-        return replace(own, epochs=asked.epochs or own.epochs, steps_per_epoch=steps)
+        values = asdict(self.systems[name]) | self.presets[preset]
+        return build(SystemRecipe, values, f"Preset {preset}")
 
 
 def read_systems_config(path: str | Path) -> SystemsConfig:
@@ -177,25 +274,22 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         becomes NaN or infinite.
     """
     started, recipe = time.perf_counter(), config.recipe(name, preset)
-    counts, network = config.presets[preset], NETWORKS[name]
+    network = NETWORKS[name]
     model = network.model(config.seed)
-    system = network.system(model, network.name)
+    system = network.system(model)
 
     def prepare() -> Fit:
-        samples = {}
-        held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + counts.held_out)
-        for part, some in (("train", range(counts.training_samples)), ("validation", held_out)):
-            samples[part] = draw_arrays(
-                config.training_samples, system, config.seed, some, network.truth,
-                f"training samples, {part}",
-            )  # fmt: skip
-        patches = Patches(*samples["train"], recipe, system.multiple, config.seed)
+        drawn, train = config.training_samples, range(recipe.training_samples)
+        held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + recipe.held_out)
+        train_arrays = draw_arrays(drawn, system, config.seed, train, "training samples")
+        held_out_arrays = draw_arrays(drawn, system, config.seed, held_out, "held-out samples")
+        patches = Patches(*train_arrays, recipe, system.multiple, config.seed)
         optimizer = make_optimizer(recipe)
         optimizer.build(model.trainable_variables)
         model.compile(optimizer, network.loss, metrics=[keras.metrics.MeanSquaredError("mse")])
         # Whole images, as far as the network's sides allow.
         height, width = (n // system.multiple * system.multiple for n in patches.size)
-        validation = tuple(x[:, :height, :width] for x in samples["validation"])
+        validation = tuple(x[:, :height, :width] for x in held_out_arrays)
         return Fit(model, patches, validation, "val_mse")
 
     def finish(best: list[np.ndarray]) -> keras.Model:
@@ -211,7 +305,6 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         "seed": config.seed,
         "training_samples": training_samples,
         "sample_configs": [config_to_json(one) for one in config.training_samples.configs],
-        "counts": {"training_samples": counts.training_samples, "held_out": counts.held_out},
         "recipe": asdict(recipe),
     }
     metadata = {"title": system.name, "parameters": system.parameters}
@@ -230,20 +323,20 @@ def make_optimizer(recipe: SystemRecipe) -> keras.optimizers.Optimizer:
 
 
 class Patches(Batches):
-    """Patches at random places of random images, never rotated or mirrored: views have directions.
+    """Patches at random positions, never rotated or mirrored: views have directions.
 
-    The one with more contrast of two places is used: a network learns nothing from uniform patches.
-    Images (n, h, w, channels) and their truth are float32.
+    Of two positions, that with more contrast is used: uniform patches teach a network nothing.
+    Inputs and targets are float32 images (n, h, w, channels).
     """
 
-    def __init__(self, shown, truth, recipe: SystemRecipe, multiple: int, seed: int):
+    def __init__(self, inputs, targets, recipe: SystemRecipe, multiple: int, seed: int):
         super().__init__(seed)
-        self.samples, self.recipe, self.size = (shown, truth), recipe, shown.shape[1:3]
+        self.samples, self.recipe, self.size = (inputs, targets), recipe, inputs.shape[1:3]
         self.side = [min(recipe.patch, n) // multiple * multiple for n in self.size]
         self.cuts: list[list[tuple]] = []
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw the places of an epoch's patches."""
+        """Draw the positions of an epoch's patches."""
         recipe = self.recipe
         self.cuts = [
             [self._place(rng) for _ in range(recipe.batch_size)]
@@ -251,19 +344,19 @@ class Patches(Batches):
         ]
 
     def _place(self, rng: np.random.Generator) -> tuple:
-        truth = self.samples[1]
-        k = rng.integers(len(truth))
+        targets = self.samples[1]
+        k = rng.integers(len(targets))
         places = [
             (k, *(slice(at, at + n) for at, n in zip(corner, self.side, strict=True)))
             for corner in rng.integers(0, np.array(self.size) - self.side + 1, (2, 2))
         ]
-        return max(places, key=lambda place: truth[place].std())
+        return max(places, key=lambda place: targets[place].std())
 
     def __len__(self) -> int:
         return self.recipe.steps_per_epoch
 
     def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
-        if not self.cuts:  # Keras looks at a batch before the first epoch
+        if not self.cuts:  # Keras reads a batch before the first epoch
             self.draw(np.random.default_rng(self.seed))
         return tuple(np.stack([x[cut] for cut in self.cuts[index]]) for x in self.samples)
 
@@ -289,6 +382,6 @@ def load_system(path: str | Path) -> NetworkSystem:
     if name not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
     network = NETWORKS[name]
-    own = network.model(0)
-    shapes = own.input_shape[1:], own.output_shape[1:]
-    return network.system(load_model(folder / "model.keras", shapes), network.name)
+    untrained = network.model(0)
+    shapes = untrained.input_shape[1:], untrained.output_shape[1:]
+    return network.system(load_model(folder / "model.keras", shapes))

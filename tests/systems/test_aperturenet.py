@@ -23,9 +23,9 @@ def blurred_mean(views, k):
 
 @pytest.mark.parametrize(("slope", "box"), [(0.0, 0), (1.0, 2), (-1.0, 2)])
 def test_nine_views_blurred_as_wide_as_their_squares_are_all_views(system, slope, box, rng):
-    """The claim that the network rests on, where it is exact: leaves at one depth, out of focus.
+    """The premise of the network where it is exact: leaves at one depth, out of focus.
 
-    At a pixel per view step the three views of a square's side stand a pixel apart: a box of 3.
+    At a slope of 1 the three views of a square's side are a pixel apart: a box of 3.
     """
     leaves = DeadLeaves(slopes=(0.0, 0.0)).draw((9, 9), (40, 50), rng)
     nine = align_views(leaves, slope, system.view_indices(9, 9)).mean(axis=0)
@@ -50,11 +50,11 @@ def test_boxes_are_of_their_widths():
         assert (line * offsets).sum() == pytest.approx(0, abs=1e-6)
 
 
-SURE = [(np.where(np.arange(6) == k, 30.0, -30.0), np.eye(6)[k]) for k in range(6)]
+SINGLE = [(np.where(np.arange(6) == k, 30.0, -30.0), np.eye(6)[k]) for k in range(6)]
 TWO = [(14.0, 15.0, expit(1.0)), (19.0, 20.0, expit(1.0)), (20.0, 1e4, 0.5), (-1e4, 0.0, 1.0)]
 START = np.exp([4.0, 0, 0, 0, 0, 0]) / (np.exp(4.0) + 5)
 MIXTURES = [
-    *SURE,  # sure of one box everywhere, the network draws that box, pixels taken four by four
+    *SINGLE,
     *(([-1e4, a, -1e4, -1e4, b, -1e4], [0, 1 - share, 0, 0, share, 0]) for a, b, share in TWO),
     (None, START),  # training starts with the first box e^4 times as heavy as another
 ]
@@ -62,12 +62,12 @@ MIXTURES = [
 
 @pytest.mark.parametrize(("logits", "weights"), MIXTURES)
 def test_boxes_are_mixed_by_their_weights(logits, weights, rng):
-    """Logits are cut off at 20: sure of two boxes as can be, the network takes both."""
+    """Logits are clipped at 20: with two boxes beyond, each has half the weight."""
     views = rng.uniform(size=(1, 16, 20, 9)).astype(np.float32)
     model = build_aperturenet()
     if logits is not None:
-        kernel, _ = model.get_layer("shares").get_weights()
-        model.get_layer("shares").set_weights([kernel, np.repeat(logits, 4)])
+        layer = model.get_layer("box_logits")
+        layer.set_weights([layer.get_weights()[0], np.float32(logits)])
     image = model.predict_on_batch(views)[0, ..., 0]
     expected = sum(w * blurred_mean(views[0], k) for k, w in enumerate(weights))
     np.testing.assert_allclose(image, expected, atol=1e-5)

@@ -35,25 +35,25 @@ def convolve(image, layer):
 def test_layers_are_the_published_ones(model, rng):
     """Beside the formula of the authors' program, written out with its own numbers."""
     assert model.count_params() == 234_795
-    seen = rng.uniform(size=(18, 20, 12))
+    inputs = rng.uniform(size=(18, 20, 12))
     w = {number: model.get_layer(f"w{number}") for number in (*range(1, 13), 14, 15)}
-    x1 = np.maximum(convolve(seen, w[1]), 0)
+    x1 = np.maximum(convolve(inputs, w[1]), 0)
     x3 = np.maximum(convolve(x1, w[3]), 0)
     x5 = np.maximum(convolve(x3, w[5]), 0)
     x7 = np.maximum(convolve(x5, w[7]), 0)
     x9 = np.maximum(convolve(x7, w[9]), 0)
     x11 = np.maximum(convolve(x9, w[11]), 0)
     total = sum(
-        convolve(x, w[n]) for x, n in [(seen, 2), (x1, 4), (x3, 6), (x5, 8), (x7, 10), (x9, 12),
+        convolve(x, w[n]) for x, n in [(inputs, 2), (x1, 4), (x3, 6), (x5, 8), (x7, 10), (x9, 12),
                                        (x11, 14)]
     )  # fmt: skip
     red, green, blue = (total[..., c::3].mean(axis=-1) for c in range(3))
     expected = convolve(total, w[15]) + np.stack([red, green, blue], axis=-1)
-    found = model.predict_on_batch(seen[None].astype(np.float32))[0]
+    found = model.predict_on_batch(inputs[None].astype(np.float32))[0]
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_views_are_aligned_and_shown_colour_by_colour(model, rng):
+def test_inputs_are_aligned_views_colour_by_colour(model, rng):
     """Red, green and blue of one view after the other; grey is three equal colours, then a mean."""
     views = rng.uniform(size=(5, 5, 20, 18, 3)).astype(np.float32)
     system = RefocusNet(model, colours=3)

@@ -6,22 +6,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lf_flame import InputError
 from lf_flame._common.config import build
 from lf_flame.scenes.dead_leaves import DeadLeaves
-from lf_flame.simulation import rendering
-from lf_flame.systems import training_scenes
+from lf_flame.simulation.rendering import render_plan
+from lf_flame.systems import training
+from lf_flame.systems.formulas import ShiftAndSum, every_view
 from lf_flame.systems.training import (
     NETWORKS,
     Patches,
     SystemRecipe,
     SystemsConfig,
+    TrainingSamples,
+    draw_arrays,
     load_system,
     make_optimizer,
     read_systems_config,
     train_system,
 )
-from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 SMOKE = {"training_samples": 4, "held_out": 2, "epochs": 2, "steps_per_epoch": 3}
 
@@ -45,11 +46,12 @@ def system_of(name, seed=0):
 
 @pytest.mark.slow
 def test_samples_depend_on_seed_and_index_alone(config):
-    first, again, other = (config.training_samples.draw(1, k) for k in (5, 5, 6))
+    draw = config.training_samples.draw
+    first, again, other = (draw(1, k, every_view) for k in (5, 5, 6))
     np.testing.assert_array_equal(first.views, again.views)
     np.testing.assert_array_equal(first.slopes, again.slopes)
     assert first.views.shape != other.views.shape or np.any(first.views != other.views)
-    blocks = {config.training_samples.draw(1, k).block for k in range(8)}
+    blocks = {draw(1, k, every_view).block for k in range(8)}
     assert blocks == {(1, 1), (2, 2)}  # leaves and scenes
 
 
@@ -59,8 +61,9 @@ def test_every_object_is_in_focus_in_some_sample(config):
     data = config.training_samples.configs[0]
     own = {round(float(data.camera.depth_to_slope(z)), 6): z for z in data.depths_mm}
     scenes = TrainingSamples(config.training_samples.data[:1], leaves=0, slopes=4)
-    seen = [round(x, 6) for k in range(40) for x in scenes.draw(2, k).slopes[:2]]
-    counts = [seen.count(slope) for slope in own]
+    samples = [scenes.draw(2, k, lambda *_: [(0, 0)]) for k in range(40)]
+    slopes = [round(x, 6) for sample in samples for x in sample.slopes[:2]]
+    counts = [slopes.count(slope) for slope in own]
     assert min(counts) >= 2  # about every other sample keeps the depths of the data set
 
 
@@ -68,47 +71,38 @@ def test_something_is_sharp_at_the_first_half_of_a_scenes_slopes(config):
     """There the image changes most from pixel to pixel, against slopes between."""
     scenes = TrainingSamples(config.training_samples.data, leaves=0, slopes=8)
     for k in range(4):
-        sample = scenes.draw(2, k)
-        changes = np.square(np.diff(sample.truth(sample.slopes))).sum(axis=(1, 2))
+        sample = scenes.draw(2, k, lambda *_: [(0, 0)])
+        changes = np.square(np.diff(sample.refocus(sample.slopes))).sum(axis=(1, 2))
         assert changes[:4].mean() > changes[4:].mean()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
-def test_training_needs_no_light_fields(config, name, monkeypatch):
-    """What is shown, and the truth, as through the light field; but for the Fourier slice."""
+def test_inputs_and_targets_are_those_of_the_light_field(config, name, monkeypatch):
+    """Computed from the scene without a light field, and by shift-and-sum of the rendered views."""
     scenes, system = replace(config.training_samples, leaves=0), system_of(name)
-    rendered = []
+    made = []
 
-    def render_plan(*arguments, **options):
-        rendered.append(arguments)
-        return rendering.render_plan(*arguments, **options)
+    class Remembered(training.Projector):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            made.append(arguments)
 
-    monkeypatch.setattr(training_scenes, "render_plan", render_plan)
-    short = draw_arrays(scenes, system, 1, range(3), NETWORKS[name].truth)
-    assert len(rendered) == (0 if NETWORKS[name].truth == "shift-and-sum" else 3)
-    monkeypatch.setattr(training_scenes, "PROJECTED", None)
-    long = draw_arrays(scenes, system, 1, range(3), NETWORKS[name].truth)
-    model = system.model
-    for some, other, shape in zip(
-        short, long, (model.input_shape, model.output_shape), strict=True
-    ):
-        np.testing.assert_allclose(some, other, rtol=0, atol=2e-6)
-        assert some.shape == (3 if name.startswith("refnet") else 9, 24, 48, shape[3])
-        assert some.dtype == np.float32
-
-
-def test_a_sample_without_its_light_field_has_no_fourier_slice(config):
-    scenes = replace(config.training_samples, leaves=0)
-    sample = scenes.draw(1, 0, looks=lambda rows, columns: [(0, 0), (rows - 1, 2)])
-    seen = np.argwhere(sample.views.any(axis=(2, 3))).tolist()
-    assert seen == [[0, 0], [8, 2]]
-    whole = scenes.draw(1, 0)
-    a, b = (whole.truth(whole.slopes, name) for name in ("shift-and-sum", "Fourier slice"))
-    assert 1e-4 < np.abs(a - b).mean() < 0.05
-    np.testing.assert_allclose(sample.views[0, 0], whole.views[0, 0], rtol=0, atol=1e-6)
-    with pytest.raises(InputError, match="knows no 'Fourier slice'; draw all views"):
-        sample.truth(sample.slopes, "Fourier slice")
+    monkeypatch.setattr(training, "Projector", Remembered)
+    arrays = draw_arrays(scenes, system, 1, range(3))
+    for k, (scene, camera, plan) in enumerate(list(made)):
+        sample = scenes.draw(1, k, system.view_indices)
+        slopes = system.training_slopes(sample.slopes, sample.block)
+        views = render_plan(scene, camera, plan).views
+        inputs = system.prepare_input(views, slopes, sample.block)
+        targets = system.prepare_target(ShiftAndSum().refocus(views, slopes, sample.block))
+        for found, expected in zip(arrays, (inputs, targets), strict=True):
+            part = found[k * len(expected) :][: len(expected)]
+            np.testing.assert_allclose(part, expected, rtol=0, atol=2e-6)
+    shapes = system.model.input_shape, system.model.output_shape
+    for found, shape in zip(arrays, shapes, strict=True):
+        assert found.shape == (3 if name == "refnet" else 9, 24, 48, shape[3])
+        assert found.dtype == np.float32
 
 
 @pytest.fixture(scope="module")
@@ -136,10 +130,8 @@ def test_training_writes_a_run_that_can_be_used(config, trained, name):
     views = DeadLeaves().draw((9, 9), (50, 60), np.random.default_rng(1)).views
     assert system.refocus(views, 0.2).shape == (1, 50, 60)
     # The best weights of the run are those in the file.
-    arrays = draw_arrays(
-        config.training_samples, system, config.seed, range(1_000_000, 1_000_002),
-        NETWORKS[name].truth,
-    )  # fmt: skip
+    held_out = range(1_000_000, 1_000_002)
+    arrays = draw_arrays(config.training_samples, system, config.seed, held_out)
     images = system.predict(arrays[0])
     assert np.square(images - arrays[1]).mean() == pytest.approx(history.val_loss.min(), rel=1e-3)
 
@@ -162,21 +154,22 @@ def test_a_network_learns_in_the_steps_of_the_recipe(config):
     assert system.model.evaluate(*pair, verbose=0) < start / 2
 
 
-def test_patches_have_the_truth_of_their_place_and_prefer_contrast(rng):
+def test_patches_have_the_target_of_their_position_and_prefer_contrast(rng):
     """Images whose values say where they are; the right half of each varies, the left is flat."""
     places = np.arange(3 * 20 * 40, dtype=np.float32).reshape(3, 20, 40, 1)
     truth = np.where(np.arange(40)[:, None] < 20, 0.0, places).astype(np.float32)
     recipe = SystemRecipe(epochs=1, steps_per_epoch=50, patch=15, batch_size=4)
     patches = Patches(places, truth, recipe, multiple=4, seed=1)
     patches.on_epoch_begin()
-    shown, wanted = (np.concatenate(x) for x in zip(*(patches[k] for k in range(50)), strict=True))
-    assert shown.shape == wanted.shape == (200, 12, 12, 1)
-    columns = shown[:, 0, 0, 0] % 40
+    batches = [patches[k] for k in range(50)]
+    inputs, targets = (np.concatenate(x) for x in zip(*batches, strict=True))
+    assert inputs.shape == targets.shape == (200, 12, 12, 1)
+    columns = inputs[:, 0, 0, 0] % 40
     flat = columns[:, None] + np.arange(12) < 20
-    np.testing.assert_array_equal(wanted[:, 0, :, 0], np.where(flat, 0, shown[:, 0, :, 0]))
+    np.testing.assert_array_equal(targets[:, 0, :, 0], np.where(flat, 0, inputs[:, 0, :, 0]))
     # 9 of 29 places are flat, and both of two with a probability of 0.096.
     assert 0.05 < (columns <= 8).mean() < 0.15
-    assert {int(x) for x in shown[:, 0, 0, 0] // 800} == {0, 1, 2}
+    assert {int(x) for x in inputs[:, 0, 0, 0] // 800} == {0, 1, 2}
 
 
 def test_the_experiment_names_every_network():
@@ -184,4 +177,4 @@ def test_the_experiment_names_every_network():
     assert set(config.systems) == set(NETWORKS)
     assert config.training_samples.configs[0].image == (90, 180)
     recipe = config.recipe("refnet", "smoke")  # a preset may replace the duration of all
-    assert (recipe.epochs, recipe.steps_per_epoch) == (1, 4)
+    assert (recipe.epochs, recipe.steps_per_epoch, recipe.training_samples) == (1, 4, 3)

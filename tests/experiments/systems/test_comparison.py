@@ -1,6 +1,5 @@
 """Refocusing systems side by side: known errors, known budgets, and what is refused."""
 
-import hashlib
 import json
 from pathlib import Path
 
@@ -58,13 +57,11 @@ def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
         "flames, order reversed": planes,
         "flames, all 5 mm nearer": ["15 mm", "5 mm", "-5 mm", "-15 mm"],
     }
-    assert [(one.name, one.truth) for one in sets[4:]] == [
-        ("flames, RefNet's slopes", "Fourier slice")
-    ]
+    assert [one.name for one in sets[4:]] == ["flames, RefNet's slopes"]
     assert dict(zip(sets[4].planes, next(sets[4].scenes()).slopes, strict=True))["alpha 1"] == 0
     for one in sets:
         first, second = one.scenes()
-        assert first.truth(one.truth).shape == (len(one.planes), 24, 48)
+        assert first.reference().shape == (len(one.planes), 24, 48)
         assert np.any(first.views != second.views)
     np.testing.assert_allclose(
         next(sets[3].scenes()).slopes, flames.camera.depth_to_slope(np.array([15.0, 5, -5, -15]))
@@ -72,7 +69,7 @@ def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
 
 
 def test_scores_are_those_of_known_errors(leaves):
-    """An exact system, one that is 0.01 too dark inside the border, one that refuses.
+    """An exact system, one with an error of 0.01, one that refuses the set, and a missing one.
 
     Photographs are scaled to values up to 1.
     """
@@ -105,26 +102,25 @@ def test_cost_is_measured_in_a_process_of_its_own(sets):
 @pytest.mark.parametrize(
     ("record", "steps", "seconds"),
     [
-        # Four epochs, one of them while the machine did other things; drawing samples is excluded.
+        # Four epochs, one of them while the machine was busy.
         ({"system": "refnet", "epochs": 4, "recipe": {"steps_per_epoch": 7, "batch_size": 2}},
          28, 8.0),
-        # The paper's network sees every sample once in an epoch.
+        # The paper's network uses every sample once in an epoch.
         ({"epochs": 4, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 20, 8.0),
-        ({"epochs": 0, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 0, 0.0),
+        ({"epochs": 1, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 5, 2.0),
     ],
 )  # fmt: skip
 def test_training_takes_the_median_epoch_times_the_epochs(tmp_path, record, steps, seconds):
     (tmp_path / "model.keras").write_bytes(b"")
-    digest = hashlib.sha256(b"").hexdigest()
-    (tmp_path / "run.json").write_text(json.dumps(record | {"model_sha256": digest}))
-    rows = ["epoch,loss,val_loss,val_psnr_db,seconds", "0,1,1,0,30"]
+    (tmp_path / "run.json").write_text(json.dumps(record | {"train_s": 1.0}))
+    rows = ["epoch,loss,val_loss,val_psnr_db,seconds"]
     rows += [f"{k},1,1,0,{s}" for k, s in ((1, 2), (2, 2), (3, 50), (4, 2))]
-    (tmp_path / "history.csv").write_text("\n".join(rows[: 2 + record["epochs"]]) + "\n")
+    (tmp_path / "history.csv").write_text("\n".join(rows[: 1 + record["epochs"]]) + "\n")
     about = compared.training_of(tmp_path)
     assert (about["steps"], about["seconds"]) == (steps, pytest.approx(seconds))
     if "system" in record:
-        assert about["curve"]["steps"] == [0, 7, 14, 21, 28]
-        assert about["curve"]["seconds"] == [0, 2, 4, 6, 8]
+        assert about["curve"]["steps"] == [7, 14, 21, 28]
+        assert about["curve"]["seconds"] == [2, 4, 6, 8]
     (tmp_path / "history.csv").unlink()
     assert compared.training_of(tmp_path) == {}
 
@@ -138,9 +134,9 @@ SYSTEMS = pd.DataFrame({
 })  # fmt: skip
 
 ABOUT = {
-    "fast": {"curve": {"steps": [0, 100, 200, 300], "seconds": [0, 1, 2, 3],
-                       "psnr_db": [5.0, 30.0, 29.0, 33.0]}},
-    "slow": {"curve": {"steps": [0, 100, 200], "seconds": [0, 2, 4], "psnr_db": [4.0, 20.0, 35.0]}},
+    "fast": {"curve": {"steps": [100, 200, 300], "seconds": [1, 2, 3],
+                       "psnr_db": [30.0, 29.0, 33.0]}},
+    "slow": {"curve": {"steps": [100, 200], "seconds": [2, 4], "psnr_db": [20.0, 35.0]}},
     "long": {}, "formula": {},
 }  # fmt: skip
 
@@ -161,6 +157,11 @@ def test_budgets_are_stated_and_unequal_ones_named():
     frame = {"planes": 4, "image": "9 x 9", "views": "3 x 3"}
     text = "\n".join(comparison.body(scores, table.reset_index(), {"frame": frame}))
     assert "within a quarter of 4 s: long (9 s)." in text
+    assert "trained for 3 to 4 s; in that time they took 200 to 300 steps" in text
+    assert "- 4 views: slow; long\n" in text + "\n"  # equal inputs
+    tables = [line for line in text.splitlines() if line.startswith("| ")]
+    names = [line.split("|")[1].strip() for line in tables]
+    assert names == 3 * ["system", "slow", "long", "fast", "formula"]  # fewest views first
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in text.splitlines()]
     assert ["fast", "9", "8", "300", "3", "33.00", "30.00", "2.0", "1"] in rows
     assert ["slow", "4", "200", "4", "31.00"] in rows  # beside PSNR: views, steps, seconds
@@ -199,7 +200,7 @@ def test_the_program_compares_and_lists_what_is_missing(
     assert variant.why_missing.str.contains("it must hold one of the paper's network").all()
     assert len(variant)
     systems = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
-    assert set(systems.index) >= {network.name for network in NETWORKS.values()}
+    assert set(systems.index) >= {network.system.name for network in NETWORKS.values()}
     found = systems.loc["RefocusNet", ["milliseconds", "memory_mb", "views", "steps"]]
     assert list(found) == [2, 30, 4, 2]
     assert systems.training_s["RefocusNet"] > 0
@@ -208,7 +209,7 @@ def test_the_program_compares_and_lists_what_is_missing(
 def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets):
     entries = [compared.Entry(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
     frame = compared.Scene(np.zeros((1, 1, 2, 2), np.uint8), np.zeros(1))  # refused, so not timed
-    *_, table = comparison._compete(entries, sets[:1], frame)
+    *_, table = comparison._measure_and_score(entries, sets[:1], frame)
     rows = table.set_index("system")
     assert rows.why_missing["shapes"] == "it was trained on shapes."
     assert rows.psnr_db[["flames"]].eq(np.inf).all()
