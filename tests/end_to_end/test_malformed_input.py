@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from builders import camera, scene_toml
+from builders import RUN, camera, scene_toml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lytro_files import metadata
@@ -28,12 +28,6 @@ RESULTS = ROOT / "experiments" / "results"
 SCENE = scene_toml(3, (6, 8), depth_mm=0.5, side_mm=0.4)
 
 CAMERA = camera(3, (6, 8))
-
-CARD = {
-    "title": "test", "preset": "smoke", "backbone_weights": "random", "image": [40, 64],
-    "depths_mm": [10.0, -10.0], "slopes": [1.0, -1.0], "objects": ["square", "circle"],
-    "camera": CAMERA, "sha256": "0", "training": {},
-}  # fmt: skip
 
 
 def ended(arguments, gathered=cli.commands):
@@ -257,32 +251,6 @@ def test_records_of_pictures(refuse, tmp_path, text, words):
     assert words in refuse("refocus", "views.npy", "--out", "out", "--overwrite")
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"image": [0, 0]}, "image must be two numbers above 0"),
-        ({"objects": ["one"]}, "as many as there are planes"),
-        ({"depths_mm": [], "slopes": [], "objects": []}, "as many as there are planes"),
-        ({"image": "large"}, "card.json: image: "),
-        ({"slopes": ["1.0", 2.0]}, "card.json: slopes #1: input should be a valid number"),
-        ({"camera": {**CAMERA, "views": 0}}, "card.json: camera"),
-        ({"camera": 3}, "card.json: camera"),
-        ({"input": {"kind": "all"}}, "card.json: input"),
-        ({}, "card.keras is not a Keras file"),
-    ],
-    ids=lambda value: str(value)[:40],
-)
-def test_cards_of_networks(refuse, tmp_path, change, words):
-    (tmp_path / "card.keras").write_bytes(b"")
-    (tmp_path / "card.json").write_text(json.dumps(CARD | change))
-    Image.new("L", (64, 40)).save(tmp_path / "a.png")
-    assert words in refuse("predict", "a.png", "--model", "card.keras")
-    (tmp_path / "card.json").write_text(
-        json.dumps({k: v for k, v in CARD.items() if k != "slopes"})
-    )
-    assert "card.json: slopes is missing" in refuse("predict", "a.png", "--model", "card.keras")
-
-
 TRAIN = f"train {ROOT}/experiments/shapes.toml --out r"
 
 
@@ -368,14 +336,13 @@ VALUES = st.recursive(
 
 @pytest.mark.slow
 @settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
-@given(key=st.sampled_from(sorted(CARD)), value=VALUES, inner=st.sampled_from(["", *CAMERA]))
-def test_any_value_in_a_card_is_taken_or_refused(tmp_path_factory, key, value, inner):
+@given(key=st.sampled_from(sorted(RUN)), value=VALUES)
+def test_any_value_in_a_record_is_taken_or_refused(tmp_path_factory, key, value):
     """Never a traceback: `ended` would raise what is no exit."""
-    folder = tmp_path_factory.mktemp("card")
-    changed = {"camera": {**CAMERA, inner: value}} if inner else {key: value}
-    (folder / "card.json").write_text(json.dumps(CARD | changed))
-    (folder / "card.keras").write_bytes(b"")
-    assert ended(["predict", "a.png", "--model", folder / "card.keras", "--out", folder / "o"]) == 2
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "run.json").write_text(json.dumps(RUN | {key: value}))
+    (folder / "model.keras").write_bytes(b"")
+    assert ended(["predict", "a.png", "--model", folder, "--out", folder / "o"]) == 2
 
 
 @pytest.mark.slow
