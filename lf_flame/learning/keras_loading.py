@@ -40,6 +40,8 @@ def load_keras() -> None:
 
             keras.ops.zeros(1)  # starts the backend's devices
         except (ImportError, ValueError) as error:
+            if getattr(error, "name", None) in ("keras", "tensorflow"):
+                raise  # programs say what to install
             backend = os.environ.get("KERAS_BACKEND", "that of its keras.json")
             reason = str(error).splitlines()[0].rstrip(".")
             raise InputError(

@@ -93,7 +93,6 @@ def test_what_needs_learning_says_what_to_install(light):
         ["dataset", f"{ROOT}/data_gen/shapes.toml", "--out", "shapes.zarr"],
         ["train", shapes, "--data", "x", "--out", "run"],
         ["train-system", "refocusnet", "--config", systems, "--out", "run"],
-        ["export", "run", "--out", "network.keras"],
         ["predict", "picture.png", "--model", "run"],
         ["refocus", "field.npy", "--slope", "1", "--network", "."],
     )
