@@ -43,7 +43,7 @@ class Epoch:
     epoch: int
     loss: float
     val_loss: float
-    val_psnr_db: float | None
+    val_psnr_db: float
     seconds: float
 
 
@@ -236,7 +236,7 @@ class TrainingState:
                 f"The loss is no longer a number in epoch {epoch} (training {loss}, validation "
                 f"{val_loss}); the last checkpoint is kept."
             )
-        psnr = float(-10 * np.log10(val_loss)) if val_loss > 0 else None
+        psnr = float(-10 * np.log10(max(val_loss, 1e-30)))  # finite for images without an error
         self.history.append(Epoch(epoch, float(loss), float(val_loss), psnr, round(seconds, 4)))
         if self.best_row is self.history[-1]:
             self.best = _values(_weights(network))
