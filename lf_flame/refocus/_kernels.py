@@ -53,13 +53,13 @@ def fill(line, start, stop, step, value):
             line[s] = value
 
 
-@njit(fastmath={"reassoc"})
-def times_zero(lines):
-    """Sum of 0 times each number: NaN if one is not finite."""
-    total = zero = lines.dtype.type(0)
+@njit
+def has_non_finite(lines):
+    """Whether a number is NaN or infinite; without a branch, so that the loop is vectorised."""
+    found = np.uint32(0)
     for s in range(np.uint64(lines.size)):
-        total += zero * lines[s]
-    return total
+        found |= np.uint32(lines[s] - lines[s] != 0)
+    return found != 0
 
 
 @njit
@@ -160,7 +160,7 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
     sums = np.zeros((slopes, bottom - top, size))
     lines = np.zeros(columns * padded, weights.dtype)
     parts = np.empty(wide, weights.dtype), np.empty(wide, weights.dtype)
-    total, probe = np.empty(size), 0.0
+    total, non_finite = np.empty(size), False
     for v in range(rows):
         if not is_used(used, v):
             continue
@@ -172,7 +172,7 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
             for u in range(columns):
                 if used[v, u]:
                     cut_line(views[v, u, t], start, reach, channels, lines, u * padded, padded)
-            probe += times_zero(lines)
+            non_finite |= has_non_finite(lines)
             for n in range(slopes):
                 first, last = rows_read(top, bottom, down[v, n], taps, height)
                 if first <= t <= last:
@@ -180,7 +180,7 @@ def sum_bands(k, views, reach, channels, used, at, weights, down, down_weights, 
                     for j in range(taps):
                         weight = down_weights[v, n, j]
                         add_row(total, t, down[v, n] + j, weight, sums, n, top, height)
-    bad[k // blocks, k % blocks] = np.isnan(probe)
+    bad[k // blocks, k % blocks] = non_finite
     for n in range(slopes):
         for t in range(bottom - top):
             for s in range(np.uint64(size)):

@@ -325,7 +325,9 @@ def make_optimizer(recipe: SystemRecipe) -> keras.optimizers.Optimizer:
 class Patches(Batches):
     """Patches at random positions, never rotated or mirrored: views have directions.
 
-    Of two positions, that with more contrast is used: uniform patches teach a network nothing.
+    Two positions are drawn for each patch, and the one with more contrast is used, because a
+    network learns nothing from uniform patches.
+
     Inputs and targets are float32 images (n, h, w, channels).
     """
 
