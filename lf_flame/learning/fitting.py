@@ -14,6 +14,7 @@ import reprlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from datetime import timedelta
 from pathlib import Path
 from zipfile import BadZipFile, ZipFile
 
@@ -188,8 +189,8 @@ class EpochEnd(keras.callbacks.Callback):
         self.bar.update()
         self.count += 1
         if self.count == 2:  # nothing is compiled any more
-            hours = run.epochs * (now - self.begun) / 3600
-            progress.tell(f"{run.epochs} epochs: about {hours:.2g} h on this machine, now.")
+            duration = timedelta(seconds=round(run.epochs * (now - self.begun)))
+            progress.tell(f"{run.epochs} epochs: about {duration} (h:mm:ss) on this machine, now.")
         # Whichever end of an epoch is nearest to the limit: half of them are early, half late.
         middle_of_next = now - self.started + (now - self.begun) / 2
         if 0 < 60 * run.minutes <= middle_of_next:
