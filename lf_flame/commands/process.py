@@ -11,7 +11,8 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.flicker import SHAPE, TIMES
+from lf_flame.commands.flicker import SHAPE
+from lf_flame.commands.frames import TIMES
 from lf_flame.commands.options import (
     FILE,
     FOLDER,
@@ -106,12 +107,11 @@ def process(
     workers of a cluster must have this package and see all files under the same names. The bytes do
     not depend on the workers. `lf-flame status flame.zarr` counts what is done.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.progress import frame_bar
     from lf_flame.calibration import read_lens
-    from lf_flame.commands.frames import FrameReader, find_frames
+    from lf_flame.commands.frames import FrameReader, find_frames, find_times, with_gaps
     from lf_flame.flame_video import find_steps, process_frames
-    from lf_flame.flame_video.processing.film import check_film, write_film
-    from lf_flame.flame_video.processing.frames import TRIED
+    from lf_flame.flame_video.film import check_film, write_film
+    from lf_flame.flame_video.processing import TRIED
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography.frustum_grid import planes_between
 
@@ -120,19 +120,24 @@ def process(
     planes = planes_between(*depths) if depths else planes
     calibration = _read_colours(colours, steps) if colours else None
     chosen = find_steps(steps, camera=lens, depths_mm=planes, colours=calibration, **options)
-    check_film(film, chosen)
+    if film:
+        check_film(film, chosen)
     paths = [path.absolute() for path in find_frames(sources, reading.files)]
     if out.absolute().parent in {path.parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
     tell_all("Note", notes_on_coding(paths[0]))
-    rows, times, unit = _times(paths, frames_per_second, timestamps)
+    times, notes = find_times(paths, frames_per_second, timestamps)
+    rows: list[Path | None] = list(paths)
+    unit = "s" if frames_per_second or timestamps else "frame"
+    if timestamps is None:
+        tell_all("Note", notes if frames_per_second else [])
+        rows, times = with_gaps(paths, times, frames_per_second or 1.0)
     reading = reading.for_camera(paths[0], lens)
     reader, said = FrameReader.by_first_sound(paths[:TRIED], reading), Said()
     with crew.executor() as executor:
         made = process_frames(
             rows, out, chosen, times_s=times, time_unit=unit, read=reader, camera=lens,
             workers=crew.processes, executor=executor, tell=said,
-            progress=lambda finished, done, total: frame_bar(finished, total, done),
         )  # fmt: skip
     said.end()
     if film:
@@ -165,21 +170,6 @@ def _read_colours(path: Path, steps: str):
     return calibration
 
 
-def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path | None):
-    """Find frames and gaps, their times, and the unit of these."""
-    from lf_flame.commands.frame_times import read_timestamps, times_by_names, with_gaps
-
-    if timestamps is not None:
-        if frames_per_second is not None:
-            raise InputError("Say when the frames were taken: --frames-per-second or --timestamps.")
-        return paths, read_timestamps(timestamps, len(paths)).seconds, "s"
-    times = times_by_names(paths, frames_per_second or 1.0)
-    if frames_per_second is None:  # by the numbers in the names
-        return *with_gaps(paths, times, 1.0), "frame"
-    tell_all("Note", times.notes)
-    return *with_gaps(paths, times, frames_per_second), "s"
-
-
 class Said:
     """Warnings on frames: each skipped frame is named, and the first frame of any other warning."""
 
@@ -188,7 +178,7 @@ class Said:
 
     def __call__(self, done) -> None:
         """Print the sentences on a frame, unless many like them were printed."""
-        from lf_flame.flame_video.processing.result import MISSING, WHOLE
+        from lf_flame.flame_video.processing import MISSING, WHOLE
 
         least = 1 if done.state == WHOLE else NAMED
         said = done.said or ((f"frame {done.frame} is missing",) if done.state == MISSING else ())

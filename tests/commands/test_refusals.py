@@ -18,8 +18,7 @@ from PIL import Image
 from lf_flame import PAPER_CAMERA, InputError, LightField, write_light_field
 from lf_flame.calibration import CameraLaw
 from lf_flame.commands.cli import commands
-from lf_flame.commands.frame_times import read_timestamps, times_by_names
-from lf_flame.commands.frames import find_frames, read_frames
+from lf_flame.commands.frames import find_frames, read_frames, read_timestamps, times_by_names
 from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import write_movie
 from lf_flame.tomography import ColourCalibration, SpectralResponses
@@ -235,7 +234,7 @@ REFUSED = [
         ("--slope 1 --depth-mm 3 --camera camera.toml", "either --slope or --depth-mm"),
         ("--depth-mm 3", NEED),
         ("--camera camera.toml", NEED),
-        ("--slope nan", "--slope must be finite"),
+        ("--slope nan", "is no finite number"),
         ("--burner-row 48", "burner_row must lie within"),
         ("--slope 1e308", "shifted by more than the image"),
         ("--out still", "exists; name another folder"),
@@ -406,13 +405,13 @@ REFUSED = [
     ),
     (
         partial(times_by_names, [Path(f"t_0.0{x}.npy") for x in ("00", "11", "18", "31")], 9),
-        "no multiples of one step",
+        "which count nothing",
     ),
     (lambda: find_frames([Path("kinds")]), "several kinds (2 x .npy, 1 x .png)"),
     (lambda: find_frames([Path("*.mat")]), "pattern"),
     (lambda: find_frames([Path("ball.npy"), Path("9.npy")]), "no such file"),
     (lambda: find_frames([Path("ball.npy"), Path("ball.npy")]), "more than once"),
-    (lambda: find_frames([Path("empty")]), "holds no light fields"),
+    (lambda: find_frames([Path("empty")]), "holds no frames"),
     (
         lambda: next(read_frames([Path("ball.npy")], Reading(bayer="rggb"))),
         "--bayer does not apply to",
