@@ -205,7 +205,7 @@ def law_figure(fit: LawFit, targets: Sequence[Target], depths: Sequence[float]):
     scale_errors = np.array([fit.scale_error(z) for z in fine]) / law.mm_per_lenslet(fine)
     for axis, unit, errors, residuals, left_out, title in (
         (axes[1, 0], 1, depth_errors, fit.depth_residuals_mm, fit.left_out_mm, "depth error in mm"),
-        (axes[1, 1], 100, scale_errors, fit.scale_residuals, fit.left_out_scale, "scale error in %"),
+        (axes[1, 1], 100, scale_errors, fit.scale_residuals, fit.left_out_scale, "scale error in %")
     ):  # fmt: skip
         band = unit * fit.coverage * errors
         axis.fill_between(fine, -band, band, color="0.85", label="law, 95 %")
