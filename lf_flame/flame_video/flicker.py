@@ -43,16 +43,9 @@ slightly uneven, so that its line is wider than that of a sine."""
 
 @dataclass(frozen=True)
 class Line:
-    """A sine in the heights.
+    """Sine in the heights: frequency in Hz, amplitude in the unit of the heights, and false alarm.
 
-    Attributes
-    ----------
-    frequency_hz : float
-        Frequency in Hz.
-    amplitude : float
-        Amplitude in the unit of the heights.
-    false_alarm : float
-        Probability that noise alone has such a peak somewhere in the spectrum.
+    The false alarm is the probability that noise alone has such a peak somewhere in the spectrum.
     """
 
     frequency_hz: float
@@ -67,12 +60,8 @@ NO_LINE = Line(float("nan"), float("nan"), 1.0)
 class Wander:
     """Covariance of the noise, in units of its variance.
 
-    Attributes
-    ----------
-    memory_s : float
-        Time in which the correlation of the red noise falls to 1 / e.
-    white_share : float
-        Fraction of the variance that is white noise, above 0, up to 1.
+    `white_share` of it, above 0 and up to 1, is white noise. The correlation of the rest, red
+    noise, falls to 1 / e in `memory_s`.
     """
 
     memory_s: float
@@ -283,14 +272,7 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
 
 
 def check_times(times_s: np.ndarray, source: str = "of frames") -> None:
-    """Refuse times that do not rise by 1e-15 s or more, or are beyond 1e12 s.
-
-    Parameters
-    ----------
-    times_s : ndarray of float64, shape (frames,)
-    source : str, optional
-        Words for these times in the message.
-    """
+    """Refuse times that do not rise by 1e-15 s or more, or are beyond 1e12 s."""
     if not (np.all(np.abs(times_s) <= 1e12) and np.all(np.diff(times_s) >= 1e-15)):
         raise InputError(
             f"The times {source} must rise from frame to frame, by 1e-15 s or more, and be at most "

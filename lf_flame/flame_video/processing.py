@@ -178,7 +178,7 @@ def process_frames(
         "steps": [repr(step) for step in steps],
         "camera": repr(camera),
         "reading": getattr(read, "description", re.sub(" at 0x[0-9a-f]+", "", repr(read))),
-        "names": [path and path.name for path in paths],
+        "frames": [path and path.name for path in paths],
     }
     part = out.with_name(out.name + ".part")
     with exclusive(out):
@@ -216,16 +216,12 @@ def process_frames(
 
 def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Path) -> None:
     """Refuse a group that was made of something else."""
-    words = {
-        "steps": "by other steps", "camera": "with another camera",
-        "reading": "by another reading", "names": "of other frames",
-    }  # fmt: skip
-    other = [said for key, said in words.items() if group.attrs.get(key) != request[key]]
+    other = [name for name, value in request.items() if group.attrs.get(name) != value]
     if not np.array_equal(_read(group, "time", place), times):
-        other.append("with other times")
+        other.append("times")
     if other:
         raise InputError(
-            f"{place} was made {', '.join(other)}; remove it, or choose another folder."
+            f"{place} was made with other {', '.join(other)}; remove it, or choose another folder."
         )
 
 
@@ -291,7 +287,7 @@ def _finish(part: Path, out: Path) -> Progress:
         left.unlink(missing_ok=True)
     group = zarr.open_group(part, mode="r+")
     made, states = count_frames(group, part), _read(group, "state", part)
-    names = dict[str, Any](group.attrs)["names"]
+    names = dict[str, Any](group.attrs)["frames"]
     skipped = {
         word: [names[k] or f"frame {k}" for k in np.flatnonzero(states == state)]
         for state, word in enumerate(STATES)
@@ -305,16 +301,7 @@ def _finish(part: Path, out: Path) -> Progress:
 
 @dataclass
 class Job:
-    """Everything needed to process a frame, on any machine; what it learns is kept.
-
-    Attributes
-    ----------
-    steps : tuple of Step
-    read : callable
-        Reader of a frame.
-    model : Path
-        Frame whose shape and exposure the others must have.
-    """
+    """Everything needed to process a frame, of the shape and exposure of `model`; picklable."""
 
     steps: tuple[Step, ...]
     read: Callable[[Path], LightField]
@@ -362,19 +349,7 @@ def _load(job: bytes) -> Job:
 
 @dataclass(frozen=True)
 class Task:
-    """Some frames of a job, whole chunks of all arrays.
-
-    Attributes
-    ----------
-    job : bytes
-        The job, pickled.
-    folder : str
-        Folder of the group.
-    first : int
-        Number of the first frame.
-    paths : tuple of Path or None
-        Paths of the frames; None for a missing one.
-    """
+    """Frames from number `first` on, for whole chunks of all arrays; the job is pickled."""
 
     job: bytes
     folder: str
@@ -430,14 +405,10 @@ def open_video(path: Path) -> zarr.Group:
 
 def is_video(path: Path) -> bool:
     """Whether a folder is the group of a processed video that is finished."""
-    return (path / "zarr.json").is_file() and _kind(path) == KIND
-
-
-def _kind(path: Path) -> Any:
     try:
-        return read_attributes(path).get("kind")
+        return (path / "zarr.json").is_file() and read_attributes(path).get("kind") == KIND
     except InputError:  # an array, or a group of something else
-        return None
+        return False
 
 
 def _read(group: zarr.Group, name: str, path: Path) -> np.ndarray:
@@ -454,7 +425,7 @@ def count_frames(group: zarr.Group, path: Path) -> Progress:
     states = _read(group, "state", path)
     if states.size and states.max() >= len(STATES):
         raise InputError(f"{path} is damaged: a state is {states.max()}.")
-    if states.all():
+    if states.all():  # finished
         for name in array_names(path):
             refuse_missing_chunks(open_array(group, name), path)
     counts = np.bincount(states, minlength=len(STATES))

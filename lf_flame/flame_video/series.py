@@ -40,27 +40,10 @@ CONTOURS = 5
 
 @dataclass
 class FlameSeries:
-    """Measurements of all frames, with a mean picture and a few contours.
+    """Measurements of all frames, with their mean picture and a few contours with their times.
 
-    Attributes
-    ----------
-    times_s : ndarray, shape (frames,)
-    names : sequence of str
-        File names of the frames.
-    pixel_mm : float or None
-        Side of a pixel; None for lengths in pixels.
-    level : float
-        Level of the contour, relative to the peak.
-    measures : dict of str to list of float
-        Columns `MEASURES`, NaN without a flame.
-    doubts : list of list of str
-        Sentences on what is doubtful about each frame.
-    repeated : list of bool
-        Whether a frame's picture repeats the one before.
-    picture : ndarray of float64, shape (rows, columns), or None
-        Mean picture.
-    contours : list of (float, ndarray)
-        Times and contours of frames spread evenly over the sequence.
+    `measures` has the columns `MEASURES`, NaN without a flame, and `doubts` the sentences on each
+    frame. Lengths are in pixels if `pixel_mm` is None.
     """
 
     times_s: np.ndarray
@@ -142,7 +125,7 @@ def read_series(path: Path, frames_per_second: float | None) -> FlameSeries:
         )
     times = np.asarray(arrays["time"][:]) / (frames_per_second or 1.0)
     options = dict(arrays["height"].attrs)
-    names = [name or f"frame {k}" for k, name in enumerate(dict[str, Any](group.attrs)["names"])]
+    names = [name or f"frame {k}" for k, name in enumerate(dict[str, Any](group.attrs)["frames"])]
     columns = {name: np.asarray(arrays[name][:]).tolist() for name in MEASURES}
     bits, sums = (np.asarray(arrays[name][:]) for name in ("doubts", "fingerprint"))
     return FlameSeries(
@@ -159,22 +142,10 @@ def read_series(path: Path, frames_per_second: float | None) -> FlameSeries:
 def write_flicker(
     series: FlameSeries, folder: OutputFolder, *, times_stated: bool = False
 ) -> tuple[Flicker | None, list[str]]:
-    """Find the flicker; write the table, the figure and the facts of the record.
+    """Find the flicker; write the table, the figure and the facts of the record; give warnings.
 
-    Parameters
-    ----------
-    series : FlameSeries
-    folder : OutputFolder
-    times_stated : bool, optional
-        Whether each frame's time was given, and not the frame rate. Without, there is no frequency
-        if more than `MOST_REPEATED` of the frames repeat the one before.
-
-    Returns
-    -------
-    Flicker or None
-        Flicker; None if too few frames have a height, or times are unknown.
-    list of str
-        Warnings.
+    The flicker is None if too few frames have a height, or, unless each frame's time was stated,
+    more than `MOST_REPEATED` of them repeat the one before.
     """
     heights, side, found = series.heights, series.pixel_mm or 1.0, None
     outliers, repeated = find_outliers(heights, least=side), np.array(series.repeated)
@@ -185,8 +156,12 @@ def write_flicker(
     left_out, warnings = outliers | repeated, series.warnings()
     resolvable = row_error(series.level) * side
     try:
-        if not times_stated:
-            _refuse_repeated(repeated)
+        if np.mean(repeated) > MOST_REPEATED and not times_stated:
+            raise InputError(
+                f"{np.count_nonzero(repeated)} of {len(repeated)} frames repeat the one before, so "
+                f"that others are probably lost and times by the frame rate wrong: no frequency is "
+                f"given. State the time of each frame by --timestamps FILE."
+            )
         kept = np.where(left_out, np.nan, heights)
         found = find_flicker(series.times_s, kept, resolvable=resolvable)
     except InputError as error:  # the heights are useful without a frequency
@@ -208,16 +183,6 @@ def write_flicker(
         "warnings": warnings,
     }
     return found, warnings
-
-
-def _refuse_repeated(repeated: np.ndarray) -> None:
-    count = np.count_nonzero(repeated)
-    if count > MOST_REPEATED * len(repeated):
-        raise InputError(
-            f"{count} of {len(repeated)} frames repeat the one before, so that others are probably "
-            f"lost and times by the frame rate wrong: no frequency is given. State the time of "
-            f"each frame by --timestamps FILE."
-        )
 
 
 def _facts(found: Flicker) -> dict:

@@ -84,7 +84,7 @@ def test_temperatures_of_two_planes_come_back_and_faint_cells_have_none(folder):
     assert np.isnan(kelvin[1]).all()
     assert "3 frames: 3 whole" in run("status", out).output
     other = run("process", folder / "video", *steps, "--soot-exponent", 1.2, *words)
-    assert "was made by other steps" in str(other.exception)
+    assert "was made with other steps" in str(other.exception)
 
 
 def test_a_calibration_goes_with_emission_and_channels(folder):

@@ -93,7 +93,7 @@ def test_heights_contours_and_gaps_with_named_axes(video, tmp_path):
     assert again.exit_code == 0, again.output
     other = run("process", video, "--steps", "refocus@0,height,contour", *words)
     assert other.exit_code != 0
-    assert "was made by other steps; remove it" in str(other.exception)
+    assert "was made with other steps; remove it" in str(other.exception)
 
 
 def test_a_frame_of_another_exposure_is_a_gap(tmp_path):
@@ -139,7 +139,7 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path, two_together):
     with pytest.raises(KeyboardInterrupt):
         process(tmp_path / "cut", steps, tell=cut)
     assert look_at(tmp_path / "cut").counts["to_do"] == 2
-    with pytest.raises(InputError, match=r"cut\.part was made by other steps; remove it"):
+    with pytest.raises(InputError, match=r"cut\.part was made with other steps; remove it"):
         process(tmp_path / "cut", find_steps("refocus@0,height"))
     times = []
     process(tmp_path / "cut", steps, tell=lambda done: times.append(done.frame))
