@@ -93,8 +93,8 @@ def _refuse_foreign_files(folder: Path, names: list[str], record: str) -> None:
         found = read_record(folder / record)
     except InputError as error:
         raise InputError(f"{folder} is not replaced, as it is no result: {error}") from None
-    listed = found.get("files")  # of older versions, a dict
-    if not isinstance(listed, list | dict) or not isinstance(found.get("versions"), dict):
+    listed = found.get("files")
+    if not isinstance(listed, list) or not isinstance(found.get("versions"), dict):
         raise InputError(f"{folder} is not replaced: {record} in it lists no files of a result.")
     for name in names:
         is_folder = (folder / name).is_dir() and not (folder / name).is_symlink()

@@ -106,6 +106,7 @@ def flicker(
         first, last = paths[0], paths[-1]
         focus = (slope, depth_mm, camera)
         measured, notes = _measure(paths, reading, frames_per_second, timestamps, focus, measures)
+    tell_all("Note", notes)
     source = sources[0] if len(sources) == 1 and sources[0].is_dir() else first.parent
     out = out or Path("flicker") / (source.resolve().stem or "frames")
     with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
@@ -122,7 +123,6 @@ def flicker(
             "last": recorded_path(last, folder.folder),
             "reading": reading.given(),
         }
-    tell_all("Note", notes)
     tell_all("Warning", warnings)
     if found:
         click.echo(found.describe(unit=series.unit))

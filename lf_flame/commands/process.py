@@ -49,8 +49,8 @@ STEPS = cloup.option_group(
     cloup.option(
         "--strength",
         type=FiniteRange(min=0),
-        help="Strength of the penalty of emission (default: chosen for the first of some "
-        "frames, and again when the light changes).",
+        help="Strength of the penalty of emission (default: chosen for each frame); "
+        "stated, a fit starts from that of the frame before, in a third of the time.",
     ),
     cloup.option(
         "--background",
@@ -89,8 +89,8 @@ def process(
 ) -> None:  # fmt: skip
     """Process every frame of a video of light fields; continues an interrupted run.
 
-    FRAMES are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
-    pattern in quotes. The numbers in their names give the order; a missing number, a damaged frame,
+    FRAMES are ordinary pictures, or light fields with the options of `lf-flame refocus` (--views,
+    --white ...): files, one folder of them, or one pattern in quotes. The numbers in their names give the order; a missing number, a damaged frame,
     and one of another size or exposure than the first are named, counted, and stay gaps (NaN).
 
     \b

@@ -115,7 +115,8 @@ def read_series(path: Path, frames_per_second: float | None) -> FlameSeries:
     arrays = {name: open_array(group, name) for name in group if name != "depth"}
     if "height" not in arrays:
         raise InputError(f"{path} holds no heights: process it with the step height.")
-    processing.count_frames(group, path)  # refuses lost files
+    if processing.count_frames(group, path).counts["to_do"]:  # refuses lost files, too
+        raise InputError(f"{path} is not finished: repeat the command that makes it.")
     counted = arrays["time"].attrs.get("units") != "s"
     if counted != (frames_per_second is not None):
         raise InputError(
