@@ -5,7 +5,7 @@ import glob
 import io
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -210,29 +210,6 @@ def read_timestamps(path: Path, frames: int) -> tuple[np.ndarray, list[str]]:
     return seconds, [note] * (step > 0.5)
 
 
-def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]:
-    """Read frames of one shape one at a time, on demand; print what was found in the first.
-
-    Slow searches, and those that fail on a dark frame, are done once, on the first frame: the
-    lenslets of a raw image, and the order of the views of a folder.
-    """
-    read, first = _reader(paths[0], reading)
-    (v, u, t, s), shape = first.views.shape[:4], first.views.shape
-    kind = "pictures" if v * u == 1 else f"frames of {v} x {u} views"
-    click.echo(f"{len(paths)} {kind} of {t} x {s} pixels", err=True)
-    yield first
-    del first  # like each later frame: it would stay in memory while the next is read
-    for path in paths[1:]:
-        frame = read(path)
-        if frame.views.shape != shape:
-            raise InputError(
-                f"All frames must be of one shape: {path} has {frame.views.shape}, {paths[0]} has "
-                f"{shape}."
-            )
-        yield frame
-        del frame
-
-
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
     """Read the first frame, and choose the reader of the others.
 
@@ -277,10 +254,13 @@ class FrameReader:
         for path in paths:
             reader = cls(path, reading)
             try:
-                reader.__dict__["_read"] = _reader(path, reading)[0]
+                reader.__dict__["_read"], first = _reader(path, reading)
             except InputError as error:
                 refusals.append(error)
                 continue
+            v, u, t, s = first.views.shape[:4]
+            kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
+            click.echo(f"{kind} of {t} x {s} pixels", err=True)
             return reader
         raise refusals[0]
 

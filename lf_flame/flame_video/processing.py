@@ -1,10 +1,10 @@
 """Processing of the frames of a video by processes or machines, into one Zarr group.
 
-Arrays have the axis ``time`` first, and one chunk a frame; series of numbers have one chunk for the
-frames of a task. A task takes the same frames whoever carries it out, begins anew, and writes whole
-chunks of its own: the bytes do not depend on the workers, and a run that was interrupted continues
-with the tasks that are missing. ``state`` says what became of each frame; what was not found is
-NaN.
+Arrays have the axis ``time`` first. Images have one chunk for each frame; numbers and contours have
+one for the frames of a task. A task takes the same frames whoever carries it out, begins anew, and
+writes whole chunks of its own: the bytes do not depend on the workers, and a run that was
+interrupted continues with the tasks that are missing. ``state`` says what became of each frame;
+what was not found is NaN.
 """
 
 import math
@@ -13,7 +13,7 @@ import re
 import zlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,6 +46,9 @@ from lf_flame.optics.lens import Lens
 
 LEAST_TOGETHER, MOST_TASKS = 8, 1000
 """Smallest number of frames in a task, and largest number of tasks, and of files of a series."""
+
+SMALL = 1024
+"""Largest number of values of an array of a frame that shares a chunk with other frames."""
 
 TRIED = 8
 """Number of frames from the start among which one must be sound."""
@@ -185,22 +188,25 @@ def process_frames(
         place = out if out.is_symlink() or out.exists() else part
         if not place.exists():
             with progress.stage("Processing the first frame"):
-                first, values = _try_out(paths, steps, read, camera)
+                model, values = _try_out(paths, steps, read, camera)
             when = Values(times, ("time",), {"units": time_unit})
-            _lay_out(part, {**request, "kind": KIND, "model": first}, when, values, together)
+            _lay_out(part, {**request, **model, "kind": KIND}, when, values, together)
         group = open_video(place)
         _refuse_other(group, request, times, place)
         if place == out:
             return count_frames(group, out)
-        number: Any = group.attrs.get("model")
-        model = paths[number] if number in range(len(paths)) else None
-        if model is None:
+        facts = dict[str, Any](group.attrs)
+        number: Any = facts.get("model")
+        shape = facts.get("shape")
+        first = paths[number] if number in range(len(paths)) else None
+        if first is None or not isinstance(shape, list):
             raise InputError(f"{part} is damaged: its zarr.json names no frame; remove it.")
-        job, to_do = pickle.dumps(Job(steps, read, model)), _read(group, "state", part) == TO_DO
+        job = pickle.dumps(Job(steps, read, tuple(shape), read_exposure(first)))
+        to_do = read_array(group, "state", part) == TO_DO
         tasks = [
-            Task(job, str(part.resolve()), first, tuple(paths[first : first + together]))
-            for first in range(0, len(paths), together)
-            if to_do[first : first + together].any()
+            Task(job, str(part.resolve()), start, tuple(paths[start : start + together]))
+            for start in range(0, len(paths), together)
+            if to_do[start : start + together].any()
         ]
         missing = sum(len(task.paths) for task in tasks)
         connect = getattr(executor, "get_executor", lambda: executor)
@@ -217,7 +223,7 @@ def process_frames(
 def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Path) -> None:
     """Refuse a group that was made of something else."""
     other = [name for name, value in request.items() if group.attrs.get(name) != value]
-    if not np.array_equal(_read(group, "time", place), times):
+    if not np.array_equal(read_array(group, "time", place), times):
         other.append("times")
     if other:
         raise InputError(
@@ -227,8 +233,8 @@ def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Pa
 
 def _try_out(
     paths: Sequence[Path | None], steps: tuple[Step, ...], read, camera: Lens | None
-) -> tuple[int, dict[str, Values]]:
-    """Find the first sound frame, by which others are judged, and its values."""
+) -> tuple[dict[str, Any], dict[str, Values]]:
+    """Find the first sound frame: its number and shape, by which others are judged; its values."""
     refusal = InputError("There is no frame.")
     some = [(number, path) for number, path in enumerate(paths) if path is not None][:TRIED]
     for number, path in some:
@@ -240,7 +246,7 @@ def _try_out(
             values = _fingerprint(frame)
             for step in steps:
                 values |= step(frame)
-            return number, values
+            return {"model": number, "shape": list(light_field.shape)}, values
         except InputError as error:
             refusal = refusal if number > some[0][0] else error
     raise refusal
@@ -269,7 +275,7 @@ def _lay_out(
             array = group.create_array(
                 name,
                 shape=one.shape if fixed else (len(times.values), *one.shape),
-                chunks=one.shape if fixed else (1 if one.ndim else together, *one.shape),
+                chunks=one.shape if fixed else (together if one.size <= SMALL else 1, *one.shape),
                 dtype=one.dtype,
                 fill_value=np.nan if one.dtype.kind == "f" else 0,
                 compressors=[ZstdCodec(level=3), Crc32cCodec()],
@@ -286,7 +292,7 @@ def _finish(part: Path, out: Path) -> Progress:
     for left in part.rglob("*.partial"):  # of a write of Zarr's that was killed
         left.unlink(missing_ok=True)
     group = zarr.open_group(part, mode="r+")
-    made, states = count_frames(group, part), _read(group, "state", part)
+    made, states = count_frames(group, part), read_array(group, "state", part)
     names = dict[str, Any](group.attrs)["frames"]
     skipped = {
         word: [names[k] or f"frame {k}" for k in np.flatnonzero(states == state)]
@@ -301,16 +307,13 @@ def _finish(part: Path, out: Path) -> Progress:
 
 @dataclass
 class Job:
-    """Everything needed to process a frame, of the shape and exposure of `model`; picklable."""
+    """Everything needed to process a frame, which must have a shape and an exposure; picklable."""
 
     steps: tuple[Step, ...]
     read: Callable[[Path], LightField]
-    model: Path
-
-    def __post_init__(self):
-        self.shape: tuple[int, ...] | None = None
-        self.before: dict[str, Any] = {}
-        self.exposure = read_exposure(self.model)
+    shape: tuple[int, ...]
+    exposure: float | None
+    before: dict[str, Any] = field(default_factory=dict)
 
     def __call__(self, path: Path | None) -> tuple[int, dict[str, Values], tuple[str, ...]]:
         """Process a frame: its state, the values that were found, and sentences."""
@@ -323,7 +326,6 @@ class Job:
             light_field = self.read(path)
         except (InputError, OSError) as error:
             return UNREADABLE, {}, (str(error),)
-        self.shape = self.shape or self.read(self.model).shape
         if light_field.shape != self.shape:
             said = f"{path} has the shape {light_field.shape}, the first frame {self.shape}"
             return UNREADABLE, {}, (said,)
@@ -367,19 +369,20 @@ class Task:
             }
         job, count = _load(self.job), len(self.paths)
         series = {
-            name: np.full(count, array.fill_value, array.dtype)
+            name: np.full((count, *array.shape[1:]), array.fill_value, array.dtype)
             for name, array in arrays.items()
-            if array.ndim == 1
+            if array.chunks[0] > 1
         }
         job.before.clear()  # the same bytes, whatever a worker has done before
         done = []
         for frame, path in enumerate(self.paths):
             state, values, said = job(path)
             for name, array in arrays.items():
-                if name in series and name in values:
-                    series[name][frame] = values[name].values
-                elif array.ndim > 1:
-                    array[self.first + frame] = values[name].values if name in values else np.nan
+                found = values[name].values if name in values else array.fill_value
+                if name in series:
+                    series[name][frame] = found
+                else:
+                    array[self.first + frame] = found
             series["state"][frame] = state
             done.append(Done(self.first + frame, state, said))
         for name in sorted(series, key="state".__eq__):  # last: a chunk without it is made again
@@ -411,7 +414,7 @@ def is_video(path: Path) -> bool:
         return False
 
 
-def _read(group: zarr.Group, name: str, path: Path) -> np.ndarray:
+def read_array(group: zarr.Group, name: str, path: Path) -> np.ndarray:
     """Read an array, naming the folder if Zarr raises an error."""
     with readable(path / "zarr.json", ZARR_ERRORS, "a frame is"):
         return np.asarray(open_array(group, name)[:])
@@ -422,14 +425,14 @@ def count_frames(group: zarr.Group, path: Path) -> Progress:
 
     A finished group of which a file is lost, which Zarr would read as NaN, is refused.
     """
-    states = _read(group, "state", path)
+    states = read_array(group, "state", path)
     if states.size and states.max() >= len(STATES):
         raise InputError(f"{path} is damaged: a state is {states.max()}.")
     if states.all():  # finished
         for name in array_names(path):
             refuse_missing_chunks(open_array(group, name), path)
     counts = np.bincount(states, minlength=len(STATES))
-    sums = _read(group, "fingerprint", path)
+    sums = read_array(group, "fingerprint", path)
     named = {name: int(n) for name, n in zip(STATES, counts, strict=True)}
     return Progress(named, int(np.count_nonzero(sums[1:] == sums[:-1])))
 

@@ -1,24 +1,20 @@
 """Measurements of a flame in the frames of a video: their table, flicker, figure and record."""
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame._common.zarr_files import open_array
 from lf_flame.errors import InputError
 from lf_flame.flame_video import processing
 from lf_flame.flame_video.flame_shape import DOUBTS, row_error
 from lf_flame.flame_video.flicker import Flicker, find_flicker, find_outliers
-from lf_flame.flame_video.steps import Frame, Height, Step
-from lf_flame.lightfield import LightField
 
 RECORD, TABLE, PICTURE = "flicker.json", "flame.csv", "flicker.png"
 
@@ -40,7 +36,7 @@ CONTOURS = 5
 
 @dataclass
 class FlameSeries:
-    """Measurements of all frames, with their mean picture and a few contours with their times.
+    """Measurements of all frames, and a few contours with their times.
 
     `measures` has the columns `MEASURES`, NaN without a flame, and `doubts` the sentences on each
     frame. Lengths are in pixels if `pixel_mm` is None.
@@ -48,12 +44,11 @@ class FlameSeries:
 
     times_s: np.ndarray
     names: Sequence[str]
-    pixel_mm: float | None = None
-    level: float = 0.5
-    measures: dict[str, list[float]] = field(default_factory=lambda: {x: [] for x in MEASURES})
-    doubts: list[list[str]] = field(default_factory=list)
-    repeated: list[bool] = field(default_factory=list)
-    picture: np.ndarray | None = None
+    pixel_mm: float | None
+    level: float
+    measures: dict[str, list[float]]
+    doubts: list[list[str]]
+    repeated: list[bool]
     contours: list[tuple[float, np.ndarray]] = field(default_factory=list)
 
     @property
@@ -76,68 +71,44 @@ class FlameSeries:
         return [f"{len(x)} of {count} frames, first {x[0]}: {y}" for y, x in frames.items()]
 
 
-def measure_frames(
-    frames: Iterable[LightField],
-    names: Sequence[str],
-    times_s: ArrayLike,
-    height: Height,
-    refocus: Step | None = None,
-) -> FlameSeries:
-    """Measure frames of one shape, one at a time in memory: the central view, or a refocusing."""
-    series = FlameSeries(np.asarray(times_s, float), names, height.pixel_mm, height.level)
-    total: np.ndarray | float = 0.0
-    before = np.empty(0)
-    shown = set(np.linspace(0, len(names) - 1, CONTOURS).round().astype(int).tolist())
-    # `enumerate` would keep a frame while the next one is read.
-    for light_field in frames:
-        frame, number = Frame(light_field), len(series.doubts)
-        del light_field
-        if refocus is not None:
-            refocus(frame)
-        values, shape = height(frame), frame.shape(height.level, height.burner_row)
-        for name, column in series.measures.items():
-            column.append(float(values[name].values))
-        # Dark frames may be alike, without a flame and clipped at 0.
-        series.repeated.append(shape.is_found and np.array_equal(frame.grey, before))
-        series.doubts.append(list(shape.warnings))
-        if number in shown and shape.is_found:
-            series.contours.append((float(series.times_s[number]), shape.contour))
-        before = frame.grey
-        total = total + before
-        del frame
-    series.picture = np.asarray(total) / len(names)
-    return series
-
-
-def read_series(path: Path, frames_per_second: float | None) -> FlameSeries:
+def read_series(path: Path, frames_per_second: float | None = None) -> FlameSeries:
     """Read the measurements of a video that was processed with the step ``height``."""
     group = processing.open_video(path)
-    arrays = {name: open_array(group, name) for name in group if name != "depth"}
-    if "height" not in arrays:
+    if "height" not in group:
         raise InputError(f"{path} holds no heights: process it with the step height.")
     if processing.count_frames(group, path).counts["to_do"]:  # refuses lost files, too
         raise InputError(f"{path} is not finished: repeat the command that makes it.")
-    counted = arrays["time"].attrs.get("units") != "s"
+    columns = {x: processing.read_array(group, x, path).tolist() for x in MEASURES}
+    state, bits, sums, times = (
+        processing.read_array(group, x, path) for x in ("state", "doubts", "fingerprint", "time")
+    )
+    counted = group["time"].attrs.get("units") != "s"
     if counted != (frames_per_second is not None):
         raise InputError(
             f"{path} counts frames: state --frames-per-second."
             if counted
             else f"{path} holds the times of its frames: leave out --frames-per-second."
         )
-    times = np.asarray(arrays["time"][:]) / (frames_per_second or 1.0)
-    options = dict(arrays["height"].attrs)
-    names = [name or f"frame {k}" for k, name in enumerate(dict[str, Any](group.attrs)["frames"])]
-    columns = {name: np.asarray(arrays[name][:]).tolist() for name in MEASURES}
-    bits, sums = (np.asarray(arrays[name][:]) for name in ("doubts", "fingerprint"))
-    return FlameSeries(
+    times = times / (frames_per_second or 1.0)
+    frames, options = dict[str, Any](group.attrs)["frames"], dict[str, Any](group["height"].attrs)
+    doubts = [[x for k, x in enumerate(DOUBTS.values()) if bit >> k & 1] for bit in bits]
+    for number in np.flatnonzero(state > processing.MISSING):
+        doubts[number].append(f"The frame is {processing.STATES[state[number]].replace('_', ' ')}.")
+    series = FlameSeries(
         times,
-        names,
+        [name or f"frame {number}" for number, name in enumerate(frames)],
         options.get("pixel_mm"),
         options.get("level", 0.5),
         columns,
-        [[x for k, x in enumerate(DOUBTS.values()) if bit >> k & 1] for bit in bits],
+        doubts,
         [False, *(sums[1:] == sums[:-1]).tolist()],
     )
+    if "contour" in group:
+        seen = np.flatnonzero(np.isfinite(series.heights))
+        some = seen[np.linspace(0, len(seen) - 1, min(CONTOURS, len(seen))).round().astype(int)]
+        contours = processing.read_array(group, "contour", path)
+        series.contours = [(float(times[number]), contours[number]) for number in some]
+    return series
 
 
 def write_flicker(
@@ -232,13 +203,11 @@ def _figure(series: FlameSeries, found: Flicker | None, left_out: np.ndarray):
     below.set(xlabel="frequency (Hz)", ylabel="share of the variance")
     for axis in axes[:, 1]:
         axis.remove()
-    if series.picture is not None:
-        axis = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1])
-        axis.imshow(series.picture, cmap="gray", vmin=0)
-        for time, contour in series.contours:
-            axis.plot(contour[:, 1], contour[:, 0], linewidth=1, label=f"{time:.3g} s")
-        axis.set_title("contours over the mean picture", fontsize=9)
-        axis.set(xlabel="column (pixels)", ylabel="row (pixels)")
-        if series.contours:
-            axis.legend(fontsize=7)
+    axis = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1], aspect="equal")
+    for time, contour in series.contours:
+        axis.plot(contour[:, 1], contour[:, 0], linewidth=1, label=f"{time:.3g} s")
+    axis.invert_yaxis()
+    axis.set(xlabel="column (pixels)", ylabel="row (pixels)", title="contours")
+    if series.contours:
+        axis.legend(fontsize=7)
     return figure

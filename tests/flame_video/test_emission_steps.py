@@ -61,7 +61,7 @@ def test_temperatures_of_two_planes_come_back_and_faint_cells_have_none(folder):
     where = [word for depth in depths for word in ("--depth-mm", depth)]
     files = ["--camera", folder / "camera.toml", "--colours", folder / "colours.toml"]
     words = [*files, *where, "--noise", NOISE, "--workers", 1, "--out", out]
-    steps = ["--steps", "emission,temperature", "--film", folder / "film.gif"]
+    steps = ["--steps", "emission,temperature"]
     done = run("process", folder / "video", *steps, *words)
     assert done.exit_code == 0, done.output
     assert "single wavelength" in done.output
