@@ -16,6 +16,7 @@ import cloup
 import numpy as np
 
 from lf_flame import formats
+from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.input_files import read_text
 from lf_flame.commands.options import FILE, FiniteRange
@@ -213,7 +214,7 @@ def read_timestamps(path: Path, frames: int) -> tuple[np.ndarray, list[str]]:
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
     """Read the first frame, and choose the reader of the others.
 
-    An image is an ordinary picture, of one view, unless an option says otherwise.
+    An image, or an array of one, is an ordinary picture unless an option says otherwise.
     """
     if reading.is_raw or is_lytro(path):
         plan, first = reading.plan(path)
@@ -226,10 +227,18 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
             return formats.read_light_field(one, order=order, grid=grid, dark=reading.dark)
 
         return read, read(path)
-    is_image, is_pages = (path.suffix.lower() in x for x in (IMAGE_SUFFIXES, TIFF_SUFFIXES))
-    if is_image and not (is_pages and is_stack(path)) and reading.mosaic is None:
-        reading = replace(reading, views=reading.views or 1)
+    if reading.views is None and not {"mosaic", "axes", "grid"} & reading.given().keys():
+        reading = replace(reading, views=1 if _is_picture(path) else None)
     return reading.read_stored, reading.read_stored(path)
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a file holds one picture: an image, or an array of rows, columns and colours."""
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        with open_arrays(path) as file:
+            return len(file.header("").shape) < 4
+    return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))
 
 
 @dataclass(frozen=True)

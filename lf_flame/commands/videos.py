@@ -56,7 +56,7 @@ SHAPE = (
 
 MEASURES = cloup.option_group(
     "How the flame is measured",
-    cloup.option("--slope", type=FiniteRange(), help="Refocus each light field at this slope."),
+    cloup.option("--slope", type=float, help="Refocus each light field at this slope."),
     cloup.option(
         "--depth-mm", type=float, help="Refocus each light field at this depth; needs --camera."
     ),

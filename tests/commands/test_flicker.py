@@ -266,18 +266,20 @@ def write_video(folder, names, heights):
         np.save(folder / f"{name}.npy", small_flame(height))
 
 
-def write_pictures(folder, heights, numbers=None):
+def write_pictures(folder, heights, numbers=None, suffix="png"):
     """Ordinary 16-bit pictures of 40 x 16 pixels, of flames that end between rows."""
     folder.mkdir()
     for number, height in zip(numbers or range(len(heights)), heights, strict=True):
         picture = (30000 * small_flame(height)[0, 0]).astype(np.uint16)
-        imsave(folder / f"f{number:03d}.png", picture, check_contrast=False)
+        path = folder / f"f{number:03d}.{suffix}"
+        np.save(path, picture) if suffix == "npy" else imsave(path, picture, check_contrast=False)
 
 
-def test_ordinary_pictures_are_the_default_and_too_few_periods_are_named(tmp_path):
+@pytest.mark.parametrize("suffix", ["png", "tif", "npy"])
+def test_ordinary_pictures_are_the_default_and_too_few_periods_are_named(tmp_path, suffix):
     """30 pictures at 200 a second of a flame at 12.5 Hz: 1.8 periods; the first is no spark."""
     heights = 20 + 8 * np.sin(2 * np.pi * 12.5 * np.arange(30) / 200)
-    write_pictures(tmp_path / "video", heights)
+    write_pictures(tmp_path / "video", heights, suffix=suffix)
     words = ["--frames-per-second", 200, "--out", tmp_path / "out"]
     done = run("flicker", tmp_path / "video", *words)
     assert done.exit_code == 0, done.output

@@ -227,7 +227,7 @@ REFUSED = [
         ("--slope 1 --depth-mm 3 --camera camera.toml", "either --slope or --depth-mm"),
         ("--depth-mm 3", NEED),
         ("--camera camera.toml", NEED),
-        ("--slope nan", "is no finite number"),
+        ("--slope nan", "as refocus@0.5, got 'nan'"),
         ("--burner-row 48", "burner_row must lie within"),
         ("--slope 1e308", "shifted by more than the image"),
         ("--out still", "exists; name another folder"),
