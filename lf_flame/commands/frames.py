@@ -216,6 +216,9 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
 
     An image, or an array of one, is an ordinary picture unless an option says otherwise.
     """
+    views = {"views", "mosaic", "axes", "grid"} & reading.given().keys()
+    if not reading.is_raw and not views and _is_picture(path):
+        reading = replace(reading, views=1)
     if reading.is_raw or is_lytro(path):
         plan, first = reading.plan(path)
         return lambda path: plan.decode(read_frame(path)), plan.decode(first)
@@ -227,8 +230,6 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
             return formats.read_light_field(one, order=order, grid=grid, dark=reading.dark)
 
         return read, read(path)
-    if reading.views is None and not {"mosaic", "axes", "grid"} & reading.given().keys():
-        reading = replace(reading, views=1 if _is_picture(path) else None)
     return reading.read_stored, reading.read_stored(path)
 
 
