@@ -195,6 +195,7 @@ REFUSED = [
         (f"calibrate {' '.join(words)} --square-mm 5 --out out", said)
         for words, said in (
             (BOARDS[:2], "3 different distances"),
+            ([*BOARDS[:3], "--focal-mm", "50"], "--focal-mm goes with --lenslet-mm"),
             ([*BOARDS[:3], "b25.npz@nan"], "its depth in mm"),
             ([*BOARDS[:3], "b25.npz"], "its depth in mm"),
             ([*BOARDS, "--step-mm 10"], "and not both"),
