@@ -111,7 +111,7 @@ def _image(source: Path) -> Found:
     """Raw image, lenslet image or stack of pages."""
     from lf_flame.formats import estimate_grid, read_focal_stack
     from lf_flame.formats.images import TIFF_SUFFIXES, read_image
-    from lf_flame.formats.raw.colour_pattern import refuse_mosaic
+    from lf_flame.formats.raw.checks import refuse_mosaic
     from lf_flame.formats.stacks import is_stack
 
     if source.suffix.lower() in TIFF_SUFFIXES and is_stack(source):

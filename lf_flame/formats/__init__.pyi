@@ -20,7 +20,7 @@ from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch
 from .raw.reading import decode_raw as decode_raw
 from .raw.reading import read_raw as read_raw
-from .raw.white_image import estimate_grid as estimate_grid
+from .raw.lenslet_search import estimate_grid as estimate_grid
 from .reading import read_light_field as read_light_field
 from .stacks import read_focal_stack as read_focal_stack
 from .stacks import read_view_stack as read_view_stack

@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 
 from lf_flame.errors import InputError
 from lf_flame.formats.focused.lenslets import FocusedLenslets
-from lf_flame.formats.raw.grid_fit import flattened
-from lf_flame.formats.raw.white_image import estimate_grid
+from lf_flame.formats.raw.lenslet_search import flattened
+from lf_flame.formats.raw.lenslet_search import estimate_grid
 
 PARTS = 4
 """Number of parts along each axis of a picture in which the lenslets are compared."""
@@ -61,16 +61,11 @@ def check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object)
 
 def _distance(grey: np.ndarray, lenslets: FocusedLenslets) -> float:
     """Largest distance of micro-images that a picture shows from the calibration's; 0 if none."""
-    turned = abs(lenslets.grid.rotation) > math.pi / 12  # straight columns
     try:
-        found = estimate_grid(
-            np.rot90(grey) if turned else grey, lenslets.grid.pitch, lenslets.grid.layout
-        )
-        centres = found.centres(grey.shape[::-1] if turned else grey.shape).reshape(-1, 2)
+        found = estimate_grid(grey, lenslets.grid.pitch, lenslets.grid.layout)
     except InputError:
         return 0.0
-    if turned:
-        centres = np.stack([centres[:, 1], grey.shape[1] - 1 - centres[:, 0]], axis=1)
+    centres = found.centres(grey.shape).reshape(-1, 2)
     stated = lenslets.array(grey.shape).centres.reshape(-1, 2)
     return float(cKDTree(stated).query(centres)[0].max())
 

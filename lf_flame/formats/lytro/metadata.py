@@ -9,8 +9,8 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.formats.nested_values import NestedValues, tables
-from lf_flame.formats.raw.bayer import PATTERNS
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.sensor_images import PATTERNS
 
 ENDIANNESS = {10: "little", 12: "big"}
 """Byte order of packed pixels by their number of bits: 10 in the Illum, 12 in the F01."""
