@@ -18,8 +18,10 @@ from lf_flame._common.threads import parallel
 class Room(NamedTuple):
     """Arrays to work in, for one micro-image."""
 
+    own: np.ndarray
+    """Own pixels of each line and those that continue them, (lines, pixels)."""
     pixels: np.ndarray
-    """Own pixels of each line and those that continue them, (pixels, lines)."""
+    """The same, (pixels, lines)."""
     across: np.ndarray
     """Light of the parts along each line, (u, lines)."""
     lines: np.ndarray
@@ -67,10 +69,14 @@ def continue_linearly(values, first, end):
     if end - first > 1:
         before = values[first] - values[first + 1]
         after = values[end - 1] - values[end - 2]
-    for k in range(first):
-        values[k] = values[first] + min(first - k, 2) * before
-    for k in range(end, values.size):
-        values[k] = values[end - 1] + min(k - end + 1, 2) * after
+    if first > 0:
+        values[first - 1] = values[first] + before
+    for k in range(first - 1):
+        values[k] = values[first] + np.float32(2.0) * before
+    if end < values.size:
+        values[end] = values[end - 1] + after
+    for k in range(end + 1, values.size):
+        values[k] = values[end - 1] + np.float32(2.0) * after
 
 
 @njit
@@ -113,98 +119,92 @@ def integrate(values, edges, start, drift, together, total, light):
 
 
 @njit
-def light_at(image, black, gain, i, j, channel):
-    """Value of a pixel less its black level, times its factor."""
-    value = np.float32(image[i, j, channel])
+def read_line(image, black, gain, i, j, step, channel, line):
+    """Read pixels of row i from column j on, less their black level, times their factors."""
+    for k in range(line.size):
+        line[k] = image[i, j + step * k, channel]
     if black.size > 0:
-        value -= black[i, j, min(channel, black.shape[2] - 1)]
+        under = min(channel, black.shape[2] - 1)
+        for k in range(line.size):
+            line[k] -= black[i, j + step * k, under]
     if gain.size > 0:
-        value *= gain[i, j, min(channel, gain.shape[2] - 1)]
-    return value
+        own = min(channel, gain.shape[2] - 1)
+        for k in range(line.size):
+            line[k] *= gain[i, j + step * k, own]
 
 
 @njit
-def find_lines(gain, shape, lattices, lattice, y, x, array, room):
-    """Find the own, lit pixels of the lines of a micro-image: room.low, room.high; 0, 0 if none.
+def fill_green(own, low, high, left, odd):
+    """Give pixels of other colours the mean of opposite green neighbours in the micro-image.
 
-    lattice: number of the lattice. y, x: centre in its pixels.
+    Both neighbours of a pair, so that linear light stays as it is. odd: whether the sum of row and
+    column of a green pixel is odd, counted from the first line and place 0 of `own`. A pixel
+    without a pair at an end of its line is taken off.
     """
-    step, top = lattices.step[lattice], int(np.ceil(y - array.high))
-    own = min(lattices.source[lattice], gain.shape[2] - 1)
-    for here in range(room.low.size):
-        row = top + here
-        room.low[here], room.high[here] = 0, 0
-        if row < 0 or (row + 1) * step > shape[0]:
-            continue
-        low, high = find_own_pixels(row - y, x, array, shape[1] // step)
-        i, j = lattices.top[lattice] + step * row, lattices.left[lattice]
-        if gain.size > 0:
-            while low < high and gain[i, j + step * low, own] == 0.0:
-                low += 1
-            while low < high and gain[i, j + step * (high - 1), own] == 0.0:
-                high -= 1
-        if high - low >= array.fewest:
-            room.low[here], room.high[here] = low, high
-
-
-@njit
-def green_at(image, black, gain, here, i, k, room):
-    """Green of a pixel of another colour: mean of opposite neighbours of the lenslet.
-
-    Both neighbours of a pair, so that linear light stays as it is. Gives the number of pairs too.
-    """
-    low, high = room.low, room.high
-    total, pairs = np.float32(0.0), 0
-    if low[here] < k < high[here] - 1:
-        total += light_at(image, black, gain, i, k - 1, 0)
-        total += light_at(image, black, gain, i, k + 1, 0)
-        pairs += 1
-    if 0 < here < low.size - 1:
-        if low[here - 1] <= k < high[here - 1] and low[here + 1] <= k < high[here + 1]:
-            total += light_at(image, black, gain, i - 1, k, 0)
-            total += light_at(image, black, gain, i + 1, k, 0)
-            pairs += 1
-    return total / max(2 * pairs, 1), pairs
+    for here in range(low.size):
+        first, end = low[here] - left, high[here] - left
+        for k in range(first + (here + first + 1 - odd) % 2, end, 2):
+            pairs, total = np.float32(0.0), np.float32(0.0)
+            if first < k < end - 1:
+                pairs, total = pairs + np.float32(2.0), own[here, k - 1] + own[here, k + 1]
+            if 0 < here < low.size - 1:
+                above = low[here - 1] <= k + left < high[here - 1]
+                if above and low[here + 1] <= k + left < high[here + 1]:
+                    pairs += np.float32(2.0)
+                    total += own[here - 1, k] + own[here + 1, k]
+            if pairs > 0:
+                own[here, k] = total / pairs
+            elif k == first:
+                low[here] += 1
+            else:
+                high[here] -= 1
 
 
 @njit
 def read_lines(image, black, gain, lattices, lattice, y, x, array, room):
-    """Read a micro-image's own pixels line by line, and continue each line beyond them.
+    """Read a micro-image's own, lit pixels line by line, and continue each line beyond them.
 
-    Fills room.pixels, and room.first and room.end, of the own lines of each part across.
+    Fills room.pixels, and room.first and room.end, of the own lines of each part across. lattice:
+    number of the lattice. y, x: centre in its pixels.
     """
     step, channel = lattices.step[lattice], lattices.source[lattice]
-    first, end, pixels = room.first, room.end, room.pixels
+    first, end, own, low, high = room.first, room.end, room.own, room.low, room.high
     top, left = int(np.ceil(y - array.high)), int(np.ceil(x - array.wide))
     views, tan = first.size, array.sin / array.cos
     part = array.along[1] - array.along[0]
-    find_lines(gain, image.shape, lattices, lattice, y, x, array, room)
-    end[:] = 0
-    for here in range(room.low.size):
-        low, high = room.low[here], room.high[here]
-        if high == 0:
+    j, factor = lattices.left[lattice], min(channel, gain.shape[2] - 1)
+    for here in range(low.size):
+        row = top + here
+        low[here], high[here] = 0, 0
+        if row < 0 or (row + 1) * step > image.shape[0]:
             continue
-        i, j = lattices.top[lattice] + step * (top + here), lattices.left[lattice]
-        if lattices.green[lattice] < 0:
-            for k in range(low, high):
-                pixels[k - left, here] = light_at(image, black, gain, i, j + step * k, channel)
-        else:
-            for k in range(low, high):
-                if (i + k) % 2 == lattices.green[lattice]:
-                    pixels[k - left, here] = light_at(image, black, gain, i, k, 0)
-                    continue
-                pixels[k - left, here], pairs = green_at(image, black, gain, here, i, k, room)
-                if pairs == 0:
-                    low, high = (k + 1, high) if k == low else (low, k)
-            if high - low < array.fewest:
-                continue
-        continue_linearly(pixels[:, here], low - left, high - left)
+        begin, stop = find_own_pixels(row - y, x, array, image.shape[1] // step)
+        i = lattices.top[lattice] + step * row
+        if gain.size > 0:
+            while begin < stop and gain[i, j + step * begin, factor] == 0.0:
+                begin += 1
+            while begin < stop and gain[i, j + step * (stop - 1), factor] == 0.0:
+                stop -= 1
+        if stop - begin >= array.fewest:
+            low[here], high[here] = begin, stop
+            line = own[here, begin - left : stop - left]
+            read_line(image, black, gain, i, j + step * begin, step, channel, line)
+    if lattices.green[lattice] >= 0:
+        fill_green(own, low, high, left, (lattices.green[lattice] + top + left) % 2)
+    end[:] = 0
+    for here in range(low.size):
+        if high[here] - low[here] < array.fewest:
+            continue
+        continue_linearly(own[here], low[here] - left, high[here] - left)
         # Parts whose middle is within the own pixels, or half a pixel beyond.
-        begin = (array.along[0] + x - tan * (top + here - y)) / part
-        u, last = int(np.ceil((low - 1.0) / part - begin - 0.5)), (high / part - begin - 0.5)
-        for u in range(max(u, 0), min(int(np.floor(last)) + 1, views)):
+        begin = (array.along[0] + x - tan * (top + here - y)) / part + 0.5
+        u = max(int(np.ceil((low[here] - 1.0) / part - begin)), 0)
+        for u in range(u, min(int(np.floor(high[here] / part - begin)) + 1, views)):
             first[u] = here if end[u] == 0 else first[u]
             end[u] = here + 1
+    for here in range(low.size):
+        for k in range(room.pixels.shape[0]):
+            room.pixels[k, here] = own[here, k]
 
 
 @njit
@@ -224,12 +224,13 @@ def read_micro_image(image, black, gain, lattices, lattice, y, x, array, room):
         u, inner = (middle + n, middle + n - 1) if n < size - middle else (size - 1 - n, size - n)
         if end[u] == 0 and n > 0:  # beyond the lit pixels: as its neighbour
             first[u], end[u] = first[inner], end[inner]
-        for here in range(first[u], end[u]):
-            lines[here, u] = room.across[u, here]
         if end[u] > 0:
-            continue_linearly(lines[:, u], first[u], end[u])
+            continue_linearly(room.across[u], first[u], end[u])
         else:
-            lines[:, u] = 0.0
+            room.across[u] = 0.0
+    for here in range(lines.shape[0]):
+        for u in range(size):
+            lines[here, u] = room.across[u, here]
     middle, part = 0.5 * (array.along[0] + array.along[1]), array.along[1] - array.along[0]
     integrate(
         lines, array.down, y - top + 0.5 + array.shear * middle, array.shear * part,
@@ -242,7 +243,8 @@ def make_room(array, views):
     """Make room to work in."""
     high, wide = 2 * int(array.high) + 2, 2 * int(array.wide) + 2
     return Room(
-        np.zeros((wide, high), np.float32), np.zeros((views, high), np.float32),
+        np.zeros((high, wide), np.float32), np.zeros((wide, high), np.float32),
+        np.zeros((views, high), np.float32),
         np.zeros((high, views), np.float32), np.zeros(high, np.int64), np.zeros(high, np.int64),
         np.zeros(views, np.int64), np.zeros(views, np.int64),
         np.empty((max(wide, high) + 1, max(views, high)), np.float32),
