@@ -12,7 +12,6 @@ from .lenslet_image import write_lenslet_image as write_lenslet_image
 from .lytro.metadata import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture
 from .lytro.picture import read_lytro as read_lytro
-from .lytro.products import read_lytro_products as read_lytro_products
 from .lytro.white import find_white as find_white
 from .movie import write_movie as write_movie
 from .raw.decode_plan import DecodePlan as DecodePlan

@@ -142,10 +142,12 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
             )
             return white
         serials = sorted({one.metadata.serial or "unknown" for one in files})
-        held = f"{len(files)} white images of camera {', '.join(serials[:5])}" if files else "none"
+        held = f"{len(files)} of camera {', '.join(serials[:5])}" if files else "none"
+        dark = sum(one.metadata.is_dark for one in files) + len(fitting)
         raise InputError(
             f"{where} holds no white image for {picture.source}, of camera {facts.serial} and "
-            f"{facts.shape[0]} x {facts.shape[1]} pixels, got {held}."
+            f"{facts.shape[0]} x {facts.shape[1]} pixels, got {held}"
+            + (f", of which {dark} are too dark or taken without light." if dark else ".")
         )
 
 
