@@ -13,7 +13,6 @@ from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.sensor_images import as_image, less_dark
 from lf_flame.formats.raw.white_image import estimate_grid
-from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lightfield import LightField
 
 
@@ -157,11 +156,6 @@ def plan_raw(
                 f"its own."
             )
         return plan_lytro(path, white, views, dark=dark)
-    if is_view_folder(path):
-        raise InputError(
-            f"A white image and a pitch decode a raw image, but {path} is a folder of views; "
-            f"raw frames of a video are decoded by `lf-flame process`."
-        )
     image = read_image(path)
     white_image, black = (None if name is None else read_image(name) for name in (white, dark))
     if white_image is not None:
