@@ -32,7 +32,7 @@ def describe(source: Path) -> Found:
     from lf_flame.formats.images import IMAGE_SUFFIXES
     from lf_flame.formats.lytro.decoding import is_lytro
     from lf_flame.formats.lytro.white import holds_white_files
-    from lf_flame.formats.view_files.sources import is_view_folder
+    from lf_flame.formats.view_files.folder import is_view_folder
 
     if is_lytro(source):
         return lytro_picture(source)
@@ -180,9 +180,9 @@ def _middle(image: "np.ndarray") -> "np.ndarray":
 
 def _views(source: Path) -> Found:
     """Any other file, which is read as a light field."""
-    from lf_flame.formats.reading import Stated, note_on_order, read_ordered
+    from lf_flame.formats.reading import find_light_field, note_on_order
 
-    light_field, order = read_ordered(source, None, Stated())
+    light_field, order, *_ = find_light_field(source)
     v, u, t, s, *channels = light_field.views.shape
     found = Found("light field", shape=(v, u, t, s))
     colour = f"{channels[0]} channels" if channels else "grey"

@@ -11,16 +11,13 @@ from pathlib import Path
 
 import click
 
-from lf_flame import formats
 from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
-from lf_flame.formats.raw.reading import read_frame
-from lf_flame.formats.view_files.sources import ARCHIVE, is_view_folder
+from lf_flame.formats.view_files.folder import ARCHIVE
 from lf_flame.lightfield import LightField
 
 
@@ -118,18 +115,8 @@ def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]
 
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
     """Read the first frame, and choose the reader of the others."""
-    if reading.is_raw or is_lytro(path):
-        plan, first = reading.plan(path)
-        return lambda path: plan.decode(read_frame(path)), plan.decode(first)
-    if is_view_folder(path):
-        folder = reading.scan(path)
-        order, grid = folder.found.order, folder.counted
-
-        def read(one: Path) -> LightField:
-            return formats.read_light_field(one, order=order, grid=grid, dark=reading.dark)
-
-        return read, read(path)
-    return reading.read_stored, reading.read_stored(path)
+    found = reading.find(path)
+    return found.again, found.light_field
 
 
 @dataclass(frozen=True)

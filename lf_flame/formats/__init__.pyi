@@ -1,4 +1,3 @@
-from .arrays import read_array as read_array
 from .exposure import read_exposure as read_exposure
 from .focused.lenslets import FocusedLenslets as FocusedLenslets
 from .focused.raytrix import read_raytrix as read_raytrix
@@ -22,11 +21,7 @@ from .raw.reading import read_raw as read_raw
 from .raw.lenslet_search import estimate_grid as estimate_grid
 from .reading import read_light_field as read_light_field
 from .stacks import read_focal_stack as read_focal_stack
-from .stacks import read_view_stack as read_view_stack
 from .stacks import write_focal_stack as write_focal_stack
 from .view_files.folder import ViewFolder as ViewFolder
-from .view_files.folder_output import write_view_folder as write_view_folder
-from .view_files.mosaic import read_view_mosaic as read_view_mosaic
-from .view_files.scan import read_view_folder as read_view_folder
-from .view_files.scan import scan_view_folder as scan_view_folder
+from .view_files.folder import scan_view_folder as scan_view_folder
 from .writing import write_light_field as write_light_field

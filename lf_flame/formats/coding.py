@@ -17,7 +17,7 @@ from lf_flame._common.input_files import File, check_regular, open_bytes
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import MATLAB_SUFFIX
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.view_files.sources import first_image, is_view_folder
+from lf_flame.formats.view_files.folder import first_image, is_view_folder
 from lf_flame.lightfield import LightField
 
 CODED = (

@@ -13,7 +13,6 @@ from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import as_image, less_dark
-from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lightfield import LightField
 
 

@@ -1,20 +1,18 @@
-"""Finding the views of a light field among the files of a folder, by their numbers."""
+"""Rows and columns of views, by the numbers in the names of their files."""
 
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from decimal import Decimal
 from itertools import pairwise
-from math import gcd, isqrt, prod
-from pathlib import Path, PurePath
-from typing import TypeVar
+from math import gcd, prod
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame._common.input_files import File, Source
 from lf_flame.errors import InputError
-from lf_flame.formats.images import IMAGE_SUFFIXES
+from lf_flame.formats.view_files.orders import Grid, by_columns
 
 NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
 """Pattern of an optional sign or hyphen, then digits that points may divide."""
@@ -22,74 +20,48 @@ NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
 Parts = tuple[str | Decimal, ...]
 """Text and numbers of a name in turn; text, perhaps empty, comes first and last."""
 
-Name = TypeVar("Name", bound=PurePath)
-
-MOST_NAMED = 3
-"""Largest number of missing views that an error names."""
-
-MOST_MISSING = 1 / 3
-"""Largest fraction of a grid that may be missing where its size is not stated: the corners of a
-round aperture are."""
+Column = tuple[Decimal, ...]
+"""Number at one place of the name of each file."""
 
 LARGEST_GRID = 10_000
 """Largest number of places in a grid of which more than half are missing."""
 
 
-def largest_set(names: list[Name], source: Path) -> list[Name]:
-    """Largest set of images with names that differ only in numbers, of one folder.
+class Axis(NamedTuple):
+    """Places 0, 1 ... of numbers along an axis.
 
-    Parameters
-    ----------
-    names : list of Path or PurePath
-    source : Path
-        Folder or archive that holds them, for messages.
-
-    Raises
-    ------
-    InputError
-        If there are no two such images, or another set half as large or more.
+    `step` is the distance between places, None for a single number; `error` its largest error by
+    rounding in the names.
     """
-    sets = defaultdict(list)
-    for path in names:
-        if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."):
-            like = re.sub(r"[-+]?\d+(\.\d+)?", "#", path.stem) + path.suffix.lower()
-            if "#" in like:
-                sets[str(path.parent / like)].append(path)
-    by_size = sorted(sets.items(), key=lambda item: len(item[1]), reverse=True)
-    if not by_size or len(by_size[0][1]) < 2:
-        raise InputError(
-            f"{source} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
-            f"numbers only."
-        )
-    if len(by_size) > 1 and 2 * len(by_size[1][1]) >= len(by_size[0][1]):
-        found = " and ".join(f"{len(files)} of {like}" for like, files in by_size[:2])
-        raise InputError(
-            f"{source} holds more than one set of images, {found}: leave only the views there."
-        )
-    return by_size[0][1]
+
+    places: dict[Decimal, int]
+    size: int
+    step: Decimal | None
+    error: Decimal
+
+    def number(self, place: int) -> Decimal:
+        """Give the number that a place has in the names."""
+        one, at = next(iter(self.places.items()))
+        return one + (place - at) * (self.step or 1)
 
 
 def number_grid(
-    files: list[File], shape: tuple[int, int] | None = None
+    files: list[File],
+    source: Source,
+    grid: Grid | None = None,
+    order: str | None = None,
+    first: int | None = None,
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Arrange files by the numbers in their names.
+    """Arrange files, whose names differ only in numbers, by these.
 
-    The first two neighbouring numbers that make a full grid count rows and columns. They may start
-    anywhere and rise by any step; a constant number counts only if it is 0 or 1 and has as many
-    digits as its partner. Signs and decimals are read, as in positions, unless the digits alone
-    make a fuller grid (``01.02``). Otherwise one running number counts all views.
-
-    Parameters
-    ----------
-    files : list of Path or PackedFile
-        Files with names that differ only in numbers.
-    shape : (int, int), optional
-        Stated number of rows and columns, which the names may count as columns and rows; a running
-        number need not show them.
+    The last two numbers that vary and lie on a grid are places along its axes. Where one number
+    varies it counts all views, unless a constant 0 or 1 of as many digits stands beside it: then
+    they are a single row or column. Other arguments are those of
+    `lf_flame.formats.scan_view_folder`.
 
     Returns
     -------
-    grid : ndarray of Path, shape (first number, second number) or (running number,)
+    files : ndarray of Path, shape (first number, second number) or (running number,)
         None for a missing view.
     missing : tuple of str
         Numbers of the missing views.
@@ -97,166 +69,175 @@ def number_grid(
     Raises
     ------
     InputError
-        If the numbers make no grid, or not the stated one; or if none is stated, and more than
-        `MOST_MISSING` of the views are missing, or one with a running number is.
+        If the numbers make no grid of equal steps, or do not fit the stated one.
     """
-    readings = [numbers_of(split_numbers([path.stem for path in files])), digits_of(files)]
-    readings = readings[readings[0] == readings[1] :]  # one if there is no sign or decimal
-    pairs = [pair for numbers in readings if (pair := fullest_pair(numbers, shape))]
-    if pairs:
-        rows_columns, _ = min(pairs, key=lambda pair: pair[1])
-        grid, missing = grid_of(files, rows_columns, files[0])
-        if shape not in (None, grid.shape, grid.shape[::-1]):
+    words = [re.findall(r"[0-9]+", file.stem) for file in files]
+    columns = _columns([part[1::2] for part in split_numbers([file.stem for file in files])])
+    digits = _columns([[Decimal(word) for word in one] for one in words])
+    pairs = [(columns[a], columns[b]) for a, b in pairwise(_varying(columns))][::-1]
+    if columns == digits and not pairs:
+        pairs = _lone_lines(columns, words)
+    try:
+        return _arranged(files, columns, pairs, source, grid, order, first)
+    except InputError as fault:
+        if len(_varying(columns)) != 1 or len(_varying(digits)) != 2:
+            raise
+        one, other = _varying(digits)  # 01.02.png is a row and a column, and no decimal number
+        pairs = [(digits[one], digits[other])]
+        try:
+            return _arranged(files, digits, pairs, source, grid, order, first)
+        except InputError:
+            raise fault from None
+
+
+def _arranged(
+    files: list[File],
+    columns: list[Column],
+    pairs: list[tuple[Column, Column]],
+    source: Source,
+    grid: Grid | None,
+    order: str | None,
+    first: int | None,
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Arrange files by the first pair of numbers with the smallest grid, or by a running number."""
+    faults, found = [], []
+    for pair in filter(_counts_two_axes, pairs):
+        try:
+            found.append((_two_axes(pair, source, grid, order, first), pair))
+        except InputError as fault:
+            faults.append(fault)
+    if faults and not found:
+        raise faults[0]
+    if not found:
+        column = _running_number(columns, files)
+        axis = _axis(column, source, prod(grid) if grid else None, first)
+        if grid is None and axis.size != len(files):
             raise InputError(
-                f"The names of the images like {files[0]} number {grid.shape[0]} x "
-                f"{grid.shape[1]} views, not the {shape[0]} x {shape[1]} of the grid stated."
+                f"Only {len(files)} views of {source} are there, numbered from {min(column)} to "
+                f"{max(column)} with gaps: state the grid that they do not fill, --grid "
+                f"ROWSxCOLUMNS."
             )
-        if shape is None and len(missing) > MOST_MISSING * grid.size:
-            _refuse_missing(missing, files, grid.shape)
-        return grid, missing
-    for numbers in readings:
-        for column in zip(*numbers, strict=True):
-            if len(set(column)) == len(files):
-                return _in_a_row(files, column, shape)
+        return _placed(files, [axis], (column,))
+    axes, pair = min(found, key=lambda one: prod(axis.size for axis in one[0]))
+    rows, across = (axis.size for axis in axes)
+    if rows * across > max(2 * len(files), LARGEST_GRID):
+        raise InputError(f"{source}: {len(files)} views cannot fill a grid of {rows} x {across}.")
+    return _placed(files, axes, pair)
+
+
+def _columns(numbers: Sequence[Sequence]) -> list[Column]:
+    """Numbers that all names have, by their place in the name."""
+    shared = min(map(len, numbers))
+    return list(zip(*(one[:shared] for one in numbers), strict=True))
+
+
+def _varying(columns: list[Column]) -> list[int]:
+    return [k for k, column in enumerate(columns) if len(set(column)) > 1]
+
+
+def _lone_lines(columns: list[Column], words: list[list[str]]) -> list[tuple[Column, Column]]:
+    """Pairs of neighbours of which one varies, and the other is a 0 or 1 of as many digits."""
+    return [
+        (columns[k], columns[k + 1])
+        for k in range(len(columns) - 1)
+        for constant, other in ((k, k + 1), (k + 1, k))
+        if set(columns[constant]) <= {0, 1}
+        and len(set(columns[constant])) == 1 < len(set(columns[other]))
+        and len(words[0][constant]) == min(len(one[other]) for one in words)
+    ]
+
+
+def _counts_two_axes(pair: tuple[Column, Column]) -> bool:
+    """Whether each view has a place of its own: two decimals, or some share a row or a column."""
+    count = len(pair[0])
+    decimals = [any(number % 1 for number in column) for column in pair]
+    shared = any(len(set(column)) < count for column in pair)
+    return len(set(zip(*pair, strict=True))) == count and (shared or all(decimals))
+
+
+def _running_number(columns: list[Column], files: list[File]) -> Column:
+    for column in columns:
+        if len(set(column)) == len(files):
+            return column
     raise InputError(
-        f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
-        f"row and column, or a unique running number."
+        f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique row "
+        f"and column, or a unique running number."
     )
 
 
-@dataclass(frozen=True, order=True)
-class Count:
-    """A number in a name, with its digits as written."""
-
-    value: Decimal
-    text: str = field(compare=False)
-
-
-Columns = list[tuple[Count, ...]]
-"""Numbers in the name of each file."""
-
-
-def numbers_of(parts: list[Parts]) -> Columns:
-    """Numbers that all names have, with signs and decimals."""
-    shared = min(len(part) // 2 for part in parts)
-    values = [[x for x in part if isinstance(x, Decimal)] for part in parts]
-    return [tuple(Count(x, f"{x}") for x in one[:shared]) for one in values]
-
-
-def digits_of(files: list[File]) -> Columns:
-    """Find the runs of digits that all names have."""
-    words = [re.findall(r"[0-9]+", path.stem) for path in files]
-    shared = min(map(len, words))
-    return [tuple(Count(Decimal(word), word) for word in one[:shared]) for one in words]
-
-
-def fullest_pair(
-    numbers: Columns, shape: tuple[int, int] | None
-) -> tuple[list[tuple[Count, Count]], int] | None:
-    """First pair of neighbouring numbers that makes the fullest grid, and the size of the grid."""
-    found = []
-    for k in range(len(numbers[0]) - 1):
-        pair = [(one[k], one[k + 1]) for one in numbers]
-        rows, columns = ({count.value for count in axis} for axis in zip(*pair, strict=True))
-        widths = [min(len(count.text) for count in axis) for axis in zip(*pair, strict=True)]
-        constant = next((values for values in (rows, columns) if len(values) == 1), None)
-        one_row = constant is None or (constant <= {0, 1} and widths[0] == widths[1])
-        # A grid that is less than half full is not one with gaps, unless it is stated: its numbers
-        # mean something else.
-        places = len(rows) * len(columns)
-        full_enough = places <= 2 * len(numbers) or shape in (
-            (len(rows), len(columns)),
-            (len(columns), len(rows)),
+def _two_axes(
+    pair: tuple[Column, Column],
+    source: Source,
+    grid: Grid | None,
+    order: str | None,
+    first: int | None,
+) -> list[Axis]:
+    """Find the places of two numbers; refuse steps that differ, as slopes would have no unit."""
+    sizes = grid or (None, None)
+    sizes = sizes[::-1] if order and by_columns(order) else sizes
+    try:
+        axes = [_axis(*one, first) for one in zip(pair, [source] * 2, sizes, strict=True)]
+    except InputError:
+        if order or grid is None:
+            raise
+        # The names may count columns before rows, as the parallax then has to show.
+        axes = [_axis(*one, first) for one in zip(pair, [source] * 2, sizes[::-1], strict=True)]
+    one, other = axes
+    if one.step and other.step and abs(one.step - other.step) > one.error + other.error:
+        raise InputError(
+            f"The views of {source} are {float(one.step):.4g} apart by the first number in their "
+            f"names, and {float(other.step):.4g} by the second, but views need equal steps along "
+            f"both axes; where these numbers only count, rename the files with 0, 1, 2 ..."
         )
-        if one_row and full_enough and len(set(pair)) == len(numbers):
-            found.append((pair, places))
-    return min(found, key=lambda one: one[1], default=None)
+    return axes
 
 
-def grid_of(
-    files: list[File], numbers: list[tuple[Count, Count]], source: Source
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Place files in a grid by their rows and columns.
+def _axis(numbers: Column, source: Source, size: int | None, first: int | None) -> Axis:
+    """Find the places of numbers along an axis: multiples of one step, some may be missing.
 
-    Returns
-    -------
-    files : ndarray of Path, shape (rows, columns)
-        None for a missing view.
-    missing : tuple of str
-        Numbers of the missing views, as their names would hold them.
-
-    Raises
-    ------
-    InputError
-        If the grid would have more than `LARGEST_GRID` places, of which most are missing.
+    Where they do not fill a stated size, whole numbers are places. They count from `first`, by
+    default from 0, or from 1 if the last place is then there.
     """
-    rows, columns = (evenly(axis) for axis in zip(*numbers, strict=True))
-    if len(rows) * len(columns) > max(2 * len(files), LARGEST_GRID):
-        raise InputError(
-            f"{source}: {len(files)} views cannot fill a grid of {len(rows)} x {len(columns)}."
-        )
-    placed = dict(zip(numbers, files, strict=True))
-    wanted = [(row, column) for row in rows for column in columns]
-    missing = [f"{row.text}_{column.text}" for row, column in wanted if (row, column) not in placed]
-    grid = _as_array([placed.get(pair) for pair in wanted]).reshape(len(rows), len(columns))
-    return grid, tuple(missing)
-
-
-def _in_a_row(
-    files: list[File], column: tuple[Count, ...], shape: tuple[int, int] | None
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Place files by a running number; gaps are kept only where they fill the stated grid."""
-    placed, run = dict(zip(column, files, strict=True)), evenly(column)
-    gaps = [count.text for count in run if count not in placed]
-    if shape is None and isqrt(len(files)) ** 2 != len(files):
-        _refuse_missing(gaps, files, None)
-    if shape is None or len(run) != prod(shape):
-        gaps, run = [], sorted(column)
-    return _as_array([placed.get(count) for count in run]), tuple(gaps)
-
-
-def evenly(numbers: tuple[Count, ...]) -> list[Count]:
-    """Numbers from the lowest to the highest, in steps of their greatest common divisor."""
     found = sorted(set(numbers))
-    finest = min(int(count.value.as_tuple().exponent) for count in found)
-    ticks = [int(count.value.scaleb(-finest)) for count in found]
-    step = gcd(*(after - before for before, after in pairwise(ticks))) or 1
-    steps = range(ticks[0], ticks[-1] + 1, step)
-    if len(steps) > 2 * len(found):
-        # Wide gaps are not missing views; these numbers are positions or times.
-        return found
-    width, known = min(len(count.text) for count in found), dict(zip(ticks, found, strict=True))
-    return [known.get(k) or _between(Decimal(k).scaleb(finest), width) for k in steps]
-
-
-def _between(value: Decimal, width: int) -> Count:
-    """Write a number that no name has like the others."""
-    return Count(value, f"{value:f}".zfill(width))
-
-
-def name_some(missing: Sequence[str]) -> str:
-    """Name the first missing views, and count the others."""
-    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
-    return ", ".join(missing[:MOST_NAMED]) + more
-
-
-def _refuse_missing(
-    missing: Sequence[str], files: list[File], shape: tuple[int, ...] | None
-) -> None:
-    if missing:
-        what = f"{len(files)} views" if shape is None else f"{shape[0]} x {shape[1]} views"
-        grid = "ROWSxCOLUMNS" if shape is None else f"{shape[0]}x{shape[1]}"
-        are = "view {} is" if len(missing) == 1 else "views {} are"
+    few = ", ".join(map(str, found[:4])) + (f" ... {found[-1]}" if len(found) > 4 else "")
+    decimals = -min(0, *(int(number.as_tuple().exponent) for number in found))
+    error = Decimal(1).scaleb(-decimals) if decimals else Decimal(0)
+    axis = Axis({found[0]: 0}, 1, None, error)
+    if len(found) > 1:
+        steps = [after - before for before, after in pairwise(found)]
+        span = found[-1] - found[0]
+        last = round(span / (min(steps) if decimals else gcd(*map(int, steps))))
+        step = span / last  # less rounded than a single one
+        places = {number: round((number - found[0]) / step) for number in found}
+        away = max(abs(number - found[0] - place * step) for number, place in places.items())
+        if away > error or len(set(places.values())) < len(found):
+            raise InputError(
+                f"The views of {source} are at places off a regular grid, {few} by the numbers in "
+                f"their names; only multiples of one step can be used."
+            )
+        axis = Axis(places, last + 1, step, error / last)
+    if size is None or (size == axis.size and first is None):
+        return axis
+    start = int(found[-1] == size) if first is None else first
+    if decimals or not start <= found[0] <= found[-1] < start + size:
         raise InputError(
-            f"Of {what} like {files[0]}, {are.format(name_some(missing))} missing; --grid {grid} "
-            f"reads the others, and gives weight 0 to what is missing."
+            f"The numbers in the names of {source}, {few}, do not count {size} places from "
+            f"{start}: state another --grid, or the number of the first place (`lf-flame "
+            f"convert --first`)."
         )
+    return Axis({number: int(number) - start for number in found}, size, Decimal(1), error)
 
 
-def _as_array(files: Sequence[File | None]) -> np.ndarray:
-    array = np.empty(len(files), object)
-    array[:] = files
-    return array
+def _placed(
+    files: list[File], axes: list[Axis], columns: Sequence[Column]
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Place files in a grid; name what is missing by its numbers."""
+    grid = np.full([axis.size for axis in axes], None, object)
+    for file, *numbers in zip(files, *columns, strict=True):
+        grid[tuple(axis.places[one] for axis, one in zip(axes, numbers, strict=True))] = file
+    missing = [at for at in np.ndindex(grid.shape) if grid[at] is None]
+    named = ["_".join(str(a.number(n)) for a, n in zip(axes, at, strict=True)) for at in missing]
+    return grid, tuple(named)
 
 
 def split_numbers(names: Sequence[str]) -> list[Parts]:
@@ -268,11 +249,6 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
     y0, y4``), or if a name has a plus sign (``y-5x+2``). A point is a decimal point if it is the
     only one of a number, and if all numbers have the same count of decimals or none ends in 0
     (``5.48``, unlike ``1.9, 1.10``).
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names without their endings.
 
     Returns
     -------
