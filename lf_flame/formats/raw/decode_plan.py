@@ -228,8 +228,6 @@ class DecodePlan:
             self._micro_images = checks.mean_micro_images(light, self._grid, self._step)
             bright = self._use_white(light, pattern)
         self.weights = _own_views(self._grid, views) & self._lit
-        if grid.columns:
-            self.weights = self.weights.T
         lost = None if self._bad is None else self._untouched(self._bad.lost_in(size))
         self._valid = self._known(bright, lost)
 
@@ -303,7 +301,9 @@ class DecodePlan:
         """Set the factors of pixels and the lit views; find which parts are bright, (v, u, t, s)."""
         parts = self._resample(light, None, None)
         middle = parts[self.views // 2, self.views // 2]
-        level = np.median(middle, axis=(0, 1))
+        brightest = middle.mean(axis=2)
+        seen = brightest > LEAST_LEVEL * np.percentile(brightest, 95)  # not beyond the array
+        level = np.median(middle[seen], axis=0) if seen.any() else np.zeros(1)
         if not np.all(level > 0):
             raise InputError(
                 f"The white image must be bright in the middle of its micro-images, "
@@ -323,8 +323,8 @@ class DecodePlan:
             np.divide(most, pixels, out=gain[at], where=is_lit)
         self._gain = gain
         share = self._resample((gain > 0).astype(np.float32), None, None)
-        lit = np.array([[np.median(one.mean(axis=2)) for one in row] for row in share]) >= LEAST_SHARE
-        self._lit = lit.T if self.grid.columns else lit
+        lit = np.array([[np.median(one[seen]) for one in row] for row in share]) >= LEAST_SHARE
+        self._lit = lit
         if self._grid.pitch >= 5 and lit.sum() < 9:
             checks.refuse_spots(lit)
         return bright

@@ -164,11 +164,6 @@ def plan_raw(
                 f"its own."
             )
         return plan_lytro(path, white, views, lenslets=lenslets, dark=dark)
-    if is_view_folder(path):
-        raise InputError(
-            f"A white image and a pitch decode a raw image, but {path} is a folder of views; "
-            f"raw frames of a video are decoded by `lf-flame process`."
-        )
     image = read_image(path)
     white_image, black, shown = (
         None if name is None else read_image(name) for name in (white, dark, lenslets)
