@@ -23,7 +23,7 @@ GROUPS, DEVIATIONS = 8, 8.0
 """Groups of lenslets with separate contrasts, and number of their standard errors that a contrast
 must exceed, so that texture is not taken for colour."""
 
-DOUBTFUL, WRONG, MOVED, CLEAR = 0.35, 0.6, 0.4, 1 / 3
+DOUBTFUL, WRONG, MOVED, CLEAR = 0.37, 0.6, 0.4, 1 / 3
 """Light between the white image's micro-images relative to that in them, from which there is a
 warning (0.02 to 0.29 where both fit) and a refusal (0.6 for a white image that is moved by a
 quarter of a pitch). A refusal also needs a gain in correlation by moving the white image, and a

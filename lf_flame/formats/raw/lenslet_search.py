@@ -367,7 +367,7 @@ def _peaks_in_window(
     rows, columns = (i[np.abs(i) <= reach] for i in local.indices(likeness.shape))
     row, column = (i.ravel() for i in np.meshgrid(rows, columns, indexing="ij"))
     y, x = local.position(row, column)
-    clear = grid.pitch  # excludes those cut off by the border
+    clear = 0.55 * grid.pitch  # excludes those cut off by the border
     inside = (y >= clear) & (y <= height - 1 - clear) & (x >= clear) & (x <= width - 1 - clear)
     row, column, y, x = (values[inside] for values in (row, column, y, x))
     if not row.size:
