@@ -137,7 +137,7 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     said = told("raw.png")
     assert "rectangular lenslets, pitch 12.3" in said
     assert "next: lf-flame refocus raw.png --white WHITE.png" in said
-    assert "--views: 2, 5, 10, 25, 50" in told("plain.png")
+    assert "N divides both sides: 2, 5, 10, 25, 50;" in told("plain.png")
     assert "next: lf-flame info on.png" in told(".")
     mosaic = raw.copy()
     mosaic[::2, ::2] //= 3  # of red or blue

@@ -251,9 +251,11 @@ def test_info_proposes_what_divides_the_sides_of_a_picture(tmp_path):
     down, along = np.fft.fftfreq(300)[:, None], np.fft.fftfreq(450)
     noise = np.fft.fft2(np.random.default_rng(1).normal(size=y.shape))
     waves = [np.exp(-(((np.abs(k) - 1 / 14.1) / 0.004) ** 2)) for k in (down, along)]
-    view = np.fft.ifft2(noise * (waves[0] * (np.abs(along) < 0.02) + waves[1] * (np.abs(down) < 0.02)))
+    band = waves[0] * (np.abs(along) < 0.02) + waves[1] * (np.abs(down) < 0.02)
+    view = np.fft.ifft2(noise * band)
     fall = 1 - 0.2 * ((y % 15 - 7) ** 2 + (x % 15 - 7) ** 2) / 98
     picture = (1 + 0.2 * view.real / view.real.std()) * fall
+    picture += np.random.default_rng(2).normal(0, 0.05, y.shape)
     tifffile.imwrite(tmp_path / "picture.tif", picture.clip(0).astype(np.float32))
     files = [tmp_path / "picture.tif", FILES / "microscope_worm" / "worm.tif"]
     for file in files[: 1 + files[1].exists()]:

@@ -205,8 +205,7 @@ RAW = [
     *((lambda k=k: estimate_grid(of_no_grid()[k]), "No regular array of micr") for k in range(5)),
     (lambda: estimate_grid(white(), pitch=30), "every 12 pixels, not every 30"),
     (lambda: estimate_grid(white(), layout="rectangular"), "must be hexagonal, .* 'rectangular'"),
-    (lambda: estimate_grid(white().T), "straight columns.*numpy.rot90"),
-    (lambda: estimate_grid(white()[:45, :60]), "3 x 3 micro-images"),
+    (lambda: estimate_grid(white()[:30, :60]), "No regular array of micro-images"),
     *each(
         estimate_grid,
         ((FLAT, 2.0), "pitch must lie between 4 pixels and .* got 2.0"),
@@ -379,7 +378,7 @@ WHITES = [
     (found_in(b"no archive" * 100), "damaged"),
     (found_in(b""), "damaged"),
     (found_in(lytro.tar_of({})), "caldata.tar holds no white image .* 6 x 8 pixels, got none"),
-    (found_in(OTHERS), "got 4 white images of camera B0000000000"),
+    (found_in(OTHERS), "got 4 of camera B0000000000"),
     (found_in(OTHERS, UNKNOWN), "does not say which white image fits it"),
 ]
 LYTRO = [
