@@ -175,8 +175,8 @@ def _image(source: Path) -> Found:
         return found
     found.kind = "raw image of a plenoptic camera, or its white image"
     found.missing.append(
-        "the white image (flat field) of the camera, in the same form; or one of the lenslets alone "
-        "(--lenslets), which may be the raw image itself."
+        "the white image (flat field) of the camera, in the same form; or one of the lenslets "
+        "alone (--lenslets), which may be the raw image itself."
     )
     found.command = typed("refocus", source, "--white", "WHITE.png", *options)
     return found
@@ -193,9 +193,9 @@ def _unknown_image(source: Path, image: "np.ndarray", found: Found) -> Found:
             f"most, but contents may do that too: only the camera's data say which N it is."
         )
     found.missing.append(
-        "what shows the lenslets: the white image of a raw image (--white), spots (--lenslets), the "
-        "number of pixels under a lenslet of a lenslet image (--views), or the rows x columns of "
-        "views that lie side by side (--mosaic 8x8)."
+        "what shows the lenslets: the white image of a raw image (--white), spots (--lenslets), "
+        "the number of pixels under a lenslet of a lenslet image (--views), or the rows x columns "
+        "of views that lie side by side (--mosaic 8x8)."
     )
     found.notes.append(_if_focused(source))
     found.command = typed("refocus", source, "--white", "WHITE.png")

@@ -21,7 +21,7 @@ PICTURES = (".png", ".jpg", ".jpeg")
 @click.argument("source", type=PATH)
 @click.option("--thumbnail", type=PATH, help="Write a preview: .png or .jpg.")
 @click.option("--white", type=PATH, help="White image of the raw image SOURCE; says if it fits.")
-@click.option("--lenslets", type=PATH, help="Image that shows the lenslets of the raw image SOURCE.")
+@click.option("--lenslets", type=PATH, help="Image that shows the lenslets of SOURCE.")
 @camera_option("; says what mm it gives")
 def info(
     source: Path,

@@ -16,9 +16,9 @@ from .movie import write_movie as write_movie
 from .raw.decode_plan import DecodePlan as DecodePlan
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch
+from .raw.lenslet_search import estimate_grid as estimate_grid
 from .raw.reading import decode_raw as decode_raw
 from .raw.reading import read_raw as read_raw
-from .raw.lenslet_search import estimate_grid as estimate_grid
 from .reading import read_light_field as read_light_field
 from .stacks import read_focal_stack as read_focal_stack
 from .stacks import write_focal_stack as write_focal_stack

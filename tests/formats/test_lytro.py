@@ -1,13 +1,11 @@
 """Pictures of Lytro cameras: containers, packed pixels, metadata and white images."""
 
-import io
 import json
 from math import sqrt
 
 import lytro_files as own
 import numpy as np
 import pytest
-from PIL import Image
 
 from lf_flame import InputError
 from lf_flame.formats import find_white, read_lytro

@@ -15,10 +15,9 @@ from scipy import ndimage
 from lf_flame import InputError, Layer, LightField, Scene, render, write_light_field
 from lf_flame.formats import read_light_field, read_raw
 from lf_flame.formats.images import write_image
-from lf_flame.formats.raw.lenslet_search import _peaks, flattened
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
-from lf_flame.formats.raw.reading import decode_raw
 from lf_flame.formats.raw.lenslet_search import _peaks, estimate_grid, flattened
+from lf_flame.formats.raw.reading import decode_raw
 from lf_flame.refocus import all_in_focus, find_sharpest_slope
 from lf_flame.refocus.focus_map import TRUSTED
 

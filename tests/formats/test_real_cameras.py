@@ -43,7 +43,10 @@ class Sensor:
     def __init__(self, shape, pitch, rotation=0.0, hexagonal=True, columns=False, sub=3):
         self.shape, self.pitch, self.rotation = shape, pitch, rotation
         self.hexagonal, self.columns, self.sub = hexagonal, columns, sub
-        y, x = ((np.arange(n * sub) + 0.5) / sub - n / 2 - a for n, a in zip(shape, (0.8, 2.3)))
+        y, x = (
+            (np.arange(n * sub) + 0.5) / sub - n / 2 - a
+            for n, a in zip(shape, (0.8, 2.3), strict=True)
+        )
         z = (x + 1j * y[:, None]) * np.exp(-1j * rotation)
         found = nearest_lenslet(z.imag, z.real, pitch, hexagonal=hexagonal)
         self.row, self.column, self.down, self.along = found
@@ -75,7 +78,7 @@ class Sensor:
 
     def error(self, grid):
         """Relative errors of pitches, of rotation in rad, and distance in pixels at the middle."""
-        y0, x0 = (n / 2 - 0.5 + a for n, a in zip(self.shape, (0.8, 2.3)))
+        y0, x0 = (n / 2 - 0.5 + a for n, a in zip(self.shape, (0.8, 2.3), strict=True))
         grid = grid.upright
         z = (x0 - grid.x0 + 1j * (y0 - grid.y0)) * np.exp(-1j * grid.rotation)
         row, place, down, along = nearest_lenslet(
@@ -94,7 +97,9 @@ def slope_of(light_field, counted=True, farthest=0.6):
     views = light_field.views if light_field.views.ndim == 4 else light_field.views[..., 1]
     weights = np.ones(views.shape[:2]) if light_field.weights is None else light_field.weights
     found = LightField(views, weights=weights * counted, valid=light_field.valid)
-    return find_sharpest_slope(found, np.linspace(-farthest, farthest, round(80 * farthest) + 1)).slope
+    return find_sharpest_slope(
+        found, np.linspace(-farthest, farthest, round(80 * farthest) + 1)
+    ).slope
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """White images that fit a raw one, and others, made pixel by pixel by geometry of their own."""
 
-import logging
 from functools import partial
 
 import numpy as np

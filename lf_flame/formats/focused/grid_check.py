@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from lf_flame.errors import InputError
 from lf_flame.formats.focused.lenslets import FocusedLenslets
-from lf_flame.formats.raw.lenslet_search import flattened
-from lf_flame.formats.raw.lenslet_search import estimate_grid
+from lf_flame.formats.raw.lenslet_search import estimate_grid, flattened
 
 PARTS = 4
 """Number of parts along each axis of a picture in which the lenslets are compared."""

@@ -12,8 +12,8 @@ from lf_flame.formats.focused.views import FocusedPlan
 from lf_flame.formats.images import read_image
 from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.raw.checks import refuse_mosaic
-from lf_flame.formats.raw.sensor_images import less_dark
 from lf_flame.formats.raw.lenslet_search import estimate_grid
+from lf_flame.formats.raw.sensor_images import less_dark
 from lf_flame.lightfield import LightField
 
 

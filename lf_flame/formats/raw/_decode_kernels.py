@@ -198,8 +198,8 @@ def read_lines(image, black, gain, lattices, lattice, y, x, array, room):
         continue_linearly(own[here], low[here] - left, high[here] - left)
         # Parts whose middle is within the own pixels, or half a pixel beyond.
         begin = (array.along[0] + x - tan * (top + here - y)) / part + 0.5
-        u = max(int(np.ceil((low[here] - 1.0) / part - begin)), 0)
-        for u in range(u, min(int(np.floor(high[here] / part - begin)) + 1, views)):
+        from_u = max(int(np.ceil((low[here] - 1.0) / part - begin)), 0)
+        for u in range(from_u, min(int(np.floor(high[here] / part - begin)) + 1, views)):
             first[u] = here if end[u] == 0 else first[u]
             end[u] = here + 1
     for here in range(low.size):
@@ -257,8 +257,9 @@ def resample(r, image, black, gain, lattices, arrays, join, out):
     """Find the light of all parts of the micro-images in a row of lenslets.
 
     image: (rows, columns, channels). black, gain: float32, of this shape or with one channel;
-    empty without dark or white image; gain is 0 where a pixel is dark. lattices, join:
-    named tuples of `decode_plan`, and arrays: two of them, in pixels and in pairs of pixels. out: (v, u, row, column, channel).
+    empty without dark or white image; gain is 0 where a pixel is dark. lattices, join: named tuples
+    of `decode_plan`, and arrays: two of them, in pixels and in pairs of pixels.
+    out: (v, u, row, column, channel).
     """
     views, size = out.shape[0], arrays[0].columns.size
     rooms = (make_room(arrays[0], views), make_room(arrays[1], views))

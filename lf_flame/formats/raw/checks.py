@@ -122,8 +122,8 @@ def refuse_spots(lit: np.ndarray, name: str = "The white image") -> None:
         raise InputError(
             f"{name} shows a small spot under each lenslet, which lights {lit.sum()} of "
             f"{lit.size} views: it is a calibration with a closed aperture, which shows where the "
-            f"lenslets are, and not how bright the views are; give it as --lenslets, and as --white "
-            f"one with the aperture of the raw image, or none."
+            f"lenslets are, and not how bright the views are; give it as --lenslets, and as "
+            f"--white one with the aperture of the raw image, or none."
         )
 
 
@@ -140,7 +140,7 @@ def note_on_white(white: np.ndarray) -> str:
 
 
 def check_dark(black: np.ndarray, light: np.ndarray, bright: float, grid: LensletGrid) -> str:
-    """Refuse a dark image that is brighter than the raw image, or shows lenslets; say of a high one.
+    """Refuse a dark image that is brighter than the raw one, or shows lenslets; note a high one.
 
     black, light: dark image, and raw image less it. bright: level of the bright pixels of the white
     or else of the raw image, with black.
@@ -155,7 +155,9 @@ def check_dark(black: np.ndarray, light: np.ndarray, bright: float, grid: Lensle
     shown = np.median(lit) - np.median(gap)
     noise = 5 * math.hypot(np.std(lit), np.std(gap)) / math.sqrt(lit.size)
     if low < -reach:
-        wrong = f"less it, the raw image is {low:.3g} at the median of micro-images or gaps, below 0"
+        wrong = (
+            f"less it, the raw image is {low:.3g} at the median of micro-images or gaps, below 0"
+        )
     elif shown > max(noise, 0.05 * abs(bright - level)):
         wrong = f"it shows the micro-images, {shown:.3g} brighter than the gaps between them"
     elif bright - level > 0 and level > 0.15 * bright:

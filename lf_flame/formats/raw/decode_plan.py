@@ -47,8 +47,11 @@ NONE = np.empty((0, 0, 0), np.float32)
 
 
 class Lattices(NamedTuple):
-    """Pixels of one colour each: all pixels of a channel, or in a mosaic those of red and of blue,
-    two apart, and all for green, of which every other one is."""
+    """Pixels of each colour.
+
+    All pixels of a channel; in a mosaic, those of red and of blue, which are two apart, and all for
+    green, of which every other one is green.
+    """
 
     step: np.ndarray
     top: np.ndarray
@@ -58,7 +61,7 @@ class Lattices(NamedTuple):
     channel: np.ndarray
     """Channel of the light field."""
     green: np.ndarray
-    """Whether even (0) or odd (1) sums of row and column are green, of a mosaic's green; else -1."""
+    """For green of a mosaic, whether its pixels have even (0) or odd (1) sums of row and column."""
     y: np.ndarray
     """Place of the lenslet in row and column 0, in pixels of the lattice."""
     x: np.ndarray
@@ -217,14 +220,15 @@ class DecodePlan:
         self._bad = find_bad_pixels(light, self._black, self._grid, self._step)
         if self._black is not None:
             self._black = self._mended(self._black)
-        self._gain, self._micro_images, bright = None, None, None
+        self._gain: np.ndarray | None = None
+        self._micro_images, bright = None, None
         self._lit = np.ones((views, views), bool)
         if light is not None:
             light = np.ascontiguousarray(self._mended(light), np.float32)
             if self.bayer is None:
                 checks.refuse_mosaic(light, self._grid, "white")
             else:
-                self._notes.append(checks.check_pattern(light, self._grid, pattern))
+                self._notes.append(checks.check_pattern(light, self._grid, str(pattern)))
             self._micro_images = checks.mean_micro_images(light, self._grid, self._step)
             bright = self._use_white(light, pattern)
         self.weights = _own_views(self._grid, views) & self._lit
@@ -290,7 +294,9 @@ class DecodePlan:
             lattices = _lattices(self._grid, None, 1)
         size = self._join.left.shape[1] if self._join.left.size else self._arrays[0].columns.size
         channels = 1 + int(lattices.channel.max())
-        out = np.empty((self.views, self.views, self._arrays[0].rows.size, size, channels), np.float32)
+        out = np.empty(
+            (self.views, self.views, self._arrays[0].rows.size, size, channels), np.float32
+        )
         black, gain = (NONE if one is None else one for one in (black, gain))
         resample(image, black, gain, lattices, self._arrays, self._join, out)
         if not self.grid.columns:
@@ -298,7 +304,7 @@ class DecodePlan:
         return np.ascontiguousarray(out.transpose(1, 0, 3, 2, 4))
 
     def _use_white(self, light: np.ndarray, pattern: str | None) -> np.ndarray:
-        """Set the factors of pixels and the lit views; find which parts are bright, (v, u, t, s)."""
+        """Set the factors of pixels and the lit views; find bright parts: bool, (v, u, t, s)."""
         parts = self._resample(light, None, None)
         middle = parts[self.views // 2, self.views // 2]
         brightest = middle.mean(axis=2)
@@ -316,7 +322,7 @@ class DecodePlan:
         breadth = math.ceil(max(self._grid.pitch, self._grid.row_pitch) / self._step)
         for n, (top, left) in enumerate(np.ndindex(self._step, self._step)):
             at = np.s_[top :: self._step, left :: self._step]
-            most = level if self.bayer is None else level["rgb".index(pattern[n])]
+            most = level if pattern is None else level["rgb".index(pattern[n])]
             pixels = light[at]
             around = ndimage.maximum_filter(pixels, (breadth, breadth, 1), mode="nearest")
             is_lit = pixels >= LEAST_LIT * np.maximum(around, LEAST_LEVEL * most)
@@ -403,7 +409,11 @@ def _lattices(grid: LensletGrid, pattern: str | None, channels: int) -> Lattices
         y, x = np.full(channels, grid.y0), np.full(channels, grid.x0)
         return Lattices(zeros + 1, zeros, zeros, each, each, zeros - 1, y, x)
     (red_y, red_x), (blue_y, blue_x) = (divmod(pattern.index(colour), 2) for colour in "rb")
-    step, top, left = np.array([2, 1, 2]), np.array([red_y, 0, blue_y]), np.array([red_x, 0, blue_x])
+    step, top, left = (
+        np.array([2, 1, 2]),
+        np.array([red_y, 0, blue_y]),
+        np.array([red_x, 0, blue_x]),
+    )
     green = np.array([-1, pattern.index("g") % 2, -1])
     y, x = (grid.y0 - top) / step, (grid.x0 - left) / step
     return Lattices(step, top, left, np.zeros(3, np.int64), np.arange(3), green, y, x)
@@ -420,9 +430,7 @@ def _array(
     cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
     height, width = (side / step for side in grid.window)
     borders = np.arange(views + 1) / views - 0.5
-    half_down, half_along = (
-        max(side / 2 - (0.5 - SLACK) / step, 0.5) for side in (height, width)
-    )
+    half_down, half_along = (max(side / 2 - (0.5 - SLACK) / step, 0.5) for side in (height, width))
     is_round = grid.layout == "hexagonal"
     return Array(
         rows=rows,

@@ -162,8 +162,8 @@ def _guess(white: np.ndarray, pitch: float | None) -> LensletGrid:
     third = min(one - other, one + other, key=abs)
     # Half-way from a right angle to the 60 degrees of a hexagonal array.
     layout = "rectangular" if abs((one * other.conjugate()).real) < abs(one * other) / 4 else ""
-    vectors = [one, other] if layout else [one, other, third]
-    along = max((v if v.real >= 0 else -v for v in vectors), key=lambda v: v.real / abs(v))
+    all_vectors = [one, other] if layout else [one, other, third]
+    along = max((v if v.real >= 0 else -v for v in all_vectors), key=lambda v: v.real / abs(v))
     area = abs((one.conjugate() * other).imag)
     y, x = ((n - 1) / 2 for n in white.shape)
     rotation = math.atan2(along.imag, along.real)
@@ -240,17 +240,20 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
         ]
         y, x = (np.linspace(-1, 1, 2 * f + 1) for f in far)
         near = ratio[np.ix_(*places)] * (np.hypot(y[:, None], x) <= 1)
-        top = np.unravel_index(near.argmax(), near.shape)
-        if near[top] < SHARPEST:
+        sharpest = np.unravel_index(near.argmax(), near.shape)
+        if near[sharpest] < SHARPEST:
             raise _no_grid("what repeats itself does so over a few lenslets only, as contents do")
-        y, x = (p[k] for p, k in zip(places, top, strict=True))
+        y, x = (p[k] for p, k in zip(places, sharpest, strict=True))
         tops = []
         for line, at in ((spectrum[:, x], y), (spectrum[y], x)):
             before, top, after = (math.log(line[(at + k) % line.size]) for k in (-1, 0, 1))
             place = at + (before - after) / (2 * (before - 2 * top + after))
             tops.append(place / line.size - round(place / line.size))
         exact.append(tops)
-    return tuple(complex(x, y) for y, x in np.linalg.inv(np.array(exact)).T)
+    one, other = (complex(x, y) for y, x in np.linalg.inv(np.array(exact)).T)
+    return one, other
+
+
 def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
     """Fit a guessed grid to the micro-images, from the centre of the image outwards."""
     down, right = (_windows(length, grid.pitch) for length in white.shape)

@@ -181,8 +181,8 @@ def plan_raw(
         grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
     else:
         raise InputError(
-            f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels must "
-            f"be given."
+            f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
+            f"must be given."
         )
     plan = DecodePlan(
         grid, shape=image.shape, views=views, white=white_image, dark=black, bayer=bayer
