@@ -13,11 +13,11 @@ from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.sensor_images import PATTERNS
 
-SPREAD, LEAST_CONTRAST, LEAST_SMALL_CONTRAST = 0.2, 0.15, 0.6
+SPREAD, LEAST_EVEN, LEAST_CONTRAST, LEAST_SMALL_CONTRAST = 0.01, 0.03, 0.15, 0.6
 """Smallest logarithm of (red blue / green^2) of a mosaic: it is 1.4 in daylight, 0.9 in lamp light.
 Round grey micro-images reach 0.12 if their pixels repeat like those of a mosaic, and 0.54 below a
-pitch of 10 pixels. Where centres lie evenly on all four pixels of a mosaic, the mean over
-lenslets of exp(i pi (x + y)) being below SPREAD, a grey image has no such pattern at any pitch."""
+pitch of 10 pixels. Where centres lie evenly on all four pixels of a mosaic, the mean over lenslets
+of exp(i pi (x + y)) being below SPREAD, a grey image has none beyond differences of amplifiers."""
 
 GROUPS, DEVIATIONS = 8, 8.0
 """Groups of lenslets with separate contrasts, and number of their standard errors that a contrast
@@ -96,8 +96,9 @@ def _phase_sums(image: np.ndarray, grid: LensletGrid) -> tuple[np.ndarray, float
         weight = (1.0, 4.0, 6.0, 4.0, 1.0)[dy] * (1.0, 4.0, 6.0, 4.0, 1.0)[dx]
         light = weight * image[y + dy - 2, x + dx - 2].astype(np.float64)
         np.add.at(sums, (group, (y + dy) % 2, (x + dx) % 2), light)
-    small = grid.pitch < 10 and spread >= SPREAD
-    return sums, LEAST_SMALL_CONTRAST if small else LEAST_CONTRAST
+    if spread < SPREAD:
+        return sums, LEAST_EVEN
+    return sums, LEAST_SMALL_CONTRAST if grid.pitch < 10 else LEAST_CONTRAST
 
 
 def _certain(values: np.ndarray, least: float) -> float:
