@@ -82,7 +82,7 @@ PAIRS = [
     *((plane(small_flame), other, "refused") for other in OTHERS),
     *((lambda: plane()() + 0.1, lambda x=other: x() + 0.1, "refused") for other in OTHERS),
     (plane(hexagonal=True), flat(hexagonal=True, moved=5), "refused"),
-    (plane(), flat(moved=2), "warned"),
+    (plane(), flat(moved=2.5), "warned"),
     (plane(), flat(radius=0.2), "calibration with a closed aperture"),
     (plane(radius=0.6), flat(radius=0.4), "warned"),
 ]
@@ -120,7 +120,7 @@ def test_mosaics_of_strong_colours_fit_and_moved_ones_do_not(pattern, pitch, cap
 
 
 def test_the_first_frame_alone_is_compared_with_the_white_image(caplog):
-    white = sensor(moved=2)
+    white = sensor(moved=2.5)
     plan = DecodePlan(estimate_grid(white), shape=SHAPE, white=white)
     for _ in range(2):
         plan.decode(sensor(textured))

@@ -23,9 +23,9 @@ GROUPS, DEVIATIONS = 8, 8.0
 """Groups of lenslets with separate contrasts, and number of their standard errors that a contrast
 must exceed, so that texture is not taken for colour."""
 
-DOUBTFUL, WRONG, MOVED, CLEAR = 0.37, 0.6, 0.4, 1 / 3
+DOUBTFUL, WRONG, MOVED, CLEAR = 0.4, 0.6, 0.4, 1 / 3
 """Light between the white image's micro-images relative to that in them, from which there is a
-warning (0.02 to 0.29 where both fit) and a refusal (0.6 for a white image that is moved by a
+warning (0.02 to 0.38 where both fit) and a refusal (0.6 for a white image that is moved by a
 quarter of a pitch). A refusal also needs a gain in correlation by moving the white image, and a
 share of the raw image that shows gaps at all: a smaller aperture leaves gaps in place."""
 
@@ -60,6 +60,7 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
 def check_pattern(white: np.ndarray, grid: LensletGrid, bayer: str) -> str:
     """Refuse a pattern whose greens are not green in the white image; say where that is likely."""
     sums, least = _phase_sums(white[..., 0], grid)
+    least = max(least, LEAST_CONTRAST)
     if not np.all(sums > 0):
         return ""
     # The diagonal that is stated to be green first, then the other.
