@@ -18,13 +18,7 @@ MOST_NAMED = 5
 
 
 def describe(source: Path, white: Path | None = None, lenslets: Path | None = None) -> Found:
-    """Find out what a file or folder is; of a raw image, by an image that shows its lenslets.
-
-    Raises
-    ------
-    InputError
-        If it is nothing that the package knows, or cannot be read.
-    """
+    """Find out what a file or folder is; of a raw image, by an image that shows its lenslets."""
     from lf_flame.formats.focused.raytrix import is_raytrix
     from lf_flame.formats.images import IMAGE_SUFFIXES
     from lf_flame.formats.lytro.decoding import is_lytro

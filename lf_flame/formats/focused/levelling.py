@@ -14,18 +14,7 @@ MOST_LENSLETS = 4000
 
 
 def levelled(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
-    """Divide a picture by the mean fall-off of its micro-images, which is taken to be round.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns, channels)
-    lenslets : FocusedLenslets
-
-    Returns
-    -------
-    ndarray of float32
-        As bright as before at the centres of micro-images.
-    """
+    """Divide a picture by the mean fall-off of its micro-images, which is taken to be round."""
     image = np.ascontiguousarray(image, np.float32)
     array = lenslets.array(image.shape)
     centres = array.centres[array.whole]
@@ -48,13 +37,7 @@ def levelled(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
 
 
 def white_gain(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
-    """Factor of each pixel by which a white image becomes uniform, (rows, columns, channels).
-
-    Raises
-    ------
-    InputError
-        If the white image is dark in the middle of its micro-images.
-    """
+    """Factor of each pixel by which a white image becomes uniform, (rows, columns, channels)."""
     array = lenslets.array(white.shape)
     y, x = np.rint(array.centres[array.whole]).astype(int).T
     middle = np.median(white[y, x], axis=0)

@@ -265,13 +265,7 @@ class FocusedPlan:
 
 
 def _known(found: VirtualDepth) -> np.ndarray:
-    """Known virtual depths.
-
-    Raises
-    ------
-    InputError
-        If there are none.
-    """
+    """Known virtual depths."""
     known = found.depth[np.isfinite(found.depth)]
     if not known.size:
         raise InputError(

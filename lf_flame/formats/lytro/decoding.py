@@ -34,34 +34,7 @@ def plan_lytro(
     lenslets: str | Path | None = None,
     dark: str | Path | None = None,
 ) -> tuple[DecodePlan, np.ndarray]:
-    """Read a raw picture of a Lytro camera, and plan its decoding into linear colour views.
-
-    Parameters
-    ----------
-    path : str or Path
-        As in `lf_flame.formats.read_lytro`.
-    white : str or Path, optional
-        White image: a folder or archive (`lf_flame.formats.find_white`), a raw file of the camera,
-        or an image of the same size. Default: the one that the picture's file holds.
-    views : int, optional
-        As in `lf_flame.formats.decode_raw`.
-    dark : str or Path, optional
-        Picture without light, which replaces the black level of the metadata.
-
-    Returns
-    -------
-    DecodePlan
-        Plan for views in the camera's red, green and blue. Its grid was found in the white image;
-        without one, in the picture if that agrees with the metadata, else it is that of the
-        metadata.
-    ndarray of float32
-        The mosaic.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or the white or dark image does not fit the picture.
-    """
+    """Read a raw picture of a Lytro camera, and plan its decoding into linear colour views."""
     picture = read_lytro(path)
     black = None if dark is None else _as_mosaic(dark, picture, "dark")
     flat = None if white is None else _as_white(white, picture)

@@ -123,13 +123,7 @@ class LytroFile:
         return self.container.read(min(held)[1]) if held else None
 
     def read(self) -> LytroPicture:
-        """Unpack the picture, and the white image that the file holds.
-
-        Raises
-        ------
-        InputError
-            If there are no raw pixels, or another number of them than the metadata say.
-        """
+        """Unpack the picture, and the white image that the file holds."""
         if self.metadata is None or not self.has_raw:
             raise InputError(
                 f"{self.path} holds no raw image of the sensor: export the raw picture from the "

@@ -180,11 +180,6 @@ def white_files(where: Path) -> Iterator[list[WhiteFile]]:
     """Find the white images in a folder, in its folders and archives, or in an archive.
 
     Archives stay open during the block, so that pixels can be read.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or there are too many.
     """
     with ExitStack() as opened:
         if not where.is_dir():

@@ -341,16 +341,7 @@ def _between(image: np.ndarray, y: np.ndarray, x: np.ndarray, order: int = 1) ->
 
 
 def _micro_images(grid: LensletGrid, likenesses: dict, reach: int):
-    """Find micro-images up to `reach` lenslets from the central one.
-
-    Parameters
-    ----------
-    likenesses : dict of (int, int) to ndarray
-        Spline coefficients of the likeness to a micro-image in windows, by their first pixels.
-
-    Returns rows and columns in the array, y, x, and whether each was found: its peak must not be
-    much flatter than the others, and must be near its expected position.
-    """
+    """Find micro-images up to `reach` lenslets from the central one."""
     seen = [
         _peaks_in_window(grid, first, likeness, reach) for first, likeness in likenesses.items()
     ]

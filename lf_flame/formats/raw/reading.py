@@ -150,12 +150,6 @@ def plan_raw(
     """Read a raw image, and plan its decoding and that of others by the same camera.
 
     Parameters and errors are those of `read_raw`.
-
-    Returns
-    -------
-    DecodePlan
-    ndarray of float32
-        The raw image.
     """
     if is_lytro(path):
         if any(option is not None for option in (pitch, layout, bayer)):

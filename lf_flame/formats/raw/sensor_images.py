@@ -50,13 +50,7 @@ def fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray:
-    """Subtract a dark image, which may be grey; gives (rows, columns, channels).
-
-    Raises
-    ------
-    InputError
-        If one is not an image, or their rows and columns differ.
-    """
+    """Subtract a dark image, which may be grey; gives (rows, columns, channels)."""
     image = as_image(image, name)
     if dark is None:
         return image
