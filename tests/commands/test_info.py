@@ -1,7 +1,6 @@
 """What `lf-flame info` says of files, and the previews that it writes."""
 
 import io
-import json
 
 import lytro_files as own
 import numpy as np
