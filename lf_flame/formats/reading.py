@@ -150,10 +150,11 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
     found = read(path, **options)
     if dark is None:
         return found
-    black = found.again(Path(dark))  # without light there is no parallax that shows its order
+    again = found.again
+    black = again(Path(dark))  # without light there is no parallax that shows its order
     return found._replace(
         light_field=_subtract(found.light_field, black, dark),
-        again=lambda other: _subtract(found.again(other), black, dark),
+        again=lambda other: _subtract(again(other), black, dark),
     )
 
 
