@@ -5,6 +5,7 @@ takes longer than `PATIENCE`, and go when it ends: bars of quick work would hide
 """
 
 import logging
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
@@ -55,9 +56,9 @@ def steps(
 
 
 def tell(line: str) -> None:
-    """Print a line above the bars, if progress is shown."""
+    """Print a line above the bars on standard error, if progress is shown."""
     if _program["shows"]:
-        tqdm.write(line)
+        tqdm.write(line, file=sys.stderr)
 
 
 @contextmanager

@@ -72,7 +72,7 @@ SECTIONS = [
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section(
         "The paper's network",
-        [networks.weights, networks.train, networks.predict],
+        [networks.train, networks.predict],
     ),
     cloup.Section("Refocusing systems", [systems.train_system]),
 ]
