@@ -199,9 +199,8 @@ def _read_raw(path: Path, **options: Any) -> Found:
     notes = [f"{path}: {plan.grid.describe()}"]
     if plan.grid.layout == "hexagonal":
         notes.append(
-            f"A pixel of the views is as wide as the rows are apart: in a camera file, multiply "
-            f"the lenslets' pitch and focal length by {plan.grid.row_pitch / plan.grid.pitch:.3f}; "
-            f"a calibration holds as it is"
+            "A pixel of the views is as wide as the rows of the hexagonal array are apart: a "
+            'camera file must state layout = "hexagonal"; a calibration holds as it is'
         )
     if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
         notes.append(
