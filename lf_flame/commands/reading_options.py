@@ -155,7 +155,10 @@ class Reading:
         from lf_flame.formats.reading import takes
         from lf_flame.optics.camera import PlenopticCamera
 
-        if isinstance(lens, PlenopticCamera) and (self.is_raw or self.views is None):
+        simulated = (source.parent / "simulation.json").is_file()  # by this very camera
+        if isinstance(lens, PlenopticCamera) and (
+            self.is_raw or (self.views is None and not simulated)
+        ):
             check_gaps(lens, self.is_raw)
         if lens is None or self.views is not None or not takes(source, "views", **self.stated):
             return self

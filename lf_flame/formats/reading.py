@@ -150,10 +150,11 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
     found = read(path, **options)
     if dark is None:
         return found
-    black = found.again(Path(dark))  # without light there is no parallax that shows its order
+    again = found.again
+    black = again(Path(dark))  # without light there is no parallax that shows its order
     return found._replace(
         light_field=_subtract(found.light_field, black, dark),
-        again=lambda other: _subtract(found.again(other), black, dark),
+        again=lambda other: _subtract(again(other), black, dark),
     )
 
 
@@ -198,9 +199,8 @@ def _read_raw(path: Path, **options: Any) -> Found:
     notes = [f"{path}: {plan.grid.describe()}"]
     if plan.grid.layout == "hexagonal":
         notes.append(
-            f"A pixel of the views is as wide as the rows are apart: in a camera file, multiply "
-            f"the lenslets' pitch and focal length by {plan.grid.row_pitch / plan.grid.pitch:.3f}; "
-            f"a calibration holds as it is"
+            "A pixel of the views is as wide as the rows of the hexagonal array are apart: a "
+            'camera file must state layout = "hexagonal"; a calibration holds as it is'
         )
     if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
         notes.append(

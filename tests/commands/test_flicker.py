@@ -397,7 +397,7 @@ def test_what_is_kept_of_a_video(tmp_path):
 
 def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
     """When one is read the one before is gone."""
-    alive, before, read = weakref.WeakSet(), [], reading.read_ordered
+    alive, before, read = weakref.WeakSet(), [], reading.read_array
 
     def watched(*args, **options):
         before.append(len(alive))
@@ -405,7 +405,7 @@ def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypa
         alive.add(light_field)
         return light_field, found
 
-    monkeypatch.setattr(reading, "read_ordered", watched)
+    monkeypatch.setattr(reading, "read_array", watched)
     words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
     result = run("flicker", still, *words, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output

@@ -113,4 +113,4 @@ def test_the_width_of_a_pixel_of_hexagonal_views_is_told(hexagonal, tmp_path, ca
         tifffile.imwrite(tmp_path / name, image.astype(np.float32))
     Reading(white=tmp_path / "white.tif").read(tmp_path / "raw.tif")
     said = "".join(capsys.readouterr())
-    assert ("pitch and focal length by 0.866" in said) == hexagonal
+    assert ('must state layout = "hexagonal"' in said) == hexagonal

@@ -20,7 +20,7 @@ from lf_flame._common.printable import printable
 from lf_flame._common.zarr_files import is_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image, to_levels, write_image
-from lf_flame.formats.view_files.names import number_grid
+from lf_flame.formats.view_files.names import Stated, number_grid
 from lf_flame.formats.view_files.orders import (
     FoundOrder,
     Grid,
@@ -119,11 +119,7 @@ class ViewFolder:
 
 
 def check_view_memory(files: list[File], folder: Path, places: int) -> None:
-    """Refuse views that need too much memory, from the header of the first, before decoding.
-
-    It counts the places of views as floats, with files being decoded, or the search for the order,
-    which reads four views.
-    """
+    """Refuse views, or a search for their order, that need too much memory, before decoding."""
     shape = read_shape(files[0])
     values = prod(shape)
     if shape[2] in (2, 4):
@@ -263,7 +259,7 @@ def scan_view_folder(
     path, shape = Path(path), None if grid is None else read_grid(grid)
     order = None if order is None else stated_order(order).order
     files, left_out = _find_files(path, names)
-    numbered, missing = number_grid(files, path, shape, order, first)
+    numbered, missing = number_grid(files, Stated(path, shape, order, first))
     check_view_memory(files, path, numbered.size)
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)

@@ -133,24 +133,8 @@ def fold(
 ) -> tuple[np.ndarray, FoundOrder]:
     """Cut views with one running number into rows (or columns, if so stated); find their order.
 
-    Parameters
-    ----------
-    row : ndarray, shape (number, ...)
-        Views, or arguments of `read`; None for a missing view.
-    source : str or Path
-        Origin of the views, for messages.
-    grid : (int, int), optional
-        Number of rows and columns of the light field. Default: a square.
-    order : str, optional
-        Stated order. Default: the one that the parallax shows, otherwise ``row,col``.
-    read : callable, optional
-        Function that gives the view for an entry of `row`.
-
-    Raises
-    ------
-    InputError
-        If the number of views is not that of the grid or of a square, or the views move as those
-        of one row or column do.
+    The views fill a `grid`, by default a square. Entries of `row` are views, or arguments of
+    `read`. Refused are other numbers of views, and such that move as one row or column does.
     """
     count, side = len(row), isqrt(len(row))
     if grid is None and side**2 != count:
@@ -218,24 +202,10 @@ def find_order(
     order by chance if they are shuffled; therefore a patch must have the same slope in the centre
     and near the corners.
 
-    Parameters
-    ----------
-    grid : ndarray, shape (first number, second number, ...)
-        Views, or arguments of `read`, in the order of their numbers; None for a missing view.
-    read : callable, optional
-        Function that gives the view for an entry of the grid.
-    folded : str or Path, optional
-        Origin of views with one running number, which may be a single row or column.
-
-    Returns
-    -------
-    FoundOrder
-        The order; ``row,col`` if the views are too few, too small, too similar or too different.
-
-    Raises
-    ------
-    InputError
-        If folded views move as those of a single row or column do.
+    `grid`, of shape (first number, second number, ...), holds views or arguments of `read`, None
+    for a missing view. Views with one running number, of the origin `folded`, are refused if they
+    move as those of a single row or column do. The order is ``row,col`` if the views are too few,
+    too small, too similar or too different.
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder(ORDERS[0], "as the numbers are: there is only one row or column")
