@@ -149,7 +149,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
     if calibration is not None:
         check_colour_folders(out, calibration.responses.names, RECORD, overwrite)
-    light_field = _read_views(source, reading, lens)
+    light_field, lens = _read_views(source, reading, lens)
     check_range(light_field.views, options["noise"])
     grey = light_field if calibration is None else light_field.grey()
     axis = _look_for_axis(source, grey, lens, axis_depth)
@@ -213,14 +213,14 @@ def _fit_grey(
     )
 
 
-def _read_views(source: Path, reading: Reading, lens: "Lens") -> "LightField":
+def _read_views(source: Path, reading: Reading, lens: "Lens") -> "tuple[LightField, Lens]":
     """Read a light field of a camera, or any picture if the camera has a single view."""
-    from lf_flame.formats.view_files.sources import is_view_folder
+    from lf_flame.formats.view_files.folder import is_view_folder
 
-    reading = reading.for_camera(source, lens)
-    if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not is_view_folder(source):
+    if lens.views == 1 and reading == Reading() and not is_view_folder(source):
         reading = Reading(views=1)
-    return reading.read(source)
+    light_field, lens = reading.read_of_camera(source, lens)  # type: ignore[assignment]
+    return light_field, lens
 
 
 def _look_for_axis(

@@ -142,15 +142,14 @@ def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[n
     """Read light fields or raw images of one camera, and average the views of each."""
     from tqdm import tqdm
 
-    from lf_flame.formats.raw.reading import read_frame
-
-    plan, found = None, []
+    again, found = None, []
     for source in tqdm(sources, "reading", unit="picture"):
-        if plan is not None:
-            light_field = plan.decode(read_frame(source))
+        if again is not None:
+            light_field = again(source)
         elif reading.is_raw:
-            plan, image = reading.plan(source)  # of all pictures, as they are of one camera
-            light_field = plan.decode(image)
+            # The lenslets of all pictures are found once, as they are of one camera.
+            first = reading.find(source)
+            light_field, again = first.light_field, first.again
         else:
             light_field = reading.read(source)
         if light_field.channels != colours or colours < 2:

@@ -15,7 +15,6 @@ import click
 import cloup
 import numpy as np
 
-from lf_flame import formats
 from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.input_files import read_text
@@ -25,12 +24,10 @@ from lf_flame.errors import InputError
 from lf_flame.flame_video.flicker import check_times
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
-from lf_flame.formats.raw.reading import read_frame
 from lf_flame.formats.stacks import is_stack
+from lf_flame.formats.view_files.folder import ARCHIVE
 from lf_flame.formats.view_files.names import split_numbers
-from lf_flame.formats.view_files.sources import ARCHIVE, is_view_folder
 from lf_flame.lightfield import LightField
 
 TIMES = cloup.option_group(
@@ -219,18 +216,8 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
     views = {"views", "mosaic", "axes", "grid"} & reading.given().keys()
     if not reading.is_raw and not views and _is_picture(path):
         reading = replace(reading, views=1)
-    if reading.is_raw or is_lytro(path):
-        plan, first = reading.plan(path)
-        return lambda path: plan.decode(read_frame(path)), plan.decode(first)
-    if is_view_folder(path):
-        folder = reading.scan(path)
-        order, grid = folder.found.order, folder.counted
-
-        def read(one: Path) -> LightField:
-            return formats.read_light_field(one, order=order, grid=grid, dark=reading.dark)
-
-        return read, read(path)
-    return reading.read_stored, reading.read_stored(path)
+    found = reading.find(path)
+    return found.again, found.light_field
 
 
 def _is_picture(path: Path) -> bool:

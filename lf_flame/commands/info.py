@@ -20,8 +20,16 @@ PICTURES = (".png", ".jpg", ".jpeg")
 @cloup.command()
 @click.argument("source", type=PATH)
 @click.option("--thumbnail", type=PATH, help="Write a preview: .png or .jpg.")
+@click.option("--white", type=PATH, help="White image of the raw image SOURCE; says if it fits.")
+@click.option("--lenslets", type=PATH, help="Image that shows the lenslets of SOURCE.")
 @camera_option("; says what mm it gives")
-def info(source: Path, thumbnail: Path | None, camera: Path | None) -> None:
+def info(
+    source: Path,
+    thumbnail: Path | None,
+    white: Path | None,
+    lenslets: Path | None,
+    camera: Path | None,
+) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 
     SOURCE is anything that may hold a light field: a picture of a Lytro camera (.lfp, .lfr, .raw),
@@ -34,6 +42,7 @@ def info(source: Path, thumbnail: Path | None, camera: Path | None) -> None:
       lf-flame info photo.lfr                        camera, exposure, lenslets, white image
       lf-flame info photo.lfr --thumbnail photo.jpg  and how it looks
       lf-flame info caldata-B5143909630.tar          for which camera, zoom and focus it is
+      lf-flame info raw.tif --lenslets spots.tif     lenslets, views, and what is missing
       lf-flame info flame.npz --camera calibration.toml  in mm: pixels, focus, depth
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
@@ -46,7 +55,7 @@ def info(source: Path, thumbnail: Path | None, camera: Path | None) -> None:
         raise InputError(f"--thumbnail must end in {', '.join(PICTURES)}, got {thumbnail}.")
     if thumbnail is not None and thumbnail.resolve() == source.resolve():
         raise InputError(f"{thumbnail} is read, and cannot be replaced; name another file.")
-    found = describe(source)
+    found = describe(source, white, lenslets)
     if camera is not None:
         facts, notes = lens_facts(read_lens(camera), found.shape)
         found.facts |= facts

@@ -23,19 +23,7 @@ PERIOD = 10
 
 
 def lens_facts(lens: "Lens", shape: tuple[int, ...] = ()) -> tuple[dict[str, str], list[str]]:
-    """Facts in mm on what a camera sees, by name, and notes on a light field that is not its own.
-
-    Parameters
-    ----------
-    lens : Lens
-    shape : (int, int, int, int), optional
-        Number of views and of pixels of the light field. Default: unknown.
-
-    Raises
-    ------
-    InputError
-        If the light field has another number of views.
-    """
+    """Facts in mm on what a camera sees, by name, and notes on a light field of another."""
     from lf_flame.tomography.resolution import depth_blur, finest_period
 
     notes = []
@@ -70,14 +58,7 @@ def note_on_pixels(lens: "Lens", shape: tuple[int, ...]) -> list[str]:
 
 
 def check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
-    """Compare a camera's step between views with micro-image / views, that of decoded ones.
-
-    Raises
-    ------
-    InputError
-        If it is smaller, and the views are decoded from a raw image. For views that are stored it
-        is a note, as those of a simulated raw image have gaps.
-    """
+    """Compare a camera's step between views with micro-image / views, that of decoded ones."""
     filling = camera.micro_image_pitch_mm / camera.views
     if camera.pixel_mm >= FILLING * filling:
         return

@@ -10,8 +10,8 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, UsablePath, pick, tell
-from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, UsablePath, pick
+from lf_flame.commands.reading_options import RARE, READING, Reading
 from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
@@ -47,23 +47,20 @@ def refocus(source, camera, out, overwrite, **options):
     """Refocus a light field of any kind; find its sharpest slope; sweep through its focus.
 
     SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), such a folder
-    in a .zip, a list of views (.csv: file, row, column), an array (.npy, .npz, .h5, .mat, .zarr), a
-    TIFF of many pages, one picture of views side by side (--mosaic 8x8), a lenslet image with N x N
-    pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white or
-    --pitch; --focused for a Raytrix camera), or a raw picture of a Lytro camera (.lfp, .lfr).
-    `lf-flame info SOURCE` says what it is.
+    in a .zip, an array (.npy, .npz, .h5, .mat, .zarr), a TIFF of many pages, a lenslet image with
+    N x N pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white,
+    --lenslets or --pitch), or a raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE`
+    says what it is, and `lf-flame convert` reads other kinds.
 
     \b
       lf-flame refocus buddha                              at the sharpest slope
       lf-flame refocus buddha --slope 1.2 --slope -0.4     at these slopes
       lf-flame refocus buddha --sweep -1 2 --map auto      sweep.gif, slope map, all in focus
       lf-flame refocus raw.png --white white.png           any plenoptic camera
-      lf-flame refocus raw.png --focused calibration.xml   a Raytrix camera
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
-    from lf_flame.commands.lens_facts import note_on_pixels
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
@@ -78,13 +75,9 @@ def refocus(source, camera, out, overwrite, **options):
         look.refuse_for_network(focus.maps)
     with picture_folder(out or _default_folder(source, focus.name), source, overwrite) as folder:
         network = open_network(look.network)
-        light_field = reading.for_camera(source, lens).read(source)
+        light_field, lens = reading.read_of_camera(source, lens)
         views = light_field.shape[:2]
-        if lens is not None:
-            lens.check_views(views)
-            for note in note_on_pixels(lens, light_field.shape):
-                tell(note)
-            light_field = lens.corrected(light_field)
+        light_field = light_field if lens is None else lens.corrected(light_field)
         if focus.slope_of != Focus().slope_of:
             refuse_placed(light_field, "--slope-of")
         focus = focus.with_ends(light_field)
@@ -236,6 +229,7 @@ def refocus_regions(
 @click.argument("source", type=PATH)
 @click.argument("target", type=PATH)
 @READING
+@RARE
 @click.option(
     "--bits",
     type=click.Choice(["8", "16", "32"]),
@@ -245,16 +239,19 @@ def refocus_regions(
 def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     """Write a light field of any kind in another form.
 
-    SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a .png
-    or .tif file (a lenslet image, N x N pixels under each lenslet), .npy (views[v, u, t, s]), .npz
-    or .zarr (views, their weights if some do not count, and which pixels are known if some are
-    not). What exceeds the memory limit is written as .npy or .zarr, band by band.
-    Levels of 8 and 16 bits hold values from 0 to 1. Values outside, as in most raw images divided
-    by a white image, are written as floats in TIFF files; where that is impossible (.png, or --bits
-    8 or 16), they are scaled, and TARGET.json holds the scale.
+    SOURCE is read as by `lf-flame refocus`; or it is a picture of views side by side (--mosaic), an
+    array with other axes (--axes, --array), or a raw image of focused lenslets (--focused). TARGET
+    is a new folder (one PNG for each view), a .png or .tif file (a lenslet image, N x N pixels
+    under each lenslet), .npy (views[v, u, t, s]), .npz or .zarr (views, their weights if some are
+    excluded, and which pixels are known if some are not). Decode once, and use that file for long
+    work. Levels of 8 and 16 bits hold values from 0 to 1. Values outside, as in most raw images
+    divided by a white image, are written as floats in TIFF files; where that is impossible (.png,
+    or --bits 8 or 16), they are scaled, and TARGET.json holds the scale.
 
     \b
-      lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
+      lf-flame convert raw.png views.npz --white white.png decode a plenoptic camera's image
+      lf-flame convert raw.png views.npz --focused calibration.xml        of a Raytrix camera
+      lf-flame convert picture.png views.npz --mosaic 8x8  views side by side
       lf-flame convert views lenslets.png                  for programs that read lenslet images
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.locks import exclusive

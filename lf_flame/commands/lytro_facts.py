@@ -26,15 +26,11 @@ def lytro_picture(source: Path) -> Found:
         found.facts |= _lytro_facts(file.metadata)
     if (size := _thumbnail_size(file)) is not None:
         found.facts["thumbnail"] = size
-    for one in file.products:
-        found.facts[one.kind] = one.describe()
     if not file.has_raw:
         found.missing.append(
             "the raw image: a processed file has no views; export the raw picture (.lfr, or .lfp) "
             "from the camera's library."
         )
-        if any(one.is_read for one in file.products):
-            found.notes.append("lf_flame.formats.read_lytro_products reads its images and maps.")
         return found
     return _with_white(found, file, source)
 

@@ -84,7 +84,8 @@ class PlacedFile(click.ParamType):
 
 def pick(kind: Any, options: dict[str, Any]) -> Any:
     """Take those of a command's options that belong to a record of options, and make the record."""
-    return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
+    names = [name for name in kind.__dataclass_fields__ if name in options]
+    return kind(**{name: options.pop(name) for name in names})
 
 
 def tell(words: str) -> None:

@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -238,7 +239,8 @@ def reconstruct(
     if calibration is not None:
         check_colour_folders(out, calibration.responses.names, RECORD, overwrite)
     reading = pick(Reading, options)
-    light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
+    light_field, lens = reading.read_of_camera(source, grid.camera if camera else None)
+    grid = grid if lens is None else replace(grid, camera=lens)
     facts = {"seed": seed, "bootstrap": options["bootstrap"]}
     facts["notes"] = [*notes, *notes_on_coding(source)]
     if l_curve:

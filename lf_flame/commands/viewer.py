@@ -13,7 +13,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import PATH, FiniteRange, UsablePath, camera_option, pick, tell
+from lf_flame.commands.options import PATH, FiniteRange, UsablePath, camera_option, pick
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.refocus_options import open_network
 from lf_flame.errors import InputError
@@ -92,10 +92,9 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
       lf-flame view results/emission                   emission, plane by plane
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
-    from lf_flame.commands.lens_facts import note_on_pixels
     from lf_flame.viewer.exhibit import Exhibit
 
-    beside = (options[name] for name in ("white", "dark", "focused"))
+    beside = (options[name] for name in ("white", "lenslets", "dark"))
     _check_single_file(options["single_file"], (source, camera, *beside))
     _check_making(options["single_file"], network, interpolation)
     reading = pick(Reading, options)
@@ -105,12 +104,8 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
         return
     lens = read_lens(camera) if camera else None
     system = open_network(network)
-    reading = reading.for_camera(source, lens)
-    light_field = reading.read(source)
-    if lens is not None:
-        for note in note_on_pixels(lens, light_field.shape):
-            tell(note)
-        light_field = lens.corrected(light_field)
+    light_field, lens = reading.read_of_camera(source, lens)
+    light_field = light_field if lens is None else lens.corrected(light_field)
     chosen = _choose_slopes(light_field, slopes, system, lens)
     exhibit = Exhibit(
         light_field,

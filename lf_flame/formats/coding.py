@@ -17,7 +17,7 @@ from lf_flame._common.input_files import File, check_regular, open_bytes
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import MATLAB_SUFFIX
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.view_files.sources import first_image, is_view_folder
+from lf_flame.formats.view_files.folder import first_image, is_view_folder
 from lf_flame.lightfield import LightField
 
 CODED = (
@@ -32,32 +32,17 @@ ALWAYS_CODED = {"JPEG": "a JPEG file", "WEBP": "a WebP file", "BMP": "a BMP file
 PROFILE, CURVE = 34675, 301
 """Tags of a TIFF file: colour profile (ICC), and the light of each level (TransferFunction)."""
 
-DEPTHS = (10, 12, 14)
-"""Numbers of bits of cameras that write 16."""
-
-LINEAR_GAMMA = 0.99
-"""Smallest gamma in a PNG's gAMA chunk that counts as linear in radiance."""
-
 
 def notes_on_coding(source: str | Path) -> list[str]:
     """Note whether an image, or the first image of a view folder, is probably gamma-coded.
 
     An image is, if it has 8 bits or fewer, a colour profile (ICC), or states a gamma; unless it
-    states that its levels are linear (gAMA of a PNG, TransferFunction of a TIFF file).
-
-    Parameters
-    ----------
-    source : str or Path
-        File or folder that was read as a light field; if it cannot be read, or is no image, there
-        is no note.
-
-    Returns
-    -------
-    list of str
-        One note, or none.
+    states that its levels are linear (gAMA of a PNG, TransferFunction of a TIFF file). There is no
+    note on what cannot be read or is no image.
     """
-    path = _first_image(Path(source))
+    path: File | None = Path(source)
     try:
+        path = first_image(Path(source)) if is_view_folder(source) else path
         if path is None or Path(path.name).suffix.lower() not in IMAGE_SUFFIXES:
             return []
         check_regular(path)
@@ -65,65 +50,6 @@ def notes_on_coding(source: str | Path) -> list[str]:
     except (InputError, *PILLOW_ERRORS, *TIFF_ERRORS):
         return []  # the reader reports the error
     return [] if kind is None else [f"{path} is {kind}. {CODED}"]
-
-
-def notes_on_values(light_field: LightField, source: str | Path) -> list[str]:
-    """Note whether levels of 16 bits fill only 10, 12 or 14, and whether weights were stored.
-
-    Parameters
-    ----------
-    light_field : LightField
-        Light field as read; values from 0 to 1, where the highest level of 16 bits is 1.
-    source : str or Path
-        File or folder that was read.
-
-    Returns
-    -------
-    list of str
-        Up to two notes.
-    """
-    note = note_on_depth(light_field.views.reshape(-1, *light_field.views.shape[2:]))
-    notes = [note] if note else []
-    if Path(source).suffix.lower() == MATLAB_SUFFIX and light_field.weights is not None:
-        notes.append(
-            "the fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
-            "pixels of weight 0 are unknown, other weights of single pixels are not used"
-        )
-    return notes
-
-
-def note_on_depth(values: np.ndarray) -> str:
-    """Note whether an array's brightest part has levels of 16 bits that fill only 10, 12 or 14.
-
-    Parameters
-    ----------
-    values : ndarray
-        Views, one after the other, or a raw image; values from 0 to 1.
-
-    Returns
-    -------
-    str
-        One note, or nothing.
-    """
-    white = np.iinfo(np.uint16).max
-    brightest = values[values.argmax() // values[0].size].astype(np.float64) * white
-    top, levels = brightest.max(), np.rint(brightest)
-    deep = np.abs(brightest - levels).max() < 0.01 and np.any(levels % 257)  # 257: of 8 bits
-    bits = next((bits for bits in DEPTHS if top < 2**bits), None)
-    if not deep or bits is None or top < 2**8:
-        return ""
-    return (
-        f"the values use only {bits} of 16 bits (the highest level is {top:.0f}): if the "
-        f"camera has {bits} bits, its white is {(2**bits - 1) / white:.4f} here and not 1; "
-        f"ratios of brightness are right"
-    )
-
-
-def _first_image(source: Path) -> File | None:
-    try:
-        return first_image(source) if is_view_folder(source) else source
-    except (OSError, InputError):  # the reader reports the error
-        return None
 
 
 def _coded_tiff(path: File) -> str | None:
@@ -156,5 +82,36 @@ def _coded_image(path: File) -> str | None:
     if "icc_profile" in said:
         return f"a PNG file of {bits} bits with a colour profile"
     gamma = said.get("gamma")
-    coded = "srgb" in said or (bits <= 8 if gamma is None else gamma < LINEAR_GAMMA)
+    coded = "srgb" in said or (bits <= 8 if gamma is None else gamma < 0.99)
     return f"a PNG file of {bits} bits" if coded else None
+
+
+def notes_on_values(light_field: LightField, source: str | Path) -> list[str]:
+    """Note whether levels of 16 bits fill only 10, 12 or 14, and whether weights were stored."""
+    note = note_on_depth(light_field.views.reshape(-1, *light_field.views.shape[2:]))
+    notes = [note] if note else []
+    if Path(source).suffix.lower() == MATLAB_SUFFIX and light_field.weights is not None:
+        notes.append(
+            "the fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
+            "pixels of weight 0 are unknown, other weights of single pixels are not used"
+        )
+    return notes
+
+
+def note_on_depth(values: np.ndarray) -> str:
+    """Note whether levels of 16 bits fill only 10, 12 or 14, by the brightest view or line.
+
+    Values are from 0 to 1; an array that is not of levels of 16 bits gives no note.
+    """
+    white = np.iinfo(np.uint16).max
+    brightest = values[values.argmax() // values[0].size].astype(np.float64) * white
+    top, levels = brightest.max(), np.rint(brightest)
+    deep = np.abs(brightest - levels).max() < 0.01 and np.any(levels % 257)  # 257: of 8 bits
+    bits = next((bits for bits in (10, 12, 14) if top < 2**bits), None)
+    if not deep or bits is None or top < 2**8:
+        return ""
+    return (
+        f"the values use only {bits} of 16 bits (the highest level is {top:.0f}): if the "
+        f"camera has {bits} bits, its white is {(2**bits - 1) / white:.4f} here and not 1; "
+        f"ratios of brightness are right"
+    )

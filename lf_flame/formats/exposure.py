@@ -58,24 +58,19 @@ def _lytro(path: Path) -> tuple[float, float]:
 
 def _exif(path: Path) -> tuple[float, float]:
     """Exposure time and speed, 0 where there are none."""
-    if path.suffix.lower() in TIFF_SUFFIXES:
-        with open_tiff(path) as file:
-            tags = file.pages.first.tags
-            table = tags[EXIF].value if EXIF in tags else {}
-            names = {TIME: "ExposureTime", SPEED: "ISOSpeedRatings"}
-            found = [
-                table.get(names[tag]) or (tags[tag].value if tag in tags else 0)
-                for tag in (TIME, SPEED)
-            ]
-    else:
-        try:
+    try:
+        if path.suffix.lower() in TIFF_SUFFIXES:
+            with open_tiff(path) as file:
+                tags = {tag.code: tag.value for tag in file.pages.first.tags}
+            table = tags.get(EXIF, {})
+            table = {TIME: table.get("ExposureTime"), SPEED: table.get("ISOSpeedRatings")}
+        else:
             with open_image(path, FORMATS) as image:
-                exif = image.getexif()
-                table = exif.get_ifd(EXIF)
-                found = [table.get(tag) or exif.get(tag, 0) for tag in (TIME, SPEED)]
-        except PILLOW_ERRORS:
-            return 0.0, 0.0
-    time, speed = (_number(value) for value in found)
+                tags = dict(image.getexif())
+                table = image.getexif().get_ifd(EXIF)
+    except PILLOW_ERRORS:
+        return 0.0, 0.0
+    time, speed = (_number(table.get(tag) or tags.get(tag, 0)) for tag in (TIME, SPEED))
     return time, speed
 
 

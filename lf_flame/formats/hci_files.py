@@ -6,7 +6,6 @@ z - shift``: by so many pixels it moves to the left from one view to the next on
 slope is minus that. One of the two axes of views is stored the other way round.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,65 +15,33 @@ from lf_flame._common.images import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
 from lf_flame.formats.hdf5_and_matlab import Hdf5File
-from lf_flame.formats.view_files.orders import arranged, turned_round
-from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
+from lf_flame.formats.view_files.orders import FoundOrder, arranged, find_order, half_turned
 
-VIEWS, DEPTH = "LF", "GT_DEPTH"
-"""Names of the views and of their depths."""
-
-NEEDED = ("dH", "focalLength", "shift")
-"""Attributes from which a depth gives a slope."""
+VIEWS, DEPTH, NEEDED = "LF", "GT_DEPTH", ("dH", "focalLength", "shift")
+"""Names of the views and of their depths, and attributes that turn a depth into a slope."""
 
 
-def is_hci(path: str | Path) -> bool:
-    """Whether an HDF5 file holds views and the attributes of this benchmark.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
-    return _is_hci(Hdf5File(path))
-
-
-def _is_hci(file: Hdf5File) -> bool:
+def is_hci(file: Hdf5File) -> bool:
+    """Whether an HDF5 file holds views and the attributes of this benchmark."""
     return VIEWS in file.names and set(NEEDED) <= set(file.numbers)
 
 
-def find_hci_order(path: str | Path, views: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
-    """Find the order of the views, by the parallax and, if the file has depths, by their slopes.
+def find_hci_order(file: Hdf5File, views: np.ndarray) -> FoundOrder:
+    """Find the order of stored views by the parallax, and the sign of their slopes by the depths.
 
-    The parallax shows which axis is turned against the other, but not which of the two it is, on
-    which the sign of all slopes depends. The depths show it. Without them, columns are assumed to
-    run from left to right.
-
-    Parameters
-    ----------
-    path : str or Path
-    views : ndarray, shape (v, u, ...)
-        Views as stored, or arguments of `read`.
-    read : callable, optional
-        Function that gives the view for an entry of `views`.
+    No parallax shows which axis is stored the other way round, on which the sign of all slopes
+    depends. Without depths, columns are assumed to run from left to right.
     """
-    found, file = find_order(views, read), Hdf5File(path)
-    if found.slopes is None or DEPTH not in file.names:
-        return found
-    seen, slopes = np.array(found.slopes), _slopes(file)[..., ::4, ::4]  # a sample is enough
+    found = find_order(views)
+    slopes = _slopes(file)[..., ::4, ::4] if DEPTH in file.names else np.array([])
     slopes = slopes[np.isfinite(slopes)]
-    if not slopes.size:
+    if found.slopes is None or not slopes.size:
         return found
-    true = np.percentile(slopes, (5, 95))
-    turned = np.abs(-seen[::-1] - true).sum() < np.abs(seen - true).sum()
-    if not turned:
-        return replace(found, half_turn=False)
-    low, high = found.slopes
-    return replace(
-        found,
-        order=turned_round(found.order),
-        reason=f"{found.reason}, with the sign by the depths of {DEPTH}",
-        slopes=(-high, -low),
-        half_turn=False,
-    )
+    true, (low, high) = np.percentile(slopes, (5, 95)), found.slopes
+    reason = f"{found.reason}, with the sign by the depths of {DEPTH}"
+    if np.abs([-high, -low] - true).sum() < np.abs([low, high] - true).sum():
+        return FoundOrder(half_turned(found.order), reason)
+    return replace(found, reason=reason, slopes=None)
 
 
 def read_true_slopes(path: str | Path) -> np.ndarray:
@@ -109,7 +76,7 @@ def read_true_slopes(path: str | Path) -> np.ndarray:
     -0.5
     """
     file = Hdf5File(path)
-    if not _is_hci(file) or DEPTH not in file.names:
+    if not is_hci(file) or DEPTH not in file.names:
         raise InputError(
             f"{path} holds no true slopes: it needs the arrays {VIEWS} and {DEPTH}, and the "
             f"attributes {', '.join(NEEDED)}."
@@ -117,7 +84,7 @@ def read_true_slopes(path: str | Path) -> np.ndarray:
     slopes = _slopes(file)
     if slopes.ndim != 4:
         return slopes
-    return arranged(slopes, find_hci_order(path, read_array(path, array=VIEWS).views).order)
+    return arranged(slopes, find_hci_order(file, read_array(path, array=VIEWS)[0].views).order)
 
 
 def _slopes(file: Hdf5File) -> np.ndarray:

@@ -19,25 +19,17 @@ from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory, memory_limit
 from lf_flame.errors import InputError
 
-# HDF5 ---------------------------------------------------------------------------------------------
-
 HDF5_ERRORS = (
     OSError, RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError,
     NotImplementedError, zlib.error,
 )  # fmt: skip
 """Exceptions of h5py for damaged files."""
 
-LARGEST_RATIO = 1032
-"""Largest ratio by which DEFLATE packs: 258 bytes in 2 bits (RFC 1951)."""
-
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
 """Numbers of the filters that are part of the HDF5 library itself."""
 
 MOST_OBJECTS, DEEPEST = 1000, 8
 """Largest number of objects, and largest depth of groups, among which arrays are searched for."""
-
-MATLAB_HDF5 = b"MATLAB 7.3"
-"""First bytes of a MATLAB file that is HDF5."""
 
 
 class Hdf5File:
@@ -125,7 +117,8 @@ class Hdf5File:
         most, large = math.prod(dataset.chunks) * dataset.dtype.itemsize, []
         check_memory(2 * most, self.path)
         dataset.id.chunk_iter(
-            lambda one: large.append(one) if one.size * LARGEST_RATIO > memory_limit() else None
+            # 1032 is the largest ratio by which DEFLATE packs: 258 bytes in 2 bits (RFC 1951).
+            lambda one: large.append(one) if one.size * 1032 > memory_limit() else None
         )
         for chunk in large:
             mask, data = dataset.id.read_direct_chunk(chunk.chunk_offset)
@@ -141,10 +134,8 @@ class Hdf5File:
 def is_matlab_hdf5(path: str | Path) -> bool:
     """Whether a file is one of MATLAB 7.3, by its first bytes."""
     with readable(path, (OSError,)), Path(path).open("rb") as file:
-        return file.read(len(MATLAB_HDF5)) == MATLAB_HDF5
+        return file.read(10) == b"MATLAB 7.3"
 
-
-# MATLAB 5 -----------------------------------------------------------------------------------------
 
 MATLAB_ERRORS = (
     OSError, struct.error, zlib.error, ValueError, TypeError, LookupError, ArithmeticError,
@@ -152,8 +143,9 @@ MATLAB_ERRORS = (
 )  # fmt: skip
 """Exceptions of scipy's reader, and of the checks before it, for damaged files."""
 
-START, TAG = 128, 8
-"""Number of bytes before the first element of a file, and of the type and length of an element."""
+START, TAG, LARGEST_HEAD = 128, 8, 4096
+"""Number of bytes before the first element of a file, of the type and length of an element, and in
+which flags, sizes and name of an array are looked for."""
 
 MATRIX, COMPRESSED = 14, 15
 """Types of the elements that a file consists of."""
@@ -167,9 +159,6 @@ CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13:
 
 LOGICAL, COMPLEX = 0x200, 0x800
 """Flags of arrays."""
-
-LARGEST_HEAD = 4096
-"""Number of bytes in which flags, sizes and name of an array are looked for."""
 
 
 class MatlabFile:

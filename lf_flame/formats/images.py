@@ -1,9 +1,9 @@
 """Image files of 8 and 16 bits, grey and colour, and conversion of their levels."""
 
 import struct
-import zlib
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import tifffile
 from PIL import Image, PngImagePlugin
@@ -113,29 +113,10 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
             tifffile.imwrite(
                 aside, levels, photometric=photometric, compression="zlib", extratags=tags
             )
-        elif levels.ndim == 3 and levels.dtype == np.uint16:
-            _write_deep_png(aside, levels)
+        elif levels.ndim == 3 and levels.dtype == np.uint16:  # Pillow cannot write these
+            aside.write_bytes(imagecodecs.png_encode(np.ascontiguousarray(levels)))
         else:
             says = PngImagePlugin.PngInfo()
             if linear and levels.dtype == np.uint8:
                 says.add(b"gAMA", struct.pack(">I", 100_000))
             Image.fromarray(levels).save(aside, pnginfo=says)
-
-
-def _write_deep_png(path: Path, levels: np.ndarray) -> None:
-    """Write 16-bit colour, which Pillow cannot; PNG specification (ISO/IEC 15948), 5 and 9."""
-    height, width = levels.shape[:2]
-    lines = levels.astype(">u2").reshape(height, -1).view(np.uint8)
-    filtered = np.empty((height, 1 + lines.shape[1]), np.uint8)
-    filtered[:, 0] = 2  # filter "up": each byte minus the byte above it
-    filtered[:, 1:] = np.diff(lines, axis=0, prepend=np.zeros_like(lines[:1]))
-    header = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)
-    with path.open("wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n")
-        for name, data in (
-            (b"IHDR", header),
-            (b"IDAT", zlib.compress(filtered.data, level=6)),
-            (b"IEND", b""),
-        ):
-            check = zlib.crc32(name + data)
-            file.write(struct.pack(">I", len(data)) + name + data + struct.pack(">I", check))

@@ -1,25 +1,32 @@
 """One function for reading all kinds of light-field files."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_stored_array
+from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_array
+from lf_flame.formats.coding import note_on_depth
+from lf_flame.formats.focused.reading import plan_focused
 from lf_flame.formats.hci_files import find_hci_order, is_hci
+from lf_flame.formats.hdf5_and_matlab import Hdf5File
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lenslet_image import read_lenslet_image
-from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
+from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
-from lf_flame.formats.stacks import is_stack, read_view_lines
-from lf_flame.formats.view_files.mosaic import read_view_mosaic
-from lf_flame.formats.view_files.orders import Grid, arranged_light_field
-from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order
-from lf_flame.formats.view_files.scan import scan_view_folder
-from lf_flame.formats.view_files.sources import ARCHIVE, LIST, is_view_folder
+from lf_flame.formats.raw.reading import plan_raw, read_frame
+from lf_flame.formats.stacks import is_stack, read_mosaic, read_view_pages
+from lf_flame.formats.view_files.folder import ARCHIVE, is_view_folder, scan_view_folder
+from lf_flame.formats.view_files.orders import (
+    FoundOrder,
+    Grid,
+    arranged_light_field,
+    find_order,
+)
 from lf_flame.lightfield import LightField
 
 
@@ -29,49 +36,71 @@ def read_light_field(
     order: str | None = None,
     *,
     grid: Grid | str | None = None,
+    names: str | None = None,
+    first: int | None = None,
     axes: str | None = None,
-    dark: str | Path | None = None,
-    mosaic: Grid | str | None = None,
     array: str | None = None,
+    mosaic: Grid | str | None = None,
+    white: str | Path | None = None,
+    lenslets: str | Path | None = None,
+    dark: str | Path | None = None,
+    pitch: float | None = None,
+    layout: str | None = None,
+    bayer: str | None = None,
+    focused: str | Path | None = None,
+    virtual_depth: float | None = None,
 ) -> LightField:
     """Read a light field from a file or folder of any supported kind.
 
-    ==================================  ==============================================
-    a folder, ``.zip``, ``.csv``        `read_view_folder`, one image for each view
-    ``.npy``, ``.npz``, ``.h5``,        `read_array`
-    ``.hdf5``, ``.mat``
-    ``.tif``, ``.tiff`` of many pages   `read_view_stack`
-    an image and `mosaic`               `read_view_mosaic`, views side by side
-    ``.lfp``, ``.lfr``, ``.raw``        `read_raw`, a raw picture of a Lytro camera
-    any other image                     `read_lenslet_image`, N x N pixels to a lenslet
-    ==================================  ==============================================
+    ====================================  ============================================
+    a folder, or ``.zip`` of one          one image for each view: `scan_view_folder`
+    ``.npy``, ``.npz``, ``.zarr``,        an array of views, or a raw array
+    ``.h5``, ``.hdf5``, ``.mat``
+    ``.tif``, ``.tiff`` of many pages     one view a page
+    an image and `mosaic`                 views side by side
+    an image and `white`, `lenslets` or   a raw lenslet image: `read_raw`
+    `pitch`; ``.lfp``, ``.lfr``, ``.raw``
+    an image and `focused`                raw image of focused lenslets: `read_focused`
+    any other image and `views`           a lenslet image, N x N pixels to a lenslet
+    ====================================  ============================================
 
     Parameters
     ----------
     path : str or Path
     views : int, optional
-        Number of pixels under a lenslet along each axis, for a lenslet image or a raw array.
+        Number of pixels under a lenslet along each axis, for a lenslet image or a raw array; number
+        of views to decode, for a raw image.
     order : str, optional
-        Meaning of the numbers of views, such as ``row,-col``; see `scan_view_folder`. Default: for
-        folders, pages, arrays with an axis n, mosaics and HDF5 files of the HCI data set, the order
-        that the parallax between views shows; otherwise the stored order.
+        Meaning of the two numbers of views, such as ``row,-col``; see `scan_view_folder`. Default:
+        for folders, pages, arrays with an axis n, mosaics and HDF5 files of the HCI data set, the
+        order that the parallax between views shows; otherwise the stored order.
     grid : (int, int) or str, optional
-        Number of rows and columns of a light field whose views are numbered one by one, in any
-        order, such as (1, 9) or ``1x9``: in a folder, pages or an array with an axis n. Default:
-        a square, if the parallax shows one.
+        Number of rows and columns of views that are numbered one by one, or of which some are
+        missing, such as (1, 9) or ``9x9``: in a folder, pages or an array with an axis n. Default:
+        a square.
+    names, first : optional
+        Pattern of the views' names, and number of the first one, as in `scan_view_folder`.
     axes : str, optional
-        Meaning of an array's axes, as in `read_array`. Default: ``vuts`` or ``vutsc``.
+        Meaning of an array's axes, one letter each: v and u, row and column of the view, or n, its
+        running number; t and s, row and column of the pixel; c, the channel. Default: ``vuts``,
+        ``vutsc``, or a raw array; an array of unlikely shape for these is refused.
+    array : str, optional
+        Name of the array with the views, in a file of several. Default: ``views`` or ``LF``.
+    mosaic : (int, int) or str, optional
+        Number of rows and columns of views that lie side by side in one image, as ``8x8``.
+    white, lenslets, pitch, layout, bayer : optional
+        White image (flat field), image of the lenslets' centres, pitch in pixels, layout and
+        mosaic of a raw image, as in `read_raw`.
     dark : str or Path, optional
         Light field without light, of the same form and size, which is subtracted.
-    mosaic : (int, int) or str, optional
-        Number of rows and columns of views that lie side by side in one image, as (8, 8) or
-        ``8x8``.
-    array : str, optional
-        Name of the array with the views, in a file of several.
+    focused, virtual_depth : optional
+        Calibration and virtual depth of focused lenslets, as in `read_focused`.
 
     Returns
     -------
     LightField
+        Values from 0 to 1 where they are stored as levels of 8 or 16 bits; floats as they are.
+        Missing views have weight 0.
 
     Raises
     ------
@@ -88,136 +117,149 @@ def read_light_field(
     >>> formats.read_light_field("views.npy")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
-    path, stated = Path(path), Stated(views, order, grid, axes, mosaic, array)
-    if path.exists() and not is_lytro(path) and is_view_folder(path):
-        return _read_folder(path, dark, stated)
-    return read_ordered(path, dark, stated)[0]
+    options = locals()
+    return find_light_field(options.pop("path"), **options).light_field
 
 
-class Stated(NamedTuple):
-    """Arguments of `read_light_field` on the form of a file; None for those left out."""
+class Found(NamedTuple):
+    """A light field that was read, and how.
 
-    views: int | None = None
-    order: str | None = None
-    grid: Grid | str | None = None
-    axes: str | None = None
-    mosaic: Grid | str | None = None
-    array: str | None = None
-
-    def refuse(self, path: Path, *names: str) -> None:
-        """Refuse the named arguments, which fit light fields of another form."""
-        for name in names:
-            if getattr(self, name) is not None:
-                raise InputError(f"{MEANT_FOR[name]}, not in {path}.")
-
-
-def read_ordered(
-    path: str | Path, dark: str | Path | None, stated: Stated
-) -> tuple[LightField, FoundOrder | None]:
-    """Read a light field from one file, and the order of its views if the parallax shows it.
-
-    Arguments and errors are those of `read_light_field`.
-
-    Returns
-    -------
-    LightField
-    FoundOrder or None
-        Order that was found; None where it was stated, or the views are used as stored.
+    `order` is that of the views, None where they are used as stored and none was stated. `notes`
+    are sentences for the user. `again` reads another file of the same kind by what was found in
+    this one: lenslets, and order of views.
     """
-    path = Path(path)
+
+    light_field: LightField
+    order: FoundOrder | None
+    notes: list[str]
+    again: Callable[[Path], LightField]
+
+
+def find_light_field(path: str | Path, **options: Any) -> Found:
+    """Read a light field; arguments and errors are those of `read_light_field`."""
+    path, options = Path(path), {name: x for name, x in options.items() if x is not None}
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
-    if is_lytro(path):
-        return _read_lytro(path, dark, stated), None
-    stored, found = _read_stored(path, stated)
-    numbered = found is not None
-    if stated.order is None and found is None:
-        found = _find_order(path, stored, stated)
-    order = stated.order if found is None else found.order
-    light_field = arranged_light_field(stored, order)
-    if dark is not None:
-        # A dark image has no parallax that would show its grid and order.
-        counted = light_field.views.shape[:2] if numbered else stated.grid
-        of_dark = stated._replace(order=order or "row,col", grid=counted)
-        light_field = subtract_dark(light_field, dark, of_dark)
-    return light_field, None if stated.order is not None else found
-
-
-MEANT_FOR = {
-    "axes": f"axes are those of an array ({', '.join(ARRAY_SUFFIXES)})",
-    "array": f"array names one of several in a file ({', '.join(ARRAY_SUFFIXES)})",
-    "mosaic": f"mosaic counts views side by side in an image ({', '.join(IMAGE_SUFFIXES)})",
-    "grid": "grid counts views in a folder, pages or an array",
-}
-"""Purpose of each argument that fits some files only, for messages."""
-
-
-def _read_lytro(path: Path, dark: str | Path | None, stated: Stated) -> LightField:
-    stated.refuse(path, "axes", "array", "mosaic")
-    if stated.order is not None or stated.grid is not None:
-        raise InputError(f"order and grid do not apply to the Lytro picture {path}.")
-    plan, image = plan_lytro(path, None, stated.views, dark=dark)
-    return plan.decode(image)
-
-
-def _read_folder(path: Path, dark: str | Path | None, stated: Stated) -> LightField:
-    stated.refuse(path, "axes", "array", "mosaic")
-    folder = scan_view_folder(path, stated.order, grid=stated.grid)
-    # A dark image has no parallax from which its order could be found.
-    found = Stated(order=folder.found.order, grid=folder.counted)
-    return subtract_dark(folder.read(), dark, found)
-
-
-def _read_stored(path: Path, stated: Stated) -> tuple[LightField, FoundOrder | None]:
-    """Read an array, pages, a mosaic or a lenslet image, with the views in the order stored.
-
-    The second result is the order of views with a running number.
-    """
-    suffix = path.suffix.lower()
-    views, grid, mosaic = stated.views, stated.grid, stated.mosaic
-    if suffix in ARRAY_SUFFIXES:
-        stated.refuse(path, "mosaic")
-        return read_stored_array(
-            path, views, axes=stated.axes, grid=grid, array=stated.array, order=stated.order
-        )
-    stated.refuse(path, "axes", "array")
-    if mosaic is not None and suffix in IMAGE_SUFFIXES:
-        stated.refuse(path, "grid")
-        return read_view_mosaic(path, mosaic), None
-    stated.refuse(path, "mosaic")
-    if suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path)):
-        return read_view_lines(path, stated.order, grid)
-    stated.refuse(path, "grid")
-    if suffix in IMAGE_SUFFIXES:
-        return read_lenslet_image(path, views), None
-    raise InputError(
-        f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one, or {LIST}), "
-        f"an array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
-        f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
+    kind, read, takes = _kind(path, options)
+    for name in options:
+        if name not in takes.split():
+            raise InputError(
+                f"--{name.replace('_', '-')} does not apply to {path}, which is read as {kind}."
+            )
+    dark = None if read in (_read_raw, _read_focused) else options.pop("dark", None)
+    found = read(path, **options)
+    if dark is None:
+        return found
+    again = found.again
+    black = again(Path(dark))  # without light there is no parallax that shows its order
+    return found._replace(
+        light_field=_subtract(found.light_field, black, dark),
+        again=lambda other: _subtract(again(other), black, dark),
     )
 
 
-def _find_order(path: Path, stored: LightField, stated: Stated) -> FoundOrder | None:
-    """Order of the views as the parallax shows it; None if they are used as stored."""
-    if stated.mosaic is not None:
-        return find_order(stored.views)
-    if stated.axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
-        return find_hci_order(path, stored.views)
-    return None
+def takes(path: str | Path, option: str, **options: Any) -> bool:
+    """Whether an option applies to a file that is read with other options."""
+    return option in _kind(Path(path), options)[2].split()
+
+
+def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found], str]:
+    """Name of the kind of a file, its reader, and the options that apply to it."""
+    suffix = path.suffix.lower()
+    if is_lytro(path):
+        return "a raw picture of a Lytro camera", _read_raw, "white lenslets views dark"
+    if is_view_folder(path):
+        return "a folder of views", _read_folder, "order grid names first dark"
+    if suffix in ARRAY_SUFFIXES:
+        return "an array", _read_array, "axes array views order grid dark"
+    if suffix not in IMAGE_SUFFIXES:
+        raise InputError(
+            f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one), an "
+            f"array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
+            f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
+        )
+    if "focused" in options:
+        takes = "focused virtual_depth views white dark bayer"
+        return "a raw image of focused lenslets", _read_focused, takes
+    if {"white", "lenslets", "pitch"} & set(options):
+        return "a raw image", _read_raw, "white lenslets pitch layout bayer views dark"
+    if "mosaic" in options:
+        return "a mosaic of views", _read_ordered(read_mosaic), "mosaic order dark"
+    if suffix in TIFF_SUFFIXES and ("grid" in options or is_stack(path)):
+        return "pages of views", _read_ordered(read_view_pages), "order grid dark"
+    kind = "a lenslet image, as there is neither a white image, lenslets nor a pitch"
+    return kind, _read_ordered(_read_lenslets), "views order dark"
+
+
+AS_DECODED = FoundOrder("row,col", "as decoded")
+
+
+def _read_raw(path: Path, **options: Any) -> Found:
+    plan, image = plan_raw(path, **options)
+    notes = [f"{path}: {plan.grid.describe()}"]
+    if plan.grid.layout == "hexagonal":
+        notes.append(
+            "A pixel of the views is as wide as the rows of the hexagonal array are apart: a "
+            'camera file must state layout = "hexagonal"; a calibration holds as it is'
+        )
+    if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
+        notes.append(
+            "The rotation and the position of the array were not searched for: that needs a white "
+            "image (--white) or the lenslets' centres (--lenslets)"
+        )
+    notes.append("" if is_lytro(path) else note_on_depth(image))
+    again = lambda one: plan.decode(read_frame(one))  # noqa: E731
+    return Found(plan.decode(image), AS_DECODED, list(filter(None, notes)), again)
+
+
+def _read_focused(path: Path, focused: str | Path, **options: Any) -> Found:
+    plan, image = plan_focused(path, focused, **options)
+    note = f"{path}: {plan.lenslets.describe()}"
+    return Found(plan.decode(image), AS_DECODED, [note], lambda one: plan.decode(read_frame(one)))
+
+
+def _read_folder(path: Path, **options: Any) -> Found:
+    folder = scan_view_folder(path, **options)
+    same = options | {"order": folder.found.order, "grid": folder.files.shape}
+    again = lambda one: scan_view_folder(one, **same).read()  # noqa: E731
+    return Found(folder.read(), folder.found, folder.describe().splitlines(), again)
+
+
+def _read_ordered(read: Callable) -> Callable[..., Found]:
+    """Reader of files whose views `read` brings into the order that it finds or is stated."""
+
+    def reader(path: Path, **options: Any) -> Found:
+        light_field, order = read(path, **options)
+        if order is not None:
+            options["order"] = order.order
+        notes = [] if order is None else order.describe()
+        return Found(light_field, order, notes, lambda one: read(one, **options)[0])
+
+    return reader
+
+
+def _read_array(path: Path, **options: Any) -> Found:
+    found = _read_ordered(read_array)(path, **options)
+    if found.order or path.suffix.lower() not in HDF5_SUFFIXES or {"order", "axes"} & set(options):
+        return found
+    file = Hdf5File(path)
+    return _read_ordered(_read_hci)(path, **options) if is_hci(file) else found
+
+
+def _read_hci(path: Path, **options: Any) -> tuple[LightField, FoundOrder]:
+    light_field, _ = read_array(path, **options)
+    found = find_hci_order(Hdf5File(path), light_field.views)
+    return arranged_light_field(light_field, found.order), found
+
+
+def _read_lenslets(
+    path: Path, views: int | None = None, order: str | None = None
+) -> tuple[LightField, None]:
+    return arranged_light_field(read_lenslet_image(path, views), order), None
 
 
 def note_on_order(light_field: LightField, path: Path) -> str:
-    """Say where the parallax contradicts the order in which a file holds its views, or nothing.
-
-    Parameters
-    ----------
-    light_field : LightField
-        Views as stored, which no order was stated or found for.
-    path : Path
-        File that they were read from.
-    """
-    if is_lytro(path):
-        return ""  # the views were made here
+    """Say where the parallax contradicts the order in which a file holds its views, or nothing."""
     found = find_order(light_field.views)
     if found.order == "row,col":
         return ""
@@ -228,30 +270,8 @@ def note_on_order(light_field: LightField, path: Path) -> str:
     )
 
 
-def subtract_dark(light_field: LightField, dark: str | Path | None, stated: Stated) -> LightField:
-    """Subtract a light field without light, read from a file or folder of the same form.
-
-    Parameters
-    ----------
-    light_field : LightField
-    dark : str or Path or None
-        Light field without light; None subtracts nothing.
-    stated : Stated
-        As for `read_light_field`; order and grid are those found for the light field itself.
-
-    Returns
-    -------
-    LightField
-        A view that is missing in either has weight 0, and a pixel unknown in either is unknown.
-
-    Raises
-    ------
-    InputError
-        If the dark light field cannot be read, or its shape differs.
-    """
-    if dark is None:
-        return light_field
-    black = read_light_field(dark, **stated._asdict())
+def _subtract(light_field: LightField, black: LightField, dark: object) -> LightField:
+    """Subtract a light field without light; what is missing or unknown in either is so in both."""
     if black.views.shape != light_field.views.shape:
         raise InputError(
             f"The dark light field {dark} must have the light field's shape "

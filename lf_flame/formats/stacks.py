@@ -1,4 +1,4 @@
-"""Multi-page TIFF files: views of a light field, and refocused images with their slopes."""
+"""Several pictures in one file: views side by side or as pages, and refocused images."""
 
 from __future__ import annotations
 
@@ -15,103 +15,82 @@ from lf_flame._common.images import open_tiff, pictures, read_pages, to_unit, tr
 from lf_flame._common.input_files import parse_json
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
+from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.orders import (
+    FoundOrder,
     Grid,
     arranged_light_field,
-    as_grid,
-    check_order,
+    check_grid,
+    find_order,
+    fold,
+    order_memory,
+    read_grid,
+    stated_order,
 )
-from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, order_memory
-from lf_flame.formats.view_files.running_numbers import fold
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4
 """Largest size of an axis C that may hold colours instead of pages."""
 
-COLOURS = 3
-"""Size of an axis C that holds the colours of a single image."""
-
-UNNAMED = frozenset("QI")
-"""Letters of page axes without a stated meaning, which may be rows and columns of views."""
-
 LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
 """Largest size in bytes that ImageJ opens: classic TIFF, with offsets of 32 bits."""
 
 
-def is_stack(path: str | Path) -> bool:
-    """Whether a TIFF file holds more than one image; one in three channels is a colour image.
+def read_mosaic(
+    path: str | Path, *, mosaic: Grid | str, order: str | None = None
+) -> tuple[LightField, FoundOrder]:
+    """Read a picture that holds rows and columns of whole views, and find their order.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
+    In a lenslet image the pixels of one lenslet are neighbours; here those of one view are.
     """
+    rows, columns = read_grid(mosaic, "mosaic")
+    picture = read_image(path)
+    height, width = picture.shape[:2]
+    if height % rows or width % columns:
+        raise InputError(
+            f"A mosaic of {rows} x {columns} views needs sides that are multiples of these, and "
+            f"{path} has {height} x {width} pixels: cut off its margins, or state other numbers."
+        )
+    size = (rows, height // rows, columns, width // columns, *picture.shape[2:])
+    return _in_order(picture.reshape(size).swapaxes(1, 2), order)
+
+
+def _in_order(views: np.ndarray, order: str | None) -> tuple[LightField, FoundOrder]:
+    """Arrange rows and columns of views in the stated order, or in the one that is found."""
+    found = find_order(views) if order is None else stated_order(order)
+    return arranged_light_field(LightField(views), found.order), found
+
+
+def is_stack(path: str | Path) -> bool:
+    """Whether a TIFF file holds more than one image; one in three channels is a colour image."""
     with open_tiff(path) as file:
         alike = pictures(file, path)
         lengths = alike[0].get_shape(squeeze=False)
         sizes = dict(zip(alike[0].get_axes(squeeze=False), lengths, strict=True))
-    colours = "C" if sizes.get("C") == COLOURS and sizes.get("S", 1) == 1 else ""
+    colours = "C" if sizes.get("C") == 3 and sizes.get("S", 1) == 1 else ""
     pages = set(sizes) - set("YXS" + colours)
     return len(alike) > 1 or any(sizes[axis] > 1 for axis in pages)
 
 
-def read_view_stack(
-    path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
-) -> LightField:
-    """Read the pages of a TIFF file as views.
-
-    Parameters
-    ----------
-    path : str or Path
-        TIFF file. Its pages form rows and columns if the file states two page axes that are not
-        times or depths; otherwise a running number, which is a square if the parallax shows one.
-    order : str, optional
-        Meaning of the page numbers, as in `lf_flame.formats.scan_view_folder`: ``row,col`` is row
-        by row. Default: the order that the parallax shows.
-    grid : (int, int) or str, optional
-        Number of rows and columns of views, such as (1, 9) or ``1x9``.
-
-    Returns
-    -------
-    LightField
-        Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, its pages show no square of views and no grid is stated, or
-        it is a focal stack.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import tifffile
-    >>> from lf_flame.formats import read_view_stack
-    >>> tifffile.imwrite("pages.tif", np.random.default_rng(1).uniform(size=(9, 20, 30)))
-    >>> read_view_stack("pages.tif", grid=(3, 3))
-    LightField(3 x 3 views of 20 x 30 pixels, grey)
-    """
-    lines, found = read_view_lines(path, order, grid)
-    return arranged_light_field(lines, found.order)
-
-
-def read_view_lines(
-    path: str | Path, order: str | None, grid: Grid | str | None
+def read_view_pages(
+    path: str | Path, *, order: str | None = None, grid: Grid | str | None = None
 ) -> tuple[LightField, FoundOrder]:
-    """Read the pages of a TIFF file as views in the order of the pages, and find their order.
+    """Read the pages of a TIFF file as views, and find their order.
 
-    Arguments and errors are those of `read_view_stack`.
+    The pages form rows and columns if the file has two page axes that are not named (as times or
+    depths are); otherwise they count row by row a square, or the `grid`.
     """
     pages, image_axes, metadata, letters = _read(path)
     if "slopes" in metadata:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
-    shape, image = as_grid(grid), pages.shape[-image_axes:]
+    shape, image = None if grid is None else read_grid(grid), pages.shape[-image_axes:]
     check_memory(2 * pages.nbytes + order_memory(image), path)
-    if shape is None and len(letters) == 2 and set(letters) <= UNNAMED:
-        found = find_order(pages) if order is None else FoundOrder(check_order(order), "as stated")
-        return LightField(pages), found
+    if len(letters) == 2 and set(letters) <= set("QI"):
+        light_field, found = _in_order(pages, order)
+        check_grid(shape, light_field.views.shape[:2], path)
+        return light_field, found
     lines, found = fold(pages.reshape(-1, *image), path, shape, order)
-    return LightField(lines), found
+    return arranged_light_field(LightField(lines), found.order), found
 
 
 def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:

@@ -1,5 +1,6 @@
 """Base of cameras, measured or computed: all that refocusing and reconstruction in mm need."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lf_flame._common.arrays import Number
@@ -66,6 +67,34 @@ class Lens:
     def corrected(self, light_field: LightField) -> LightField:
         """Undo what the lens is known to do to pictures: here nothing."""
         return light_field
+
+    def for_light_field(self, shape: tuple[int, ...]) -> "Lens":
+        """Give the same camera with as many lenslets as a light field has pixels in a view.
+
+        The number of lenslets in a camera file is that of the whole array; a light field may be
+        a part of it, or be decoded without its rim.
+
+        Parameters
+        ----------
+        shape : (int, int, int, int)
+            Shape of the views (v, u, t, s); further entries are ignored.
+
+        Raises
+        ------
+        InputError
+            If the number of views is another one (`check_views`), or the camera has a measured
+            distortion, which is known about the middle of whole views alone.
+        """
+        self.check_views(shape)
+        size = int(shape[2]), int(shape[3])
+        if size == tuple(self.lenslets):
+            return self
+        if getattr(self, "distortion", 0.0):
+            raise InputError(
+                f"The calibration undoes the distortion of views of {self.lenslets[0]} x "
+                f"{self.lenslets[1]} pixels about their middle, got views of {size[0]} x {size[1]}."
+            )
+        return replace(self, lenslets=size)  # type: ignore[type-var]
 
     def check_views(self, views: tuple[int, ...]) -> None:
         """Refuse a light field with another number of views: its slopes mean other depths.

@@ -82,6 +82,6 @@ def _best(light_field: LightField, filled: np.ndarray, mean: Callable) -> np.nda
     if bounds.any():
         LOGGER.warning(
             f"{np.count_nonzero(bounds)} of the {bounds.size} refocused values are lower bounds: "
-            f"pixels that are saturated there hold more light than those that are known."
+            f"pixels that are unknown there, saturated or dark, hold more light than the others."
         )
     return np.maximum(image, held)

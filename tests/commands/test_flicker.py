@@ -394,7 +394,7 @@ def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
 
 def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
     """When one is read the one before is gone."""
-    alive, before, read = weakref.WeakSet(), [], reading.read_ordered
+    alive, before, read = weakref.WeakSet(), [], reading.read_array
 
     def watched(*args, **options):
         before.append(len(alive))
@@ -402,7 +402,7 @@ def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypa
         alive.add(light_field)
         return light_field, found
 
-    monkeypatch.setattr(reading, "read_ordered", watched)
+    monkeypatch.setattr(reading, "read_array", watched)
     words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
     result = run("flicker", still, *words, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output

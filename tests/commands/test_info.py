@@ -1,7 +1,6 @@
 """What `lf-flame info` says of files, and the previews that it writes."""
 
 import io
-import json
 
 import lytro_files as own
 import numpy as np
@@ -92,24 +91,6 @@ def test_white_images(told, tmp_path):
         assert f"next: lf-flame refocus PICTURE.lfr --white {source}" in said
 
 
-def test_processed_pictures(told, tmp_path):
-    """Which hold the metadata of the raw picture, and images that serve as a preview."""
-    image = own.jpeg(20, 30)
-    listed = [{"imageRef": own.name_of(image), "focus": 0.5}]
-    entry = {"kind": "focusStack\x1b[1m", "representation": "jpeg", "perImage": listed}
-    frame = {"metadata": own.metadata("ILLUM", (8, 12)),
-             "privateMetadata": {"camera": {"serialNumber": "451"}}}  # fmt: skip
-    table = {"frames": [{"frame": frame}], "views": [{"accelerations": [entry]}]}
-    data = own.START + own.section(b"LFM", json.dumps(table).encode()) + own.section(b"LFC", image)
-    (tmp_path / "a.lfp").write_bytes(data)
-    said = told("a.lfp", "--thumbnail", "a.jpg")
-    assert "ILLUM, serial number 451" in said
-    assert "focusStack?[1m1 images, jpeg" in said
-    assert "missing: the raw image" in said
-    assert "read_lytro_products reads" in said
-    assert (tmp_path / "a.jpg").read_bytes() == image
-
-
 def test_focused_lenslets_are_not_taken_for_others(told, tmp_path):
     camera = Camera()
     raw = np.rint(40000 * camera.record(3.1, Waves())).astype(np.uint16)
@@ -155,7 +136,7 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     said = told("raw.png")
     assert "rectangular lenslets, pitch 12.3" in said
     assert "next: lf-flame refocus raw.png --white WHITE.png" in said
-    assert "--views: 2, 5, 10, 25, 50" in told("plain.png")
+    assert "N divides both sides: 2, 5, 10, 25, 50;" in told("plain.png")
     assert "next: lf-flame info on.png" in told(".")
     mosaic = raw.copy()
     mosaic[::2, ::2] //= 3  # of red or blue

@@ -19,8 +19,8 @@ from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
     write_lenslet_image,
+    write_light_field,
     write_movie,
-    write_view_folder,
 )
 from lf_flame.formats.images import write_image
 from lf_flame.optics.slope_conventions import CONVENTIONS
@@ -45,7 +45,7 @@ def light_field(camera):
 
 @pytest.fixture
 def folder(light_field, tmp_path):
-    write_view_folder(light_field, tmp_path / "views")
+    write_light_field(light_field, tmp_path / "views")
     return tmp_path / "views"
 
 
@@ -267,7 +267,7 @@ def test_the_program_knows_all_conventions():
 def test_a_missing_view_is_named(folder, tmp_path):
     (folder / "view_02_03.png").unlink()
     said = run(folder, "--out", tmp_path / "a").stderr
-    assert "1 view is missing and has weight 0: 02_03" in said
+    assert "missing views, with weight 0: 1 (2_3)" in said
 
 
 def test_movies(tmp_path, rng):

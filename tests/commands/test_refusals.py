@@ -88,7 +88,6 @@ def write_cameras():
     for name, text in {
         "camera.toml": camera_toml(5, SHAPE[2:]),
         "nine.toml": camera_toml(9, SHAPE[2:]),
-        "pixel.toml": camera_toml(5, (1, 1)),
         "law.toml": LAW.to_toml(),
         "colours.toml": COLOURS.to_toml(),
         "gain.toml": COLOURS.to_toml().replace("gains", "gain"),
@@ -112,7 +111,7 @@ def write_light_fields():
     views = np.broadcast_to(spot, SHAPE).astype(np.float32)
     for name, array in {
         "ball": views, "small": views[:, :, :8, :8], "bright": 1.5 * views, "grey": views[:3, :3],
-        "pixel": views[..., :1, :1], "four": views[:4, :4], "two": views[:2],
+        "narrow": views[..., :4], "four": views[:4, :4], "two": views[:2],
     }.items():  # fmt: skip
         np.save(f"{name}.npy", array)
     write_light_field(LightField(views), "views")
@@ -187,7 +186,7 @@ REFUSED = [
         ("--thin", "--thin goes with --colours"),
         ("--colours colours.toml", "a channel for each of the calibration's 2 colours"),
     ),
-    ("abel pixel.npy --camera pixel.toml --axes vuts", "8 columns of pixels or more, got views of"),
+    ("abel narrow.npy --camera camera.toml", "8 columns of pixels or more, got views of"),
     ("abel ball.npy --camera law.toml --axis-depth 40", RANGE),
     ("camera --figure camera.pdf", "must end in .png"),
     ("resolution --figure resolution.txt", "must end in .png"),
@@ -308,9 +307,9 @@ REFUSED = [
         ("--sweep nan 1", "finite"),
         ("--slope 0.5 --sweep 1 1", "two slopes, got 1.0 twice"),
         (f"--map -1 1 {SMOOTH}", "linear, nearest, cubic, got 'sinc'"),
-        ("--views 5", "--views does not apply to the folder"),
+        ("--views 5", "--views does not apply to views, which is read as a folder of views"),
         ("--layout hexagonal", "--layout does not apply"),
-        ("--pitch 9", "is a folder of views"),
+        ("--pitch 9", "which is read as a folder of views"),
         (f"--slope 1 {SMOOTH} --method space", "does not know 'sinc'"),
         ("--slope 0.5 --map 1 1", "lower slope first, got 1.0 and 1.0"),
         ("--map=auto --map -1 1", "cannot both be given"),
@@ -412,7 +411,7 @@ REFUSED = [
         partial(
             FrameReader.by_first_sound, [Path("ball.npy")], Reading(pitch=9.0, order="col,row")
         ),
-        "--order does not apply to the raw image",
+        "--pitch does not apply",
     ),
     (lambda: write_movie(Path("sweep.avi"), PLANES), ".gif or .mp4, got sweep.avi"),
 ]  # fmt: skip

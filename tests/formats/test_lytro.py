@@ -1,16 +1,14 @@
 """Pictures of Lytro cameras: containers, packed pixels, metadata and white images."""
 
-import io
 import json
 from math import sqrt
 
 import lytro_files as own
 import numpy as np
 import pytest
-from PIL import Image
 
 from lf_flame import InputError
-from lf_flame.formats import find_white, read_lytro, read_lytro_products
+from lf_flame.formats import find_white, read_lytro
 from lf_flame.formats.lytro.picture import LytroFile
 
 MODELS = ("F01", "ILLUM")
@@ -128,65 +126,6 @@ def test_empty_sections_and_zeros_at_the_end_do_no_harm(tmp_path, rng):
     ):
         (tmp_path / "a.lfp").write_bytes(data)
         np.testing.assert_array_equal(read_lytro(tmp_path / "a.lfp").mosaic, mosaic)
-
-
-def processed(model, images, depth):
-    """A file of the maker's program, in the form of either camera: refocused images and a map."""
-    listed = [{"imageRef": own.name_of(data), **focus} for data, focus in images]
-    size = {"height": depth.shape[0], "width": depth.shape[1]}
-    data = depth.astype("<f4").tobytes()
-    place = {"imageRef": own.name_of(data), "representation": "raw"}
-    video = {"blockOfImages": {"representation": "h264", "metadataArray": [{"lambda": 1.0}] * 7}}
-    if model == "F01":
-        listed = [one | {"representation": "jpeg"} for one in listed]
-        entries = [("edofParallax", video), ("refocusStack", {"imageArray": listed}),
-                   ("depthMap", size | {"depthMap": place})]  # fmt: skip
-        kinds = [{"type": f"com.lytro.acceleration.{kind}", "vendorContent": content}
-                 for kind, content in entries]  # fmt: skip
-        table = {"picture": {"frameArray": [], "accelerationArray": [7, *kinds]}}
-    else:
-        place |= size | {"representation": "packedFloat"}
-        entry = {"kind": "focusStack", "representation": "jpeg", "perImage": listed}
-        table = {"frames": [], "views": [{"accelerations": [entry | {"depthMap": place}]}]}
-    return own.table_only(table, data, *{data for data, _ in images})
-
-
-@pytest.mark.parametrize(("model", "key"), [("F01", "lambda"), ("ILLUM", "focus")])
-def test_refocused_images_and_depth_of_processed_files(tmp_path, rng, model, key):
-    depth = rng.normal(size=(5, 7)).astype(np.float32)
-    images = [(own.jpeg(12, 16, (k, 200, 30)), {key: 1.5 - k}) for k in range(3)]
-    (tmp_path / "a.lfp").write_bytes(processed(model, images, depth))
-    found = read_lytro_products(tmp_path / "a.lfp")
-    np.testing.assert_array_equal(found.depth, depth)
-    np.testing.assert_array_equal(found.focus, [1.5, 0.5, -0.5])
-    for image, (data, _) in zip(found.images, images, strict=True):
-        np.testing.assert_array_equal(image, np.asarray(Image.open(io.BytesIO(data))))
-    assert LytroFile(tmp_path / "a.lfp").thumbnail() in (images[1][0], images[2][0])
-    with pytest.raises(InputError, match="holds no raw image of the sensor .*Stack"):
-        read_lytro(tmp_path / "a.lfp")
-
-
-def test_processed_files_that_cannot_be_read_are_refused(tmp_path, rng):
-    depth, path = np.ones((5, 7)), tmp_path / "a.lfp"
-    one, other = own.jpeg(), own.jpeg(14, 16)
-    for images, told in (
-        ([(one, {}), (other, {})], "must be of one size"),
-        ([(b"GIF89a" + bytes(99), {})], "holds an image that is no JPEG"),
-        ([(one[:300], {})], "holds an image that is no JPEG"),
-        ([(one, {"lambda": "near"})], "lambda must be a number, got 'near'"),
-    ):
-        path.write_bytes(processed("F01", images, depth))
-        with pytest.raises(InputError, match=told):
-            read_lytro_products(path)
-    path.write_bytes(own.table_only({"picture": {"accelerationArray": [{"type": 1}, []]}}))
-    with pytest.raises(InputError, match="must hold refocused images in JPEG .* unnamed: empty"):
-        read_lytro_products(path)
-    video = processed("F01", [], depth).replace(b'"raw"', b'"row"')
-    head = video.index(b"{")
-    end = video.index(b"\x89LFC")
-    path.write_bytes(own.table_only(video[head:end].rstrip(b"\0")))
-    with pytest.raises(InputError, match="edofParallax: 7 images, h264; not read"):
-        read_lytro_products(path)
 
 
 @pytest.mark.parametrize("place", ["folder", "inside", "archive", "archives"])

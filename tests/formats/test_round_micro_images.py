@@ -8,7 +8,6 @@ from micro_images import nearest_lenslet, waves
 from lf_flame import LightField
 from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import LensletGrid, decode_raw, estimate_grid
-from lf_flame.formats.raw import white_views
 from lf_flame.refocus import find_sharpest_slope
 
 PITCH, SUB = 15, 3
@@ -61,7 +60,7 @@ def mosaic(colours, pattern):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("pattern", "slope", "hexagonal"), [("rggb", -0.32, True), ("gbrg", 0.6, False)]
+    ("pattern", "slope", "hexagonal"), [("rggb", -0.32, True), ("gbrg", 0.25, False)]
 )
 def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, hexagonal):
     """Red, green and blue show planes of their own, at slopes of their own."""
@@ -79,20 +78,7 @@ def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, 
         truth = one * (2 / np.sqrt(3) if hexagonal else 1)
         alone = LightField(light_field.views[..., channel], weights=light_field.weights)
         found = find_sharpest_slope(alone, np.linspace(-1, 1, 41)).slope
-        assert found == pytest.approx(truth, rel=0.004, abs=0.001)
-
-
-@pytest.mark.slow
-def test_the_middle_of_a_white_image_tells_which_views_count(monkeypatch):
-    white = mosaic(3 * [raw_of_a_plane(0.0, False, falloff=0.4)[1]], "rggb")[..., None]
-    white = white.astype(np.float32)
-    grid = estimate_grid(white[..., 0])
-    white *= white_views.pixel_gain(white, grid)
-    whole = white_views.evenly_lit(grid, white, 15, "rggb")
-    monkeypatch.setattr(white_views, "MIDDLE", 202)
-    found = white_views.evenly_lit(grid, white, 15, "rggb")
-    assert np.mean(found != whole) < 0.1  # those at the rim of what counts
-    assert 0.4 < whole.mean() < 0.6
+        assert found == pytest.approx(truth, rel=0.007, abs=0.001)
 
 
 @pytest.mark.parametrize(("top", "said"), [(4000, "only 12 of 16 bits"), (60000, "")])
@@ -127,4 +113,4 @@ def test_the_width_of_a_pixel_of_hexagonal_views_is_told(hexagonal, tmp_path, ca
         tifffile.imwrite(tmp_path / name, image.astype(np.float32))
     Reading(white=tmp_path / "white.tif").read(tmp_path / "raw.tif")
     said = "".join(capsys.readouterr())
-    assert ("pitch and focal length by 0.866" in said) == hexagonal
+    assert ('must state layout = "hexagonal"' in said) == hexagonal

@@ -1,4 +1,4 @@
-"""Folders of views: names, order, what is refused, and the way back."""
+"""Folders of views: names, grids, order, what is refused, and the way back."""
 
 from dataclasses import replace
 from functools import partial
@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from sentences import refusals
 from skimage.io import imsave
 from tifffile import imwrite
 
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
-from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
-from lf_flame.formats.view_files.orders import ORDERS, arranged
-from lf_flame.formats.view_files.parallax_order import find_order
-from lf_flame.formats.view_files.running_numbers import fold
+from lf_flame import write_light_field as write
+from lf_flame.formats import scan_view_folder
+from lf_flame.formats.view_files.orders import ORDERS, arranged, find_order, fold
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "lightfields"
@@ -44,128 +44,198 @@ def levels(rng, shape, dtype=np.uint8):
     return rng.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
 
 
-def numbered(rows, columns, form, first=0, step=1):
-    return [form.format(first + step * v, first + step * u) for v, u in product(rows, columns)]
+def numbered(rows, columns, form):
+    return [form.format(v, u) for v, u in product(rows, columns)]
+
+
+# Names --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("names", "shape"),
     [
         (numbered(range(3), range(4), "{}_{}.png"), (3, 4)),
-        (numbered(range(3), range(3), "2067_{:02}_{:02}.png", first=1), (3, 3)),
+        (numbered(range(1, 4), range(1, 4), "2067_{:02}_{:02}.png"), (3, 3)),
         (numbered(range(2), range(12), "view_{}_{}.bmp"), (2, 12)),
-        (numbered(range(3), range(3), "scene1-v{:02d}-u{:02d}.tif", first=4, step=2), (3, 3)),
+        (numbered((4, 6, 8), (4, 6, 8), "scene1-v{:02d}-u{:02d}.tif"), (3, 3)),
         (numbered(range(1), range(9), "view_{:02}_{:02}.png"), (1, 9)),
-        (numbered(range(5), range(1), "{}_{}.PNG", first=1), (5, 1)),
+        (numbered(range(1, 6), [1], "{}_{}.PNG"), (5, 1)),
         ([f"input_Cam{n:03}.png" for n in range(9)], (3, 3)),
         ([f"scene1_{n:03}.png" for n in range(9)], (3, 3)),
-        ([f"frame{n}.png" for n in (3, 7, 8, 12)], (2, 2)),
-        (numbered((0, 15), (0, 3, 100), "mm_{:03}_{:03}.png"), (2, 3)),
-        (
-            [f"y{y}_x{x}.png" for y in ("0.00", "1.37", "2.74", "4.11", "5.48") for x in (0, 3, 6)],
-            (5, 3),
-        ),
-        (numbered((-40, -24, -8), (-40, -8), "pos_{}_{}.png"), (3, 2)),
-        (numbered((-12.5, 0, 2.25), (-1, 0.5), "y{:+.2f}_x{:.2f}.png"), (3, 2)),
+        ([f"frame{n}.png" for n in (10, 20, 30, 40)], (2, 2)),
+        (numbered(("0.00", "1.37", "2.74"), ("0", "1.37"), "y{}_x{}.png"), (3, 2)),
+        (numbered(("0.33", "0.67", "1.00"), ("0.00", "0.33"), "y{}_x{}.png"), (3, 2)),
+        (numbered((-40, -24, -8), (-40, -24), "pos_{}_{}.png"), (3, 2)),
+        (numbered((-1.25, 0, 1.25), (-1, 0.25), "y{:+.2f}_x{:.2f}.png"), (3, 2)),
         (numbered(range(9, 12), range(8, 11), "scene.{}.{}.png"), (3, 3)),
         (numbered(range(9, 12), range(8, 11), "view-{}-{}.png"), (3, 3)),
-        ([f"cam_{n}.png" for n in range(-4, 5)], (1, 9)),
-        ([f"{20240101120000000000 + 7**n}.png" for n in range(4)], (2, 2)),
+        ([f"a{3 * k}_{k // 2}_{k % 2}_{k}.png" for k in range(4)], (2, 2)),
     ],
     ids=lambda value: value[1] if isinstance(value, list) else "",
 )
 def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
     views = levels(rng, (*shape, 5, 6))
     save(tmp_path, names, views)
-    light_field = read_view_folder(tmp_path, grid=shape)
-    np.testing.assert_array_equal(light_field.views, views / np.float32(255))
-
-
-def test_a_missing_position_is_named(tmp_path, rng):
-    names = numbered((-1.5, -0.5, 0.5), (0, 1), "p_{:.1f}_{}.png")
-    save(tmp_path, names, levels(rng, (3, 2, 3, 4)))
-    (tmp_path / "p_-0.5_1.png").unlink()
-    folder = scan_view_folder(tmp_path)
-    assert "1 view is missing and has weight 0: -0.5_1" in folder.describe()
-    np.testing.assert_array_equal(folder.read().weights, [[1, 1], [1, 0], [1, 1]])
-
-
-def in_a_row(rng, count, slope=0.6, axis=1):
-    """Draw views along one row, or one column, with the numbers 0, 1 ..."""
-    shape = (count, 1) if axis == 0 else (1, count)
-    return textured(rng, slope, views=shape, shape=(60, 72)).reshape(count, 60, 72)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("count", "axis"), [(4, 0), (25, 1)])
-def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):
-    views = in_a_row(rng, count, axis=axis)
-    stored = np.rint(255 * views).astype(np.uint8)
-    save(tmp_path / "row", [f"cam{n:02}.png" for n in range(count)], stored[None])
-    imwrite(tmp_path / "pages.tif", views, photometric="minisblack", metadata={"axes": "ZYX"})
-    imwrite(tmp_path / "i.tif", views[None], imagej=True, metadata={"axes": "TZYX"})
-    np.save(tmp_path / "n.npy", views)
-    for name in ("row", "pages.tif", "i.tif", "n.npy"):
-        axes = "nts" if name == "n.npy" else None
-        for order in (None, "row,col"):
-            with pytest.raises(InputError, match=rf"{count} views .*--grid 1x{count}, if"):
-                read_light_field(tmp_path / name, order=order, axes=axes)
-        grid = (count, 1) if axis == 0 else f"1x{count}"
-        light_field = read_light_field(tmp_path / name, grid=grid, axes=axes)
-        assert light_field.views.shape == ((count, 1) if axis == 0 else (1, count)) + (60, 72)
-    found = find_sharpest_slope(light_field, np.arange(-1, 1.01, 0.1))
-    assert found.slope == pytest.approx(0.6, abs=0.02)
-
-
-@pytest.mark.parametrize(("count", "axis"), [(4, 0), (9, 1)])
-def test_a_row_of_slanted_stripes_is_no_square(rng, count, axis):
-    """Where gradients down and right go together, rows and columns seem alike."""
-    t, s = np.mgrid[:60, :60]
-    for angle in np.deg2rad(range(0, 180, 9)):
-        down, right = np.sin(angle), np.cos(angle)
-        moved = [0.6 * n * (right, down)[axis] for n in range(count)]
-        row = np.array([np.sin((down * t + right * s - move) / 3) for move in moved])
-        row += 0.01 * rng.normal(size=row.shape)
-        with pytest.raises(InputError, match="shows no"):
-            fold(row, "row")
-
-
-@pytest.mark.parametrize("shape", [(4, 9), (2, 8)])
-def test_a_square_number_in_other_rows_is_no_square(rng, shape):
-    views = textured(rng, 0.6, views=shape)
-    with pytest.raises(InputError, match="shows no"):
-        fold(views.reshape(-1, *views.shape[2:]), "views")
-
-
-def test_what_does_not_tell_is_no_snake(rng):
-    for views in (rng.normal(size=(9, 60, 60)), np.ones((9, 60, 60)), in_a_row(rng, 9)):
-        with pytest.raises(InputError, match="shows no"):
-            fold(views, "views")
+    for grid in (None, shape):
+        light_field = read_light_field(tmp_path, grid=grid)
+        np.testing.assert_array_equal(light_field.views, views / np.float32(255))
 
 
 def test_stanford_names_take_the_grid_and_not_the_positions(tmp_path, rng):
     views = levels(rng, (4, 4, 5, 6))
-    places = [(-381.91 + 154.7 * v, 1103.38 - 55.1 * u) for v, u in product(range(4), range(4))]
+    places = [(-381.91 + 154.7 * v, 1103.38 - 55.1 * u) for v, u in np.ndindex(4, 4)]
+    places = [(y + rng.uniform(-9, 9), x + rng.uniform(-9, 9)) for y, x in places]
     names = [f"out_{k // 4:02}_{k % 4:02}_{y:.6f}_{x:.6f}_.png" for k, (y, x) in enumerate(places)]
-    assert any("_-" in name for name in names)
-    assert any("_-" not in name for name in names)
     save(tmp_path, names, views)
-    np.testing.assert_array_equal(read_view_folder(tmp_path).views, views / np.float32(255))
+    np.testing.assert_array_equal(read_light_field(tmp_path).views, views / np.float32(255))
 
 
-def test_other_files_are_left_out(tmp_path, rng):
+STAR = [(v, u) for v, u in np.ndindex(9, 9) if v in (4, u, 8 - u) or u == 4]
+"""Places of EPINET's 33 of 9 x 9 views: the middle row and column, and both diagonals."""
+
+EVERY = list(np.ndindex(9, 9))
+CORNERS = [(0, 0), (0, 8), (8, 0), (8, 8)]
+INNER = [at for at in EVERY if at not in CORNERS]
+
+
+@pytest.mark.parametrize(
+    ("form", "first", "there", "stated"),
+    [
+        ("input_Cam{2:03}.png", 0, STAR, {}),
+        ("input_Cam{2:03}.png", 0, EVERY[1:], {}),
+        ("input_Cam{2:03}.png", 0, EVERY[:-1], {}),
+        ("input_Cam{2:03}.png", 0, INNER, {}),
+        ("input_Cam{2:03}.png", 0, EVERY[:40] + EVERY[41:], {}),
+        ("img{2}.png", 1, EVERY[1:], {}),
+        ("img{2}.png", 1, INNER, {"first": 1}),
+        ("img{2}.png", 500, INNER, {"first": 500}),
+        ("view_{0:02}_{1:02}.png", 1, EVERY[9:], {}),
+        ("view_{0}_{1}.png", 0, EVERY[9:], {}),
+        ("view_{0}_{1}.png", 0, EVERY[:-9], {}),
+        ("view_{0}_{1}.png", 0, INNER, {}),
+    ],
+)
+def test_numbers_are_places_in_the_stated_grid(tmp_path, form, first, there, stated):
+    """Each picture holds the number of its place, as a level."""
+    running = "{2" in form
+    for v, u in there:
+        place = form.format(v + first, u + first, 9 * v + u + first * running)
+        Image.new("L", (3, 2), 9 * v + u).save(tmp_path / place)
+    found = read_light_field(tmp_path, grid="9x9", **stated)
+    weights = np.zeros((9, 9))
+    weights[tuple(zip(*there, strict=True))] = 1
+    np.testing.assert_array_equal(found.weights, weights)
+    wanted = weights * np.arange(81).reshape(9, 9) / 255
+    np.testing.assert_allclose(found.views[..., 0, 0], wanted, atol=1e-7)
+
+
+def test_holes_in_a_grid_of_rows_and_columns_need_no_option(tmp_path, rng):
+    """A cross of views, as of a camera on a rail that is turned."""
+    views = np.rint(255 * textured(rng, 0.6, views=(5, 5))).astype(np.uint8)
+    save(tmp_path, numbered(range(5), range(5), "{}_{}.png"), views)
+    weights = np.zeros((5, 5))
+    weights[2], weights[:, 2] = 1, 1
+    for v, u in np.argwhere(weights == 0):
+        (tmp_path / f"{v}_{u}.png").unlink()
+    assert "with weight 0: 16 (0_0, 0_1, 0_3 ...)" in scan_view_folder(tmp_path).describe()
+    found = read_light_field(tmp_path)
+    np.testing.assert_array_equal(found.weights, weights)
+    slope = find_sharpest_slope(found, np.arange(-1, 1.01, 0.1)).slope
+    assert slope == pytest.approx(0.6, abs=0.02)
+
+
+@pytest.mark.parametrize("gap", [(0, 0), (1, 2), (2, 2)])
+def test_what_is_missing_changes_nothing_else(tmp_path, rng, gap):
+    """The order is found beside the gap, and the picture is that of the other views."""
+    views = np.rint(200 * textured(rng, 0.6, views=(4, 5))).astype(np.uint8) + 40
+    save(tmp_path / "light", numbered(range(4), range(5), "{1}_{0}.png"), views)
+    save(tmp_path / "dark", numbered(range(4), range(5), "{1}_{0}.png"), views // 20)
+    (tmp_path / "light" / f"{gap[1]}_{gap[0]}.png").unlink()
+    (tmp_path / "dark" / "4_3.png").unlink()
+    weights = np.ones((4, 5))
+    weights[gap] = 0
+    found = read_light_field(tmp_path / "light")
+    np.testing.assert_array_equal(found.weights, weights)
+    assert "1 of the 20 views do not count: they are missing" in found.uncounted
+    expected = shift_and_sum(views / np.float32(255), 0.6, weights=weights)
+    np.testing.assert_allclose(shift_and_sum(found, 0.6), expected, atol=1e-6)
+    weights[3, 4] = 0
+    less = read_light_field(tmp_path / "light", dark=tmp_path / "dark")
+    np.testing.assert_array_equal(less.weights, weights)
+    there = (views - views // 20) / np.float32(255)
+    np.testing.assert_allclose(less.views[weights > 0], there[weights > 0], atol=1e-6)
+
+
+def test_names_choose_the_views_and_other_files_are_left_out(tmp_path, rng):
     views = levels(rng, (3, 3, 5, 6))
     save(tmp_path, numbered(range(3), range(3), "{}_{}.png"), views)
     (tmp_path / "SOURCE.txt").write_text("where it is from")
     (tmp_path / "._0_0.png").write_bytes(b"not a picture")
-    (tmp_path / "gt_disp_lowres.pfm").write_bytes(b"Pf")
     imsave(tmp_path / "thumbnail.png", views[0, 0, ::2, ::2], check_contrast=False)
-    imsave(tmp_path / "depth_0_0.png", views[0, 0], check_contrast=False)
     folder = scan_view_folder(tmp_path)
-    assert folder.left_out == 5
+    assert folder.left_out == 3
     assert "3 x 3 views, top left 0_0.png, bottom right 2_2.png" in folder.describe()
-    assert "left out: 5" in folder.describe()
+    assert "left out: 3" in folder.describe()
     np.testing.assert_array_equal(folder.read().views, views / np.float32(255))
+    imsave(tmp_path / "depth_0_0.png", views[0, 0], check_contrast=False)
+    with pytest.raises(InputError, match=r"sets of images, 9 of #_#.png, 1 of depth_#_#.png: .*"):
+        scan_view_folder(tmp_path)
+    found = read_light_field(tmp_path, names="?_?.png")
+    np.testing.assert_array_equal(found.views, folder.read().views)
+
+
+def pictures(*names):
+    """Call that writes small pictures of these names into the working folder, and reads them."""
+
+    def call(**options):
+        for name in names:
+            Image.new("L", (4, 3)).save(name)
+        return read_light_field(".", **options)
+
+    return call
+
+
+def uneven(form, *steps, order=None):
+    names = numbered(*([step * n for n in range(3)] for step in steps), form)
+    return partial(pictures(*names), order=order)
+
+
+ONE_STEP, OFF = "views need equal steps along both axes", "off a regular grid"
+MM = "y{:.2f}_x{:.2f}.png"
+test_numbers_without_one_step_are_refused = refusals(
+    [
+        (uneven(MM, 1.37, 2.74), f"are 1.37 apart by the first .* and 2.74 by .*{ONE_STEP}"),
+        (uneven(MM, 2.74, 1.37), f"are 2.74 apart by the first .* and 1.37 by .*{ONE_STEP}"),
+        (uneven(MM, 1.37, 2.74, order="col,-row"), ONE_STEP),
+        (uneven(MM, 1.37, 1.39), ONE_STEP),
+        (uneven("{}_{}.png", 1, 2), f"1 apart by the first .* 2 by the second.*{ONE_STEP}"),
+        (uneven("{}_{}.png", 2, 1), f"2 apart by the first .* 1 by the second.*{ONE_STEP}"),
+        (pictures(*numbered((0, 1.0, 2.5), (0, 1.0), MM)), f"{OFF}, 0.00, 1.00, 2.50 by"),
+        (pictures(*numbered((0, 1.0), (0, 1.0, 2.5), MM)), f"{OFF}, 0.00, 1.00, 2.50 by"),
+        (pictures(*(f"{y:.2f}_{x:.2f}.png" for y, x in ((0, 0), (1.1, 0.2), (0.1, 1.3)))), OFF),
+        (pictures("x0.00.png", "x1.00.png", "x2.50.png", "x4.00.png"), OFF),
+        (pictures(*(f"{n}.png" for n in (0, 1, 2, 4))), "numbered from 0 to 4 with gaps"),
+        (
+            partial(pictures(*(f"{9 * v + u:02}.png" for v, u in STAR)), grid="3x11"),
+            "0, 4, 8, 10 ... 80, do not count 33 places from 0",
+        ),
+        (partial(pictures("0_0.png", "0_1.png", "0_2.png"), grid="2x2"), "do not count 2 places"),
+        (partial(pictures("7.png", "8.png", "9.png"), grid="2x2"), "do not count 4 .* --first"),
+        (
+            pictures("0_0.png", "9999_0.png", "1_0.png", "5_1.png", "5_20000.png"),
+            "cannot fill a grid of 10000 x 20001",
+        ),
+        (pictures(*(f"{n}.png" for n in range(7))), "make no square: .* --grid ROWSxCOLUMNS"),
+    ]
+)
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+# Order --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -173,10 +243,11 @@ def test_a_stated_order_is_obeyed(tmp_path, rng, order):
     views = levels(rng, (2, 3, 4, 5))
     for v, u in product(range(2), range(3)):
         index = {"row": v, "-row": 1 - v, "col": u, "-col": 2 - u}
-        first, second = (index[name] for name in order.split(","))
-        save(tmp_path, [f"{first}_{second}.png"], views[v : v + 1, u : u + 1])
-    light_field = read_light_field(tmp_path, order=order.replace(",", ", "))
-    np.testing.assert_array_equal(light_field.views, views / np.float32(255))
+        one, other = (index[name] for name in order.split(","))
+        save(tmp_path, [f"{one}_{other}.png"], views[v : v + 1, u : u + 1])
+    for grid in (None, "2x3"):
+        light_field = read_light_field(tmp_path, order=order.replace(",", ", "), grid=grid)
+        np.testing.assert_array_equal(light_field.views, views / np.float32(255))
 
 
 STORED = {
@@ -220,12 +291,6 @@ def test_the_order_is_found_by_the_parallax(rng, draw, order, slopes):
     np.testing.assert_array_equal(arranged(stored, found.order), views)
 
 
-def test_where_the_columns_run_the_other_way_the_slope_changes_its_sign(rng):
-    found = find_order(textured(rng, 0.7)[:, ::-1])
-    assert found.order == "-row,col"
-    assert found.slopes == pytest.approx((-0.7, -0.7), abs=0.1)
-
-
 def test_views_of_24_pixels_are_enough(rng):
     """A patch of 16 pixels and a border of 4 on each side."""
     assert find_order(textured(rng, 0.7, shape=(24, 48))[::-1]).order == "-row,col"
@@ -250,11 +315,18 @@ def diagonal_stripes(slope):
     ],
     ids=["uniform", "all alike", "noise", "small", "diagonal", "one row"],
 )
-def test_where_the_parallax_does_not_tell_the_numbers_stand(views):
+def test_where_the_parallax_shows_no_order_it_says_so(views):
     found = find_order(views)
-    assert found.order == "row,col"
-    assert found.reason.startswith("as the numbers stand")
-    assert found.slopes is None
+    assert (found.order, found.slopes) == ("row,col", None)
+    assert found.reason.startswith("as the numbers are: ")
+
+
+def test_an_order_by_the_parallax_may_be_half_turned(rng):
+    """Near objects below slope 0, far ones above: the half-turn has them the other way round."""
+    views = on_both_sides(rng)
+    assert len(find_order(views).describe()) == 1  # as a mosaic or names state it
+    told = "".join(find_order(views[::-1]).describe())
+    assert "order row,-col fits as well, and reverses all slopes: state --order=row,-col if" in told
 
 
 def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small_camera, tmp_path):
@@ -264,78 +336,108 @@ def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small
     for depth in (6.0, -5.0):
         layer = Layer(texture, depth_mm=depth, size_mm=(8.0, 9.6))
         folder = tmp_path / f"{depth:g}"
-        write_view_folder(render(Scene([layer]), camera), folder)
+        write(render(Scene([layer]), camera), folder)
         found = scan_view_folder(folder).found
         assert found.order == "row,col"
         assert found.slopes == pytest.approx([float(camera.depth_to_slope(depth))] * 2, rel=0.2)
-        assert np.sign(found.slopes[0]) == np.sign(depth)
 
 
-def test_missing_views_are_named(tmp_path, rng):
-    names = numbered(range(9), range(9), "view_{:02}_{:02}.png", first=1)
-    save(tmp_path, names, levels(rng, (9, 9, 2, 2)))
-    (tmp_path / "view_03_07.png").unlink()
-    for k in range(1, 10):
-        (tmp_path / f"view_05_{k:02}.png").unlink()
-    said = "10 views are missing and have weight 0: 03_07, 05_01, 05_02 and 7 more"
-    assert said in scan_view_folder(tmp_path).describe()
-    for k in (1, 2, 7):
-        for name in numbered([k], range(9), "view_{:02}_{:02}.png", first=1):
-            (tmp_path / name).unlink(missing_ok=True)
-    with pytest.raises(InputError, match=r"9 x 9 .*view_01_01.png, views 02_01, .* --grid 9x9 rea"):
-        read_view_folder(tmp_path)
-    assert read_view_folder(tmp_path, grid="9x9").weights.sum() == 81 - 36
+# Running numbers ----------------------------------------------------------------------------------
 
 
-def test_a_cross_of_views_is_read_in_its_stated_grid(tmp_path, rng):
-    views = np.rint(255 * textured(rng, 0.6, views=(5, 5))).astype(np.uint8)
-    save(tmp_path, numbered(range(5), range(5), "{}_{}.png"), views)
-    weights = np.zeros((5, 5))
-    weights[2], weights[:, 2] = 1, 1
-    for v, u in np.argwhere(weights == 0):
-        (tmp_path / f"{v}_{u}.png").unlink()
-    with pytest.raises(InputError, match="do not number a grid"):
-        read_view_folder(tmp_path)
-    found = read_view_folder(tmp_path, grid="5x5")
-    np.testing.assert_array_equal(found.weights, weights)
-    assert find_sharpest_slope(found, np.arange(-1, 1.01, 0.1)).slope == pytest.approx(
-        0.6, abs=0.02
-    )
+def counted(folder, row, kind):
+    """A row of views in a folder, as pages or as an array; with what has to be stated."""
+    if kind == "folder":
+        save(folder, [f"img{n:03}.png" for n in range(len(row))], row[:, None])
+        return folder, {}
+    path = folder.with_suffix(kind)
+    if kind == ".npy":
+        np.save(path, row)
+        return path, {"axes": "nts"}
+    imwrite(path, row, photometric="minisblack")
+    return path, {}
 
 
-@pytest.mark.parametrize("gap", [(0, 0), (1, 2), (2, 2)])
-def test_what_is_missing_changes_nothing_else(tmp_path, rng, gap):
-    """The order is found beside the gap, and the picture is that of the other views."""
-    views = np.rint(200 * textured(rng, 0.6, views=(4, 5))).astype(np.uint8) + 40
-    save(tmp_path / "light", numbered(range(4), range(5), "{1}_{0}.png"), views)
-    save(tmp_path / "dark", numbered(range(4), range(5), "{1}_{0}.png"), views // 20)
-    (tmp_path / "light" / f"{gap[1]}_{gap[0]}.png").unlink()
-    (tmp_path / "dark" / "4_3.png").unlink()
-    weights = np.ones((4, 5))
-    weights[gap] = 0
-    found = read_light_field(tmp_path / "light")
-    np.testing.assert_array_equal(found.weights, weights)
-    assert "1 of the 20 views do not count: they are missing" in found.uncounted
-    expected = shift_and_sum(views / np.float32(255), 0.6, weights=weights)
-    np.testing.assert_allclose(shift_and_sum(found, 0.6), expected, atol=1e-6)
-    weights[3, 4] = 0
-    less = read_light_field(tmp_path / "light", dark=tmp_path / "dark")
-    np.testing.assert_array_equal(less.weights, weights)
-    there = (views - views // 20) / np.float32(255)
-    np.testing.assert_allclose(less.views[weights > 0], there[weights > 0], atol=1e-6)
+KINDS = ["folder", ".tif", ".npy"]
 
 
-def test_a_missing_running_number_is_named(tmp_path, rng):
-    save(tmp_path, [f"input_Cam{n:03}.png" for n in range(9)], levels(rng, (3, 3, 2, 2)))
-    (tmp_path / "input_Cam004.png").unlink()
-    with pytest.raises(InputError, match="view 004 is missing; --grid ROWSxCOLUMNS reads the oth"):
-        read_view_folder(tmp_path)
-    np.testing.assert_array_equal(
-        read_view_folder(tmp_path, grid="3x3").weights, [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
-    )
-    (tmp_path / "input_Cam008.png").rename(tmp_path / "input_Cam004.png")  # the last is missing
-    with pytest.raises(InputError, match=r"holds 8 views .* make no square: .* --grid 1x8"):
-        read_view_folder(tmp_path)
+def drawn(rng, shape=(3, 5)):
+    return np.rint(255 * textured(rng, 0.7, views=shape)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_running_number_counts_the_stated_grid_row_by_row(tmp_path, rng, kind):
+    views, dark = drawn(rng) // 2 + 60, rng.integers(0, 40, (3, 5, 60, 72), np.uint8)
+    path, stated = counted(tmp_path / "a", views.reshape(15, 60, 72), kind)
+    black, _ = counted(tmp_path / "dark", dark.reshape(15, 60, 72), kind)
+    found = read_light_field(path, grid="3x5", **stated).views
+    np.testing.assert_array_equal(found, views / np.float32(255))
+    less = read_light_field(path, grid="3x5", dark=black, **stated).views
+    np.testing.assert_allclose(255 * less, views.astype(float) - dark, atol=1e-3)
+    with pytest.raises(InputError, match="15 views .* make no square"):
+        read_light_field(path, **stated)
+    with pytest.raises(InputError, match="grid of 2 x 5|not count 10"):
+        read_light_field(path, grid="2x5", **stated)
+
+
+@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row", "col,-row"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_square_needs_no_grid_and_its_order_is_found(tmp_path, rng, kind, order):
+    views = drawn(rng, (3, 3))
+    path, stated = counted(tmp_path / "a", STORED[order](views).reshape(9, 60, 72), kind)
+    for one in (None, order):
+        found = read_light_field(path, order=one, **stated).views
+        np.testing.assert_array_equal(found, views / np.float32(255))
+
+
+def test_columns_are_counted_where_the_order_says_so(tmp_path, rng):
+    views = drawn(rng)
+    path, _ = counted(tmp_path / "a", views.swapaxes(0, 1).reshape(15, 60, 72), "folder")
+    (path / "img004.png").unlink()  # the second column's second view
+    found = read_light_field(path, grid=(3, 5), order="col,row")
+    np.testing.assert_array_equal(np.argwhere(found.weights == 0), [[1, 1]])
+    np.testing.assert_array_equal(found.views[:, 2:], views[:, 2:] / np.float32(255))
+
+
+def in_a_row(rng, count, axis=1):
+    """Draw views along one row, or one column, with the numbers 0, 1 ..."""
+    shape = (count, 1) if axis == 0 else (1, count)
+    return textured(rng, 0.6, views=shape, shape=(60, 72)).reshape(count, 60, 72)
+
+
+@pytest.mark.parametrize(("count", "axis"), [(4, 0), (9, 1), (25, 1)])
+def test_one_row_of_views_is_no_square(rng, count, axis):
+    views = in_a_row(rng, count, axis)
+    line = "1x{}" if axis else "{}x1"
+    said = f"as one {'row' if axis else 'column'}, by the parallax, .*--grid {line.format(count)}"
+    with pytest.raises(InputError, match=said):
+        fold(views, "views")
+    shape = (1, count) if axis else (count, 1)
+    stated = fold(views, "views", shape)[0]
+    found = find_sharpest_slope(stated, np.arange(-1, 1.01, 0.1))
+    assert found.slope == pytest.approx(0.6, abs=0.02)
+
+
+def test_what_is_no_square_is_not_said_to_be_one(rng):
+    """Stripes in a row, other grids of a square number, noise, and shuffled views."""
+    t, s = np.mgrid[:60, :60]
+    rows = [rng.normal(size=(9, 60, 60)), np.ones((9, 60, 60))]
+    for angle in np.deg2rad(range(0, 180, 18)):
+        down, right = np.sin(angle), np.cos(angle)
+        rows.append(np.array([np.sin((down * t + right * (s - 0.6 * n)) / 3) for n in range(9)]))
+        rows[-1] += 0.01 * rng.normal(size=rows[-1].shape)
+    for shape in ((4, 9), (2, 8)):
+        rows.append(textured(rng, 0.6, views=shape).reshape(-1, 60, 72))
+    square = on_both_sides(rng)[:, :4].reshape(16, 60, -1)
+    rows += [rng.permutation(square) for _ in range(12)]
+    for row in rows:
+        found = fold(row, "views")[1]
+        assert found.slopes is None
+        assert "the parallax does not show an order" in found.reason
+    assert fold(square, "views")[1].slopes is not None
+
+
+# Files --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", ["RGBA", "P", "1"])
@@ -346,7 +448,7 @@ def test_transparency_palettes_and_single_bits_are_read(tmp_path, rng, mode):
         if "A" in mode:
             image.putalpha(Image.fromarray(levels(rng, (5, 6))))
         image.save(tmp_path / f"{k}.png")
-    views = read_view_folder(tmp_path, grid="2x2").views
+    views = read_light_field(tmp_path, grid="2x2").views
     views = views if views.ndim == 4 else views[..., 1]
     np.testing.assert_array_equal(views.reshape(4, 5, 6), grey / 255)
 
@@ -354,7 +456,7 @@ def test_transparency_palettes_and_single_bits_are_read(tmp_path, rng, mode):
 def test_floats_stay_as_they_are(tmp_path, rng):
     views = rng.normal(size=(2, 2, 5, 6)).astype(np.float32) * 1e3
     save(tmp_path, numbered(range(2), range(2), "{}_{}.tif"), views)
-    np.testing.assert_array_equal(read_view_folder(tmp_path).views, views)
+    np.testing.assert_array_equal(read_light_field(tmp_path).views, views)
 
 
 SHAPES = st.tuples(*[st.integers(1, 3)] * 2, *[st.integers(1, 8)] * 2, st.sampled_from([0, 1, 3]))
@@ -364,22 +466,13 @@ SHAPES = st.tuples(*[st.integers(1, 3)] * 2, *[st.integers(1, 8)] * 2, st.sample
 @given(SHAPES, st.sampled_from([8, 16]), st.integers(0, 2**32))
 def test_a_folder_comes_back(tmp_path_factory, shape, bits, seed):
     *shape, channels = shape
-    shape = (shape[0] + 1, *shape[1:])
-    shape = (*shape, channels) if channels else shape
+    shape = (shape[0] + 1, *shape[1:], *([channels] if channels else []))
     views = levels(np.random.default_rng(seed), shape, f"uint{bits}")
     views = (views / np.float32(2**bits - 1)).astype(np.float32)
     folder = tmp_path_factory.mktemp("round") / "views"
-    write_view_folder(LightField(views), folder, bits)
+    write(LightField(views), folder, bits)
     expected = views[..., 0] if channels == 1 else views
     np.testing.assert_array_equal(read_light_field(folder).views, expected)
-
-
-def test_any_value_comes_back_to_half_a_level(tmp_path, rng):
-    views = rng.uniform(size=(2, 12, 5, 6)).astype(np.float32)
-    for bits in (8, 16):
-        write_view_folder(LightField(views), tmp_path / str(bits), bits)
-        back = read_view_folder(tmp_path / str(bits)).views
-        np.testing.assert_allclose(back, views, rtol=0, atol=0.5001 / (2**bits - 1))
 
 
 def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
@@ -391,10 +484,13 @@ def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
         written.append(path)
         path.write_bytes(b"half")
 
-    monkeypatch.setattr("lf_flame.formats.view_files.folder_output.write_image", full)
+    monkeypatch.setattr("lf_flame.formats.view_files.folder.write_image", full)
     with pytest.raises(OSError, match="disk full"):
-        write_view_folder(LightField(rng.uniform(size=(2, 2, 3, 3))), tmp_path / "out")
+        write(LightField(rng.uniform(size=(2, 2, 3, 3))), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+# Real light fields --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -409,6 +505,8 @@ def test_lytro_views_are_row_by_row_and_near_is_in_front():
     assert low < sharpest.slope < min(high, 0)
     for order, stored in STORED.items():
         assert find_order(stored(views)).order == order
+    with pytest.raises(InputError, match="one row, by the parallax"):
+        fold(views[2, :4], "row")
 
 
 @pytest.mark.slow
@@ -423,3 +521,19 @@ def test_parallel_cameras_counted_from_the_bottom_right_are_turned():
     views = np.ascontiguousarray(views[:, :, ::2, ::2])  # halves the slopes
     ahead, behind = (shift_and_sum(views, slope)[40:-40, 40:-40] for slope in (-1.5, 1.5))
     assert np.square(np.diff(ahead)).mean() > 5 * np.square(np.diff(behind)).mean()
+
+
+@pytest.mark.slow
+def test_the_still_life_has_the_slopes_of_its_true_depths():
+    """Three by three views, four steps apart, and the depth of each pixel of the central one."""
+    still = example("stilllife_3x3") / "stillLife_lf_3x3"
+    folder = scan_view_folder(still / "lf")
+    assert (folder.found.order, folder.files.shape) == ("row,col", (3, 3))
+    depth = np.fromfile(still / "depth.bin", np.float32).reshape(768, 768)
+    true = 288 - 614.4 * 9.375 / depth
+    views = folder.read().views[..., 1]
+    for rows, columns in ((np.s_[300:420], np.s_[300:420]), (np.s_[600:720], np.s_[100:220])):
+        part = true[rows, columns]
+        slopes = np.arange(-11, 11.01, 0.5)
+        found = find_sharpest_slope(views[:, :, rows, columns], slopes).slope
+        assert part.min() - 0.5 < found < part.max() + 0.5

@@ -1,4 +1,4 @@
-"""Views in an archive, in a list, and side by side in one picture."""
+"""Views in an archive, and side by side in one picture."""
 
 import io
 import struct
@@ -15,7 +15,7 @@ from PIL import Image
 from lf_flame import InputError, read_light_field
 from lf_flame._common.memory import LIMIT
 from lf_flame.commands.cli import commands
-from lf_flame.formats import read_view_mosaic, scan_view_folder
+from lf_flame.formats import scan_view_folder
 from lf_flame.formats.coding import notes_on_coding
 
 
@@ -128,7 +128,9 @@ def test_archives_that_cannot_be_trusted_are_refused(tmp_path, rng, monkeypatch)
         read_light_field(path)
     pack(path, files | {name.replace("view", "depth"): png for name, png in files.items()})
     monkeypatch.undo()
-    with pytest.raises(InputError, match="more than one set of images, 4 of depth_#_#.png"):
+    with pytest.raises(
+        InputError, match="several sets of images, 4 of .*depth_#_#.png|4 of .*view_#_#.png"
+    ):
         read_light_field(path)
 
 
@@ -141,81 +143,6 @@ def test_a_bomb_takes_no_more_memory_than_its_size_says(tmp_path):
         read_light_field(path)
     assert tracemalloc.get_traced_memory()[1] < 2e6
     tracemalloc.stop()
-
-
-def write_list(folder, views, lines):
-    for at in np.ndindex(views.shape[:2]):
-        Image.fromarray(views[at]).save(folder / f"IMG_{7 * at[0] + 3 * at[1]}.png")
-    path = folder / "views.csv"
-    path.write_text("\n".join(lines))
-    return path
-
-
-def test_a_list_places_any_names(tmp_path, rng):
-    views = drawn(rng)
-    places = [(v, u) for v, u in np.ndindex(3, 4) if (v, u) != (0, 3)]
-    lines = ["\ufefffile,row,column", "# by hand", ""]
-    lines += [f' IMG_{7 * v + 3 * u}.png , {-1.5 + 0.5 * v}, "{u - 2}"' for v, u in places[::-1]]
-    path = write_list(tmp_path, views, lines)
-    found = read_light_field(path)
-    weights = np.ones((3, 4))
-    weights[0, 3] = 0
-    np.testing.assert_array_equal(found.weights, weights)
-    np.testing.assert_array_equal(found.views[weights > 0], views[weights > 0] / np.float32(255))
-    assert "3 x 4 views, top left IMG_0.png, bottom right" in scan_view_folder(path).describe()
-    with pytest.raises(InputError, match="grid of 4 x 3 views does not fit .*, of 3 x 4"):
-        read_light_field(path, grid="4x3")
-
-
-@pytest.mark.parametrize(
-    ("line", "told"),
-    [
-        (
-            "../secret.png,1,1",
-            "Line 3 .* names '../secret.png', which is no image in the list's own",
-        ),
-        ("/etc/passwd,1,1", "names '/etc/passwd', which is no image"),
-        ("in/IMG_0.png,1,1", "names 'in/IMG_0.png', which is no image"),
-        ("views.csv,1,1", "names 'views.csv', which is no image"),
-        ("IMG_3.png,1", "must be the name of an image, its row and its column"),
-        ("IMG_3.png,1,b", "must be the name of an image, its row and its column"),
-        ("IMG_3.png,1,1e9", "must be the name of an image, its row and its column"),
-        ("IMG_3.png,1,nan", "must be the name of an image, its row and its column"),
-        ("IMG_0.png,5,5", "names a view or a place for the second time"),
-        ("IMG_3.png,0,0", "names a view or a place for the second time"),
-        ("IMG_3.png,1,123456789", None),
-    ],
-)
-def test_lists_that_lead_elsewhere_are_refused(tmp_path, rng, line, told):
-    (tmp_path / "in").mkdir()
-    Image.fromarray(np.full((60, 66), 200, np.uint8)).save(tmp_path / "secret.png")
-    path = write_list(tmp_path / "in", drawn(rng), ["file,row,col", "IMG_0.png,0,0", line])
-    if told:
-        with pytest.raises(InputError, match=told):
-            read_light_field(path)
-    else:  # positions far apart are no grid full of gaps
-        assert read_light_field(path).views.shape[:2] == (2, 2)
-
-
-def test_lists_that_are_too_short_or_too_wide_are_refused(tmp_path, monkeypatch):
-    path = tmp_path / "views.csv"
-    for content, told in (
-        ("", "must list at least two views, got 0"),
-        ("a,b,c", "must list at least two views, got 0"),
-        ("a\0b", r"Line 1 of .*views\.csv must be|cannot be read"),
-    ):
-        path.write_text(content)
-        with pytest.raises(InputError, match=told):
-            read_light_field(path)
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="no text in UTF-8"):
-        read_light_field(path)
-    for k in range(4):
-        Image.new("L", (4, 4)).save(tmp_path / f"{k}.png")
-    monkeypatch.setattr("lf_flame.formats.view_files.names.LARGEST_GRID", 9)
-    path.write_text("".join(f"{k}.png,{k},{k}\n" for k in range(4)))
-    with pytest.raises(InputError, match="4 views cannot fill a grid of 4 x 4"):
-        read_light_field(path)
 
 
 @pytest.mark.parametrize(
@@ -237,8 +164,6 @@ def test_views_side_by_side_are_cut_apart(tmp_path, rng, order, colour):
     np.testing.assert_array_equal(stated.views, expected)
     less = read_light_field(tmp_path / "mosaic.png", mosaic=mosaic, dark=tmp_path / "dark.png")
     np.testing.assert_allclose(less.views, (views - views // 20) / 255, atol=1e-6)
-    stored = read_view_mosaic(tmp_path / "mosaic.png", mosaic).views
-    np.testing.assert_array_equal(stored[2, 1], lines[2, 1] / np.float32(255))
 
 
 def test_the_program_says_the_order_that_it_found_and_what_is_missing(tmp_path, rng):
@@ -253,7 +178,7 @@ def test_the_program_says_the_order_that_it_found_and_what_is_missing(tmp_path, 
         call = ["convert", str(tmp_path / source), str(tmp_path / target), *words]
         return CliRunner().invoke(commands, call)
 
-    assert "1 view is missing and has weight 0: 0_3" in convert("a.zip", "a.npz").stderr
+    assert "missing views, with weight 0: 1 (0_3)" in convert("a.zip", "a.npz").stderr
     assert np.load(tmp_path / "a.npz")["weights"].sum() == 11
     mosaic = "--mosaic", "3x4"
     done = convert("mosaic.png", "b.npy", *mosaic)
@@ -261,6 +186,6 @@ def test_the_program_says_the_order_that_it_found_and_what_is_missing(tmp_path, 
     np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), views / np.float32(255))
     stated = convert("mosaic.png", "c.npy", *mosaic, "--order=-row,col")
     assert stated.exit_code == 0
-    assert "order" not in stated.stderr
+    assert "order -row,col, as stated" in stated.stderr
     done = convert("mosaic.png", "d.npy", *mosaic, "--views", "3")
-    assert "--views does not apply to a mosaic of views" in str(done.exception) + done.output
+    assert "views does not apply to" in str(done.exception) + done.output

@@ -11,7 +11,7 @@ import pytest
 from builders import OPTICS
 
 from lf_flame import Layer, PlenopticCamera, Scene, render
-from lf_flame.formats.raw.white_image import estimate_grid
+from lf_flame.formats.raw.lenslet_search import estimate_grid
 
 WHITE = Scene([Layer([[1.0]], 0.0, (400.0, 400.0))])
 F, A0, FOCAL, PITCH = OPTICS.values()

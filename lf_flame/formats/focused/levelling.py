@@ -5,7 +5,6 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.formats.focused._kernels import level
 from lf_flame.formats.focused.lenslets import FocusedLenslets
-from lf_flame.formats.raw.bayer import lattices
 
 LEAST_LIT = 0.2
 """Smallest brightness, relative to the micro-images' centres, by which a picture is divided."""
@@ -15,18 +14,7 @@ MOST_LENSLETS = 4000
 
 
 def levelled(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
-    """Divide a picture by the mean fall-off of its micro-images, which is taken to be round.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns, channels)
-    lenslets : FocusedLenslets
-
-    Returns
-    -------
-    ndarray of float32
-        As bright as before at the centres of micro-images.
-    """
+    """Divide a picture by the mean fall-off of its micro-images, which is taken to be round."""
     image = np.ascontiguousarray(image, np.float32)
     array = lenslets.array(image.shape)
     centres = array.centres[array.whole]
@@ -49,13 +37,7 @@ def levelled(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
 
 
 def white_gain(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
-    """Factor of each pixel by which a white image becomes uniform, (rows, columns, channels).
-
-    Raises
-    ------
-    InputError
-        If the white image is dark in the middle of its micro-images.
-    """
+    """Factor of each pixel by which a white image becomes uniform, (rows, columns, channels)."""
     array = lenslets.array(white.shape)
     y, x = np.rint(array.centres[array.whole]).astype(int).T
     middle = np.median(white[y, x], axis=0)
@@ -73,10 +55,10 @@ def in_colour(mosaic: np.ndarray, bayer: str) -> np.ndarray:
 
     kernel = np.outer([1, 2, 1], [1, 2, 1]) / 4
     light, pixels = (np.zeros((*mosaic.shape[:2], 3), np.float32) for _ in range(2))
-    for one in lattices(bayer, mosaic.shape):
-        at = np.s_[one.top :: 2, one.left :: 2]
-        light[(*at, one.channel)] = mosaic[(*at, 0)]
-        pixels[(*at, one.channel)] = 1
+    for place, colour in enumerate(bayer):
+        at = np.s_[place // 2 :: 2, place % 2 :: 2, "rgb".index(colour)]
+        light[at] = mosaic[at[0], at[1], 0]
+        pixels[at] = 1
     sums = [
         [ndimage.convolve(a[..., k], kernel, mode="constant") for k in range(3)]
         for a in (light, pixels)

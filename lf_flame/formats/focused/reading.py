@@ -11,10 +11,9 @@ from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan
 from lf_flame.formats.images import read_image
 from lf_flame.formats.lytro.decoding import is_lytro
-from lf_flame.formats.raw.colour_pattern import refuse_mosaic
+from lf_flame.formats.raw.checks import refuse_mosaic
+from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import less_dark
-from lf_flame.formats.raw.white_image import estimate_grid
-from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lightfield import LightField
 
 
@@ -88,7 +87,7 @@ def plan_focused(
 
     Parameters and errors are those of `read_focused`.
     """
-    if is_lytro(path) or is_view_folder(path):
+    if is_lytro(path):
         raise InputError(f"{path} is no raw picture of a camera with focused lenslets.")
     image = read_image(path)
     black = None if dark is None else read_image(dark)

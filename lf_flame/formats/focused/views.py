@@ -15,9 +15,8 @@ from lf_flame.formats.focused._kernels import render
 from lf_flame.formats.focused.lenslets import FocusedLenslets
 from lf_flame.formats.focused.levelling import in_colour, levelled, white_gain
 from lf_flame.formats.focused.virtual_depth import VirtualDepth, match_depth
-from lf_flame.formats.raw.bayer import check_bayer
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.sensor_images import as_image, less_dark
+from lf_flame.formats.raw.sensor_images import as_image, check_bayer, less_dark
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
@@ -266,13 +265,7 @@ class FocusedPlan:
 
 
 def _known(found: VirtualDepth) -> np.ndarray:
-    """Known virtual depths.
-
-    Raises
-    ------
-    InputError
-        If there are none.
-    """
+    """Known virtual depths."""
     known = found.depth[np.isfinite(found.depth)]
     if not known.size:
         raise InputError(

@@ -79,13 +79,7 @@ class LytroContainer:
         return isinstance(name, str) and name.lower() in self.sections
 
     def read(self, name: str) -> bytes:
-        """Read the data of a section.
-
-        Raises
-        ------
-        InputError
-            If there is no such section, or too little memory.
-        """
+        """Read the data of a section."""
         section = self.sections.get(name.lower())
         if section is None:
             raise InputError(
@@ -96,13 +90,7 @@ class LytroContainer:
             return _bytes_at(file, section, self.path)
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """Read a section of JSON that holds names and values.
-
-        Raises
-        ------
-        InputError
-            If there is no such section, or it is no such JSON, or it is too large or too deep.
-        """
+        """Read a section of JSON that holds names and values."""
         section = self.sections.get(name.lower())
         if section is not None and section.length > LARGEST_JSON:
             raise InputError(
@@ -113,13 +101,7 @@ class LytroContainer:
 
 
 def open_container(path: str | Path) -> LytroContainer:
-    """Find the sections of a container, and check the SHA-1 of each.
-
-    Raises
-    ------
-    InputError
-        If the file is no container, is cut, or a section is not as its SHA-1 says.
-    """
+    """Find the sections of a container, and check the SHA-1 of each."""
     path, size = Path(path), check_regular(path)
     tables: list[Section] = []
     sections: dict[str, Section] = {}
@@ -207,13 +189,7 @@ def _parse_bytes(data: bytes, source: str | Path) -> dict[str, Any]:
 
 
 def parse_table(text: str, source: str | Path) -> dict[str, Any]:
-    """Parse JSON that must hold names and values.
-
-    Raises
-    ------
-    InputError
-        If it is no such JSON, or is too deep.
-    """
+    """Parse JSON that must hold names and values."""
     values = parse_json(text.removeprefix("\ufeff"), source)  # a byte order mark
     if not isinstance(values, dict):
         raise InputError(f"{source} cannot be read: its metadata must hold names and values.")
@@ -221,13 +197,7 @@ def parse_table(text: str, source: str | Path) -> dict[str, Any]:
 
 
 def check_jpeg(data: bytes, source: str | Path) -> tuple[int, int]:
-    """Check that data are a whole JPEG image; give its rows and columns.
-
-    Raises
-    ------
-    InputError
-        If it is no JPEG, is damaged, or would need too much memory.
-    """
+    """Check that data are a whole JPEG image; give its rows and columns."""
     with (
         readable(source, PILLOW_ERRORS, "holds a thumbnail that is no JPEG"),
         Image.open(io.BytesIO(data), formats=("JPEG",)) as image,

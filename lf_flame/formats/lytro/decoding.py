@@ -12,7 +12,7 @@ from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES, LytroPicture, read_ly
 from lf_flame.formats.lytro.white import find_white
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.white_image import estimate_grid
+from lf_flame.formats.raw.lenslet_search import estimate_grid
 
 LOGGER = logging.getLogger(__name__)
 
@@ -31,43 +31,18 @@ def plan_lytro(
     white: str | Path | None = None,
     views: int | None = None,
     *,
+    lenslets: str | Path | None = None,
     dark: str | Path | None = None,
 ) -> tuple[DecodePlan, np.ndarray]:
-    """Read a raw picture of a Lytro camera, and plan its decoding into linear colour views.
-
-    Parameters
-    ----------
-    path : str or Path
-        As in `lf_flame.formats.read_lytro`.
-    white : str or Path, optional
-        White image: a folder or archive (`lf_flame.formats.find_white`), a raw file of the camera,
-        or an image of the same size. Default: the one that the picture's file holds.
-    views : int, optional
-        As in `lf_flame.formats.decode_raw`.
-    dark : str or Path, optional
-        Picture without light, which replaces the black level of the metadata.
-
-    Returns
-    -------
-    DecodePlan
-        Plan for views in the camera's red, green and blue. Its grid was found in the white image;
-        without one, in the picture if that agrees with the metadata, else it is that of the
-        metadata.
-    ndarray of float32
-        The mosaic.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or the white or dark image does not fit the picture.
-    """
+    """Read a raw picture of a Lytro camera, and plan its decoding into linear colour views."""
     picture = read_lytro(path)
     black = None if dark is None else _as_mosaic(dark, picture, "dark")
     flat = None if white is None else _as_white(white, picture)
     if flat is None and picture.white_image is not None:
         flat = picture.white_image.radiance
-    if flat is not None:
-        grid = estimate_grid(_levelled(flat))
+    shown = flat if lenslets is None else _as_white(lenslets, picture)
+    if shown is not None:
+        grid = estimate_grid(shown)
     else:
         grid, origin = _grid_without_white(picture)
         LOGGER.warning(
@@ -130,7 +105,7 @@ def _grid_without_white(picture: LytroPicture) -> tuple[LensletGrid, str]:
             f"image of the camera."
         )
     try:
-        found = estimate_grid(_levelled(picture.radiance), stated.pitch, stated.layout)
+        found = estimate_grid(picture.radiance, stated.pitch, stated.layout)
     except InputError:
         return stated, "the lenslets are where the metadata place them, as the picture shows none"
     if not _agrees(found, stated):
@@ -157,13 +132,3 @@ def _distance(stated: LensletGrid, found: LensletGrid) -> float:
     rows, columns = np.mgrid[row - 2 : row + 3, column - 2 : column + 3]
     y, x = found.position(rows, columns)
     return float(np.hypot(y - stated.y0, x - stated.x0).min())
-
-
-def _levelled(mosaic: np.ndarray) -> np.ndarray:
-    """Mosaic with the same mean in each colour, in which the lenslets are seen best."""
-    out = np.array(mosaic, np.float32)
-    for i, j in np.ndindex(2, 2):
-        mean = out[i::2, j::2].mean(dtype=np.float64)
-        if mean > 0:
-            out[i::2, j::2] /= np.float32(mean)
-    return out

@@ -9,8 +9,8 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.formats.nested_values import NestedValues, tables
-from lf_flame.formats.raw.bayer import PATTERNS
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.sensor_images import PATTERNS
 
 ENDIANNESS = {10: "little", 12: "big"}
 """Byte order of packed pixels by their number of bits: 10 in the Illum, 12 in the F01."""
@@ -109,22 +109,7 @@ class LytroMetadata:
 def parse_metadata(
     values: dict[str, Any], source: str | Path, private: dict[str, Any] | None = None
 ) -> LytroMetadata:
-    """Take the facts out of the metadata of a frame of either camera.
-
-    Parameters
-    ----------
-    values : dict
-        Metadata of the frame, or a table that wraps them, as in the ``.TXT`` of a white image.
-    source : str or Path
-        Name of the file, for messages.
-    private : dict, optional
-        Private metadata, with the serial number, if they are stored apart.
-
-    Raises
-    ------
-    InputError
-        If a value that is needed to read the pixels is missing, or any value cannot be used.
-    """
+    """Take the facts out of the metadata of a frame of either camera."""
     frame, inner, tags = _unwrapped(values)
     tree, hidden = NestedValues(frame, source), NestedValues(private or inner, source)
     rows, columns = (

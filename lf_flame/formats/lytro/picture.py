@@ -19,7 +19,6 @@ from lf_flame.formats.lytro.container import (
 )
 from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
 from lf_flame.formats.lytro.pixels import BYTES_A_PIXEL, read_packed, unpack
-from lf_flame.formats.lytro.products import LytroProduct, find_products
 from lf_flame.formats.nested_values import NestedValues, tables
 
 LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")
@@ -113,39 +112,22 @@ class LytroFile:
         """Whether the file holds its own white image."""
         return self._held("modulationDataRef")
 
-    @property
-    def products(self) -> list[LytroProduct]:
-        """Results of the maker's program in the file."""
-        return [] if self.container is None else find_products(self.container)
-
     def thumbnail(self) -> bytes | None:
-        """Bytes of a JPEG preview, which are not checked; None if there is none.
-
-        It is the largest thumbnail, or the refocused image with the focus nearest to 0.
-        """
+        """Bytes of the largest JPEG preview, which are not checked; None if there is none."""
         if self.container is None:
             return None
         listed = tables(self._table.find("thumbnails", "thumbnailArray", "picture/thumbnailArray"))
         entries = [NestedValues(one, self.path) for one in listed]
         found = [(-(one.number("width") or 0), one.text("imageRef")) for one in entries]
-        for product in self.products:
-            found += [(abs(focus or 0), name) for name, focus in product.pictures]
         held = [one for one in found if one[1] in self.container]
         return self.container.read(min(held)[1]) if held else None
 
     def read(self) -> LytroPicture:
-        """Unpack the picture, and the white image that the file holds.
-
-        Raises
-        ------
-        InputError
-            If there are no raw pixels, or another number of them than the metadata say.
-        """
+        """Unpack the picture, and the white image that the file holds."""
         if self.metadata is None or not self.has_raw:
-            held = ", ".join(one.kind for one in self.products[:5]) or "no other pictures"
             raise InputError(
-                f"{self.path} holds no raw image of the sensor ({held}): export the raw picture "
-                f"from the camera's library."
+                f"{self.path} holds no raw image of the sensor: export the raw picture from the "
+                f"camera's library."
             )
         check_memory(BYTES_A_PIXEL * (1 + self.has_white) * self.mosaic_pixels, self.path)
         if self.container is None:

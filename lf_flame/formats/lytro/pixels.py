@@ -13,13 +13,7 @@ BYTES_A_PIXEL = 16
 
 
 def unpack(packed: bytes, metadata: LytroMetadata, source: str | Path) -> np.ndarray:
-    """Unpack pixels of 10 bits (Illum) or 12 bits (F01) into uint16, shape (rows, columns).
-
-    Raises
-    ------
-    InputError
-        If the number of bytes is not that of the metadata's pixels.
-    """
+    """Unpack pixels of 10 bits (Illum) or 12 bits (F01) into uint16, shape (rows, columns)."""
     check_packed(len(packed), metadata, source)
     data = np.frombuffer(packed, np.uint8)
     levels = _unpack_ten(data) if metadata.bits == 10 else _unpack_twelve(data)
@@ -27,13 +21,7 @@ def unpack(packed: bytes, metadata: LytroMetadata, source: str | Path) -> np.nda
 
 
 def check_packed(size: int, metadata: LytroMetadata, source: str | Path) -> None:
-    """Refuse packed pixels of another size than that of the metadata's pixels.
-
-    Raises
-    ------
-    InputError
-        If the number of bytes, `size`, is another one.
-    """
+    """Refuse packed pixels of another size than that of the metadata's pixels."""
     rows, columns = metadata.shape
     if size != metadata.packed_size:
         raise InputError(

@@ -142,10 +142,12 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
             )
             return white
         serials = sorted({one.metadata.serial or "unknown" for one in files})
-        held = f"{len(files)} white images of camera {', '.join(serials[:5])}" if files else "none"
+        held = f"{len(files)} of camera {', '.join(serials[:5])}" if files else "none"
+        dark = sum(one.metadata.is_dark for one in files) + len(fitting)
         raise InputError(
             f"{where} holds no white image for {picture.source}, of camera {facts.serial} and "
-            f"{facts.shape[0]} x {facts.shape[1]} pixels, got {held}."
+            f"{facts.shape[0]} x {facts.shape[1]} pixels, got {held}"
+            + (f", of which {dark} are too dark or taken without light." if dark else ".")
         )
 
 
@@ -178,11 +180,6 @@ def white_files(where: Path) -> Iterator[list[WhiteFile]]:
     """Find the white images in a folder, in its folders and archives, or in an archive.
 
     Archives stay open during the block, so that pixels can be read.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or there are too many.
     """
     with ExitStack() as opened:
         if not where.is_dir():

@@ -1,230 +1,296 @@
-"""The compiled loops of decoding: pixels to spline coefficients, and these to views.
+"""The compiled loop of decoding: pixels under a lenslet to equal parts of its micro-image.
 
-The arrays of a lattice are padded by `MARGIN` pixels on each side; positions count from the padded
-corner. All loops gather: each element is written by one thread.
+Only pixels that belong to the lenslet are read; beyond the last one along a line, light goes on
+linearly for a pixel. Light is summed along a line; between the pixels' edges the sum is the cubic
+through the four nearest edges, and differences of it are the light of parts (Colella and Woodward
+1984, section 1). Pixels are reproduced where parts coincide with them, and a view's light comes
+from its part's centre, also at the rim. The loop gathers: one thread writes each element.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from lf_flame._common.threads import parallel
 
-MARGIN = 16
-"""Number of repeated edge pixels around a lattice; a spline's end effect falls by 0.27 for each."""
 
-POLE = np.float32(np.sqrt(3) - 2)
-"""Pole of the recursive filter from pixels to spline coefficients (Unser 1999, box 2)."""
+class Room(NamedTuple):
+    """Arrays to work in, for one micro-image."""
 
-GAIN = np.float32(6.0)
-"""Gain of that filter, with which a constant image gives equal coefficients."""
-
-LANES = 256
-"""Number of columns that one thread filters at a time."""
-
-
-@njit
-def read_row(image, black, y, first, step, line):
-    """Read the pixels of a row of a lattice less their black level, and repeat those at its ends.
-
-    y: row of the image. first, step: column of the lattice's first pixel, and distance to the next.
-    """
-    width = line.size - 2 * MARGIN
-    for x in range(width):
-        at = first + step * x
-        line[MARGIN + x] = image[y, at]
-        if black is not None:
-            line[MARGIN + x] = image[y, at] - black[y, at]
-    line[:MARGIN] = line[MARGIN]
-    line[MARGIN + width :] = line[MARGIN + width - 1]
+    own: np.ndarray
+    """Own pixels of each line and those that continue them, (lines, pixels)."""
+    pixels: np.ndarray
+    """The same, (pixels, lines)."""
+    across: np.ndarray
+    """Light of the parts along each line, (u, lines)."""
+    lines: np.ndarray
+    """The same of the lines that show a part, and of those that continue them, (lines, u)."""
+    low: np.ndarray
+    """First of the own pixels of each line."""
+    high: np.ndarray
+    """Last + 1 of them, 0 if there is none."""
+    first: np.ndarray
+    """First of the own lines of each part across."""
+    end: np.ndarray
+    """Last + 1 of them, 0 if there is none."""
+    total: np.ndarray
+    light: np.ndarray
+    """(v, u)."""
 
 
 @njit
-def filter_four(p, q, r, s):
-    """Filter four rows; the processor waits for one's sums while it makes those of the others.
+def find_own_pixels(y, x, array, size):
+    """First and last + 1 of the pixels of a row that belong to a lenslet.
 
-    Two passes, forward and backward, invert the spline's values at the pixels (Unser 1999).
+    y: distance of the row from the lenslet's centre. x: place of the centre in the row.
     """
-    # Before the first pixel a row is constant, so that the filter's state is known.
-    a, b = GAIN * p[0] / (1 - POLE), GAIN * q[0] / (1 - POLE)
-    c, d = GAIN * r[0] / (1 - POLE), GAIN * s[0] / (1 - POLE)
-    last = p.size - 1
-    ends = p[last], q[last], r[last], s[last]
-    for x in range(p.size):
-        p[x] = a = GAIN * p[x] + POLE * a
-        q[x] = b = GAIN * q[x] + POLE * b
-        r[x] = c = GAIN * r[x] + POLE * c
-        s[x] = d = GAIN * s[x] + POLE * d
-    a, b, c, d = ends
-    for x in range(last, -1, -1):
-        p[x] = a = POLE * (a - p[x])
-        q[x] = b = POLE * (b - q[x])
-        r[x] = c = POLE * (c - r[x])
-        s[x] = d = POLE * (d - s[x])
-
-
-@parallel(lambda out: -(-len(out) // 4))
-def filter_rows(k, image, black, first, step, filtered, out):
-    """Read the pixels of a lattice less their black level, and perhaps filter them along rows.
-
-    image: shape (rows, columns). black: the same, or None. first, step: row and column of the
-    lattice's first pixel, and distances to the next.
-    """
-    rows, columns = out.shape
-    spare = np.zeros(columns, np.float32)  # in place of rows beyond the last
-    begin = 4 * k
-    for row in range(begin, min(begin + 4, rows)):
-        y = first[0] + step[0] * min(max(row - MARGIN, 0), rows - 2 * MARGIN - 1)
-        read_row(image, black, y, first[1], step[1], out[row])
-    if filtered:
-        filter_four(
-            out[begin],
-            out[begin + 1] if begin + 1 < rows else spare,
-            out[begin + 2] if begin + 2 < rows else spare,
-            out[begin + 3] if begin + 3 < rows else spare,
-        )
-
-
-@parallel(lambda out: -(-out.shape[1] // LANES))
-def filter_columns(k, out):
-    """Filter along the columns, many side by side."""
-    rows, columns = out.shape
-    lanes = slice(k * LANES, min((k + 1) * LANES, columns))
-    last = out[rows - 1, lanes].copy()
-    out[0, lanes] *= GAIN / (1 - POLE)
-    for y in range(1, rows):
-        here, before = out[y, lanes], out[y - 1, lanes]
-        for x in range(here.size):
-            here[x] = GAIN * here[x] + POLE * before[x]
-    for x in range(last.size):
-        out[rows - 1, lanes][x] = POLE * (last[x] - out[rows - 1, lanes][x])
-    for y in range(rows - 2, -1, -1):
-        here, after = out[y, lanes], out[y + 1, lanes]
-        for x in range(here.size):
-            here[x] = POLE * (after[x] - here[x])
+    if array.radius > 0.0:
+        if abs(y) > array.radius:
+            return 0, 0
+        high = np.sqrt(array.radius * array.radius - y * y)
+        low = -high
+    else:
+        low = (-array.half_along - array.sin * y) / array.cos
+        high = (array.half_along - array.sin * y) / array.cos
+        if abs(array.sin) > 1e-9:
+            one = (array.cos * y - array.half_down) / array.sin
+            other = (array.cos * y + array.half_down) / array.sin
+            low, high = max(low, min(one, other)), min(high, max(one, other))
+        elif abs(y) > array.half_down:
+            return 0, 0
+    return max(int(np.ceil(x + low)), 0), min(int(np.floor(x + high)) + 1, size)
 
 
 @njit
-def find_weights(positions, first, table, weights, slopes):
-    """Weights of the coefficients beside many positions, and their changes with the position.
-
-    positions: shape (n,). first: shape (n,), index of the coefficient of the first weight.
-    weights, slopes: shape (taps or more, n), filled.
-    """
-    for c in range(positions.size):
-        spot = (positions[c] + table.start - first[c]) * table.steps
-        low = int(spot)
-        rest = np.float32(spot - low)
-        for i in range(table.values.shape[1]):
-            rise = table.values[low + 1, i] - table.values[low, i]
-            weights[i, c] = table.values[low, i] + rest * rise
-            slopes[i, c] = rise * np.float32(table.steps)
-
-
-@njit
-def along_rows(coefficients, base, line, first, weights, slopes, taps, move, out):
-    """Sum coefficients of the pixel row base[c] + line from first[c] on, for each c.
-
-    move: distance of the positions from those of the weights.
-    """
-    for c in range(out.size):
-        total = np.float32(0.0)
-        row, column = np.uintp(base[c] + line), np.uintp(first[c])
-        for i in range(len(taps)):
-            weight = weights[i, c] + move * slopes[i, c]
-            total += weight * coefficients[row, column + np.uintp(i)]
-        out[c] = total
+def continue_linearly(values, first, end):
+    """Fill what is before `first` and from `end` on, linearly for two steps, then evenly."""
+    before = after = np.float32(0.0)
+    if end - first > 1:
+        before = values[first] - values[first + 1]
+        after = values[end - 1] - values[end - 2]
+    if first > 0:
+        values[first - 1] = values[first] + before
+    for k in range(first - 1):
+        values[k] = values[first] + np.float32(2.0) * before
+    if end < values.size:
+        values[end] = values[end - 1] + after
+    for k in range(end + 1, values.size):
+        values[k] = values[end - 1] + np.float32(2.0) * after
 
 
 @njit
-def down_columns(lines, weights, slopes, taps, move, share, out):
-    """Add the sum of lines[:, c], times a share, for each c."""
-    for c in range(out.size):
-        total = np.float32(0.0)
-        for i in range(len(taps)):
-            total += (weights[i, c] + move * slopes[i, c]) * lines[i, c]
-        out[c] += share * total
+def integrate(values, edges, start, drift, together, total, light):
+    """Find the mean light between edges along many lines, light[edge, line].
+
+    values: (pixels, lines). edges: from the centre, which is at start + drift line in line. So many
+    lines together are read at the same pixels. total: room for sums, (pixels + 1, lines).
+    """
+    n, lines = values.shape
+    for line in range(lines):
+        total[0, line] = 0.0
+    for k in range(n):
+        below, above, pixel = total[k], total[k + 1], values[k]
+        for line in range(lines):
+            above[line] = below[line] + pixel[line]
+    share, sixth, half = 1.0 / (edges[1] - edges[0]), np.float32(1 / 6), np.float32(0.5)
+    one, two, three = np.float32(1.0), np.float32(2.0), np.float32(3.0)
+    scale, move = np.float32(share), np.float32(drift)
+    for begin in range(0, lines, together):
+        some = slice(begin, min(begin + together, lines))
+        count = min(together, lines - begin)
+        for j in range(edges.size):
+            middle = start + edges[j] + drift * (begin + 0.5 * (count - 1))
+            k = min(max(int(middle) - 1, 0), n - 3)
+            near, left = total[k, some], total[k + 1, some]
+            right, far = total[k + 2, some], total[k + 3, some]
+            place = np.float32(start + edges[j] - k + drift * begin)
+            before, after = light[max(j - 1, 0), some], light[min(j, edges.size - 2), some]
+            for line in range(count):
+                a = place + move * np.float32(line)
+                b, c, d = a - one, a - two, a - three
+                up_to = half * a * d * (c * left[line] - b * right[line])
+                up_to += sixth * b * c * (a * far[line] - d * near[line])
+                up_to *= scale
+                if j > 0:
+                    before[line] += up_to
+                if j < edges.size - 1:
+                    after[line] = -up_to
 
 
 @njit
-def write_row(light, gain, joined, parity, r, out):
-    """Write a row of lenslets, divided by the white image, interpolated in a hexagonal array.
+def read_line(image, black, gain, i, j, step, channel, line):
+    """Read pixels of row i from column j on, less their black level, times their factors."""
+    for k in range(line.size):
+        line[k] = image[i, j + step * k, channel]
+    if black.size > 0:
+        under = min(channel, black.shape[2] - 1)
+        for k in range(line.size):
+            line[k] -= black[i, j + step * k, under]
+    if gain.size > 0:
+        own = min(channel, gain.shape[2] - 1)
+        for k in range(line.size):
+            line[k] *= gain[i, j + step * k, own]
 
-    light: shape (channel, v, u, lenslet), changed. parity: that of the row in the array. gain,
-    joined, out: as for `resample`; r: row of gain and out.
+
+@njit
+def fill_green(own, low, high, left, odd):
+    """Give pixels of other colours the mean of opposite green neighbours in the micro-image.
+
+    Both neighbours of a pair, so that linear light stays as it is. odd: whether the sum of row and
+    column of a green pixel is odd, counted from the first line and place 0 of `own`. A pixel
+    without a pair at an end of its line is taken off.
     """
-    for v in range(out.shape[0]):
-        for u in range(out.shape[1]):
-            for channel in range(out.shape[4]):
-                line = light[channel, v, u]
-                if gain.size > 0:
-                    for c in range(line.size):
-                        line[c] *= gain[v, u, r, c, channel]
-                if joined.left.size == 0:
-                    out[v, u, r, :, channel] = line
-                else:
-                    for c in range(out.shape[3]):
-                        near = joined.left[parity, c]
-                        far = joined.share[parity, c] * (line[near + 1] - line[near])
-                        out[v, u, r, c, channel] = line[near] + far
+    for here in range(low.size):
+        first, end = low[here] - left, high[here] - left
+        for k in range(first + (here + first + 1 - odd) % 2, end, 2):
+            pairs, total = np.float32(0.0), np.float32(0.0)
+            if first < k < end - 1:
+                pairs, total = pairs + np.float32(2.0), own[here, k - 1] + own[here, k + 1]
+            if 0 < here < low.size - 1:
+                above = low[here - 1] <= k + left < high[here - 1]
+                if above and low[here + 1] <= k + left < high[here + 1]:
+                    pairs += np.float32(2.0)
+                    total += own[here - 1, k] + own[here + 1, k]
+            if pairs > 0:
+                own[here, k] = total / pairs
+            elif k == first:
+                low[here] += 1
+            else:
+                high[here] -= 1
 
 
-@parallel(lambda array: array.rows.size)
-def resample(r, lattices, places, array, across, along, taps, taps_down, gain, joined, out):
-    """Resample each row of lenslets into its views: first along the pixel rows, then down.
+@njit
+def read_lines(image, black, gain, lattices, lattice, y, x, array, room):
+    """Read a micro-image's own, lit pixels line by line, and continue each line beyond them.
 
-    lattices: coefficients, shape (n, rows, columns). places, array, across, along, joined: named
-    tuples of `resampling`. taps, taps_down: tuples of as many elements as there are weights along
-    and across, by which the compiler knows their number. gain: factors of the parts,
-    (v, u, row, column, channel), or empty, as may be those of `joined`. out: of this shape too.
+    Fills room.pixels, and room.first and room.end, of the own lines of each part across. lattice:
+    number of the lattice. y, x: centre in its pixels.
     """
-    views, size = array.part_down.size, array.columns.size
-    cos, sin, tan = array.cos, array.sin, array.sin / array.cos
-    place, position = np.empty(size), np.empty(size)
-    base, first = np.empty(size, np.int64), np.empty(size, np.int64)
-    weights = np.empty((len(taps_down), size), np.float32)
-    slopes = np.empty((len(taps_down), size), np.float32)
-    lines = np.empty((min(array.block, views), array.lines, size), np.float32)
-    light = np.zeros((out.shape[4], views, views, size), np.float32)
-    shifted = array.row_pitch * array.rows[r] + array.part_down[0]
+    step, channel = lattices.step[lattice], lattices.source[lattice]
+    first, end, own, low, high = room.first, room.end, room.own, room.low, room.high
+    top, left = int(np.ceil(y - array.high)), int(np.ceil(x - array.wide))
+    views, tan = first.size, array.sin / array.cos
+    part = array.along[1] - array.along[0]
+    j, factor = lattices.left[lattice], min(channel, gain.shape[2] - 1)
+    for here in range(low.size):
+        row = top + here
+        low[here], high[here] = 0, 0
+        if row < 0 or (row + 1) * step > image.shape[0]:
+            continue
+        begin, stop = find_own_pixels(row - y, x, array, image.shape[1] // step)
+        i = lattices.top[lattice] + step * row
+        if gain.size > 0:
+            while begin < stop and gain[i, j + step * begin, factor] == 0.0:
+                begin += 1
+            while begin < stop and gain[i, j + step * (stop - 1), factor] == 0.0:
+                stop -= 1
+        if stop - begin >= array.fewest:
+            low[here], high[here] = begin, stop
+            line = own[here, begin - left : stop - left]
+            read_line(image, black, gain, i, j + step * begin, step, channel, line)
+    if lattices.green[lattice] >= 0:
+        fill_green(own, low, high, left, (lattices.green[lattice] + top + left) % 2)
+    end[:] = 0
+    for here in range(low.size):
+        if high[here] - low[here] < array.fewest:
+            continue
+        continue_linearly(own[here], low[here] - left, high[here] - left)
+        # Parts whose middle is within the own pixels, or half a pixel beyond.
+        begin = (array.along[0] + x - tan * (top + here - y)) / part + 0.5
+        from_u = max(int(np.ceil((low[here] - 1.0) / part - begin)), 0)
+        for u in range(from_u, min(int(np.floor(high[here] / part - begin)) + 1, views)):
+            first[u] = here if end[u] == 0 else first[u]
+            end[u] = here + 1
+    for here in range(low.size):
+        for k in range(room.pixels.shape[0]):
+            room.pixels[k, here] = own[here, k]
+
+
+@njit
+def read_micro_image(image, black, gain, lattices, lattice, y, x, array, room):
+    """Find the light of the parts of one micro-image, room.light[v, u], in one lattice."""
+    first, end, lines = room.first, room.end, room.lines
+    read_lines(image, black, gain, lattices, lattice, y, x, array, room)
+    top, left = int(np.ceil(y - array.high)), int(np.ceil(x - array.wide))
+    tan = array.sin / array.cos
+    integrate(
+        room.pixels, array.along, x - left + 0.5 - tan * (top - y), -tan, array.together,
+        room.total, room.across,
+    )  # fmt: skip
+    size, middle = first.size, first.size // 2
+    for n in range(size):
+        # From the middle on, then from there back, so that the inner neighbour is known.
+        u, inner = (middle + n, middle + n - 1) if n < size - middle else (size - 1 - n, size - n)
+        if end[u] == 0 and n > 0:  # beyond the lit pixels: as its neighbour
+            first[u], end[u] = first[inner], end[inner]
+        if end[u] > 0:
+            continue_linearly(room.across[u], first[u], end[u])
+        else:
+            room.across[u] = 0.0
+    for here in range(lines.shape[0]):
+        for u in range(size):
+            lines[here, u] = room.across[u, here]
+    middle, part = 0.5 * (array.along[0] + array.along[1]), array.along[1] - array.along[0]
+    integrate(
+        lines, array.down, y - top + 0.5 + array.shear * middle, array.shear * part,
+        array.together, room.total, room.light,
+    )  # fmt: skip
+
+
+@njit
+def make_room(array, views):
+    """Make room to work in."""
+    high, wide = 2 * int(array.high) + 2, 2 * int(array.wide) + 2
+    return Room(
+        np.zeros((high, wide), np.float32), np.zeros((wide, high), np.float32),
+        np.zeros((views, high), np.float32),
+        np.zeros((high, views), np.float32), np.zeros(high, np.int64), np.zeros(high, np.int64),
+        np.zeros(views, np.int64), np.zeros(views, np.int64),
+        np.empty((max(wide, high) + 1, max(views, high)), np.float32),
+        np.zeros((views, views), np.float32),
+    )  # fmt: skip
+
+
+@parallel(lambda arrays: arrays[0].rows.size)
+def resample(r, image, black, gain, lattices, arrays, join, out):
+    """Find the light of all parts of the micro-images in a row of lenslets.
+
+    image: (rows, columns, channels). black, gain: float32, of this shape or with one channel;
+    empty without dark or white image; gain is 0 where a pixel is dark. lattices, join: named tuples
+    of `decode_plan`, and arrays: two of them, in pixels and in pairs of pixels.
+    out: (v, u, row, column, channel).
+    """
+    views, size = out.shape[0], arrays[0].columns.size
+    rooms = (make_room(arrays[0], views), make_room(arrays[1], views))
+    line = np.empty((views, views, size, out.shape[4]), np.float32)
+    light = np.empty((out.shape[4], views, views), np.float32)
+    parity = arrays[0].rows[r] % 2
     for c in range(size):
-        place[c] = array.pitch * (array.columns[c] + array.offset * (array.rows[r] % 2))
-    for n in range(lattices.shape[0]):
-        left, top = places.left[n], places.top[n]
-        for start in range(0, views, array.block):
-            block = array.part_along[start : start + array.block]
-            middle = block[0] / 2 + block[-1] / 2
-            # The first pixel row that the block's views of each lenslet need.
-            for c in range(size):
-                position[c] = top + sin * (place[c] + middle) + cos * shifted
-                base[c] = int(position[c] + across.start - array.slack)
-            # Pass 1: the needed pixel rows, a position in a row moves by `tan` from one to the
-            # next.
-            for u in range(block.size):
-                for begin in range(0, array.lines, array.together):
-                    end = min(begin + array.together, array.lines)
-                    centre = (begin + end - 1) / 2
-                    for c in range(size):
-                        beyond = base[c] + centre - top
-                        position[c] = left + (place[c] + block[u]) / cos - tan * beyond
-                        first[c] = int(position[c] + along.start)
-                    find_weights(position, first, along, weights, slopes)
-                    for k in range(begin, end):
-                        move = np.float32(tan * (centre - k))
-                        along_rows(
-                            lattices[n], base, k, first, weights, slopes, taps, move,
-                            lines[u, k],
-                        )  # fmt: skip
-            # Pass 2: down the lines, from a whole number of them after the first.
+        light[:] = 0.0
+        for lattice in range(lattices.top.size):
+            # Pixels of a colour that are two apart have an array of their own, in their pixels.
+            array, room = arrays[lattices.step[lattice] - 1], rooms[lattices.step[lattice] - 1]
+            along = array.pitch * (array.columns[c] + array.offset * parity)
+            down = array.row_pitch * array.rows[r]
+            y = lattices.y[lattice] + array.sin * along + array.cos * down
+            x = lattices.x[lattice] + array.cos * along - array.sin * down
+            read_micro_image(image, black, gain, lattices, lattice, y, x, array, room)
+            channel = lattices.channel[lattice]
             for v in range(views):
-                down = cos * (array.part_down[v] - array.part_down[0])
-                skip = int(down)
-                for c in range(size):
-                    position[c] = top + sin * (place[c] + middle) + cos * shifted + down - skip
-                find_weights(position, base, across, weights, slopes)
-                for u in range(block.size):
-                    move = np.float32(sin * (block[u] - middle))
-                    down_columns(
-                        lines[u, skip : skip + len(taps_down)], weights, slopes, taps_down,
-                        move, places.share[n], light[places.channel[n], v, start + u]
-                    )  # fmt: skip
-    write_row(light, gain, joined, array.rows[r] % 2, r, out)
+                for u in range(views):
+                    light[channel, v, u] = room.light[v, u]
+        for v in range(views):
+            for u in range(views):
+                for channel in range(out.shape[4]):
+                    line[v, u, c, channel] = light[channel, v, u]
+    for v in range(views):
+        for u in range(views):
+            for c in range(out.shape[3]):
+                for channel in range(out.shape[4]):
+                    if join.left.size == 0:
+                        out[v, u, r, c, channel] = line[v, u, c, channel]
+                    else:
+                        near = join.left[parity, c]
+                        low, high = line[v, u, near, channel], line[v, u, near + 1, channel]
+                        out[v, u, r, c, channel] = low + join.share[parity, c] * (high - low)

@@ -72,19 +72,6 @@ def find_bad_pixels(
     A pixel is hot in the dark if it is far brighter than all eight neighbours of its colour. In a
     white image it is bad if it differs by more than a factor of two from the pixels at the same
     place of neighbouring micro-images, to two pixels; so none is found at a rim.
-
-    Parameters
-    ----------
-    white, dark : ndarray, shape (rows, columns, channels), or None
-        In the same units; the white image less the dark one.
-    grid : LensletGrid
-    step : int
-        Distance of pixels of one colour: 2 in a mosaic, else 1.
-
-    Returns
-    -------
-    BadPixels or None
-        None if no pixel is bad.
     """
     images = [image for image in (white, dark) if image is not None]
     if not images:
@@ -160,11 +147,6 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
     Levels of 16-bit files, and of 8-bit ones, are numbers from 0 to 1 if they were scaled; sensors
     of 10, 12 and 14 bits reach a part of 16. A few pixels there may be the light's own maximum,
     which a stated level excludes.
-
-    Returns
-    -------
-    ndarray of bool, shape of the image, or None
-        None if no pixel, or too few of them, are saturated.
     """
     highest = float(image.max())
     if level is not None:

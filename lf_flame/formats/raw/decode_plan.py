@@ -8,27 +8,20 @@ of views follow the array, so that a rotation of the array against the sensor is
 from __future__ import annotations
 
 import logging
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.formats.raw import checks
+from lf_flame.formats.raw._decode_kernels import resample
 from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
-from lf_flame.formats.raw.bayer import check_bayer
-from lf_flame.formats.raw.black_level import note_on_black
-from lf_flame.formats.raw.colour_pattern import check_pattern, refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.resampling import Resampling
-from lf_flame.formats.raw.sensor_images import as_image, fitting, less_dark
-from lf_flame.formats.raw.white_match import check_match, mean_micro_images
-from lf_flame.formats.raw.white_views import (
-    bright_parts,
-    counted_views,
-    evenly_lit,
-    lit_views,
-    pixel_gain,
-    white_gain,
-)
+from lf_flame.formats.raw.sensor_images import as_image, check_bayer, fitting
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
@@ -36,38 +29,111 @@ LOGGER = logging.getLogger(__name__)
 TOUCHED = 0.02
 """Share of unknown pixels of the sensor in a pixel of a view from which it is unknown too."""
 
+LEAST_LIT = 0.5
+"""Smallest brightness, relative to its micro-image's centre, of what counts as lit. A darker pixel
+is partly outside the image of the aperture, so that its light comes from its inner part."""
+
+LEAST_SHARE = 0.85
+"""Smallest share of a view's pixels that is lit, for the view to count."""
+
+LEAST_LEVEL = 0.05
+"""Smallest brightness of a micro-image, relative to the median, that is trusted."""
+
+SLACK = 0.02
+"""Largest distance in pixels by which a pixel may lie beyond its micro-image's border."""
+
+NONE = np.empty((0, 0, 0), np.float32)
+"""In place of a black level or a white image, where there is none."""
+
+
+class Lattices(NamedTuple):
+    """Pixels of each colour.
+
+    All pixels of a channel; in a mosaic, those of red and of blue, which are two apart, and all for
+    green, of which every other one is green.
+    """
+
+    step: np.ndarray
+    top: np.ndarray
+    left: np.ndarray
+    source: np.ndarray
+    """Index in the image's last axis."""
+    channel: np.ndarray
+    """Channel of the light field."""
+    green: np.ndarray
+    """For green of a mosaic, whether its pixels have even (0) or odd (1) sums of row and column."""
+    y: np.ndarray
+    """Place of the lenslet in row and column 0, in pixels of the lattice."""
+    x: np.ndarray
+
+
+class Array(NamedTuple):
+    """The lenslets, in pixels of a lattice."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    pitch: float
+    row_pitch: float
+    offset: float
+    """Offset of odd rows, in pitches."""
+    cos: float
+    sin: float
+    down: np.ndarray
+    """Edges of the parts of a micro-image, from its centre, down a column of pixels."""
+    along: np.ndarray
+    """The same along a row of pixels."""
+    half_down: float
+    """Largest distance of own pixels from the centre, across and along the array's rows."""
+    half_along: float
+    radius: float
+    """Largest distance of own pixels of a round micro-image; 0 if it is square."""
+    high: float
+    """Half the height and width of the pixels that are read."""
+    wide: float
+    shear: float
+    """Displacement of parts down a column of pixels, for each pixel along."""
+    together: int
+    """Number of lines over which the array's rotation moves parts by less than a quarter pixel."""
+    fewest: int
+    """Smallest number of own pixels of a line that is read."""
+
+
+class Join(NamedTuple):
+    """Linear interpolation along the rows of a hexagonal array, (parity of the row, column)."""
+
+    left: np.ndarray
+    share: np.ndarray
+
 
 class DecodePlan:
     """Plan for decoding the raw images of one camera.
 
     A micro-image is divided into views x views equal parts, so that a slope does not depend on how
-    many pixels it has. A view's pixel is the mean radiance of its part: the integral of the
-    parabolic spline that has the pixels' means (Zerroukat, Wood and Staniforth 2006). This
-    conserves light and reproduces the pixels where parts coincide with them. It does not widen the
-    views, unlike linear interpolation, which lowers the slope of sharpest focus by a few per cent.
-    Like any sharp interpolation it may overshoot at a micro-image's rim. Parts of a rotated array
-    have their true centres; their edges stay parallel to the sensor's, right to first order in the
-    rotation.
+    many pixels it has. A view's pixel is the mean radiance of its part. It is found from the
+    lenslet's own pixels alone: those that lie whole in its micro-image, which is round in a
+    hexagonal array, and are lit in the white image. Beyond them light goes on linearly for one
+    pixel. So a part's light comes from its centre also at the rim of round micro-images that
+    touch, and none comes from a neighbour. Between pixels the light is a cubic's, which conserves
+    it (Colella and Woodward 1984) and reproduces the pixels where parts coincide with them. Parts
+    of a rotated array have their true centres; their edges stay parallel to the sensor's, right
+    to first order in the rotation.
 
-    The pixels of each colour of a Bayer mosaic are interpolated linearly by themselves, without a
-    demosaic: no light moves between colours, and none farther than two pixels. This blurs detail
-    of a micro-image that is finer than a few pixels. The pixels are first divided by those of the
-    white image, and views that are read also from dark pixels beyond the image of the aperture do
-    not count: without the one or the other, slopes would be 2 % too low.
+    The pixels of each colour of a Bayer mosaic are used by themselves, without a demosaic: no
+    light moves between colours, and none farther than two pixels.
 
     A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
     and along each row linear interpolation removes the offset of every other row and changes the
     column distance from the pitch to the row distance. Slopes of the result are in row distances
-    per view: 2 / sqrt(3) times those in pitches per view.
+    per view: 2 / sqrt(3) times those in pitches per view. An array in straight columns is decoded
+    in the same way with rows and columns exchanged.
 
     Hot and dead pixels, which the dark and the white image show, are replaced by their neighbours
     of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it
     comes from saturated pixels, or from bad ones without a good neighbour; or if its lenslet is too
     dark there in the white image, in a view that otherwise counts.
 
-    Views that receive light from a neighbouring lenslet get weight 0: their parts are nearer to a
-    neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
-    image. Their light would change a slope by a few per cent.
+    Views that are mostly dark in the white image get weight 0, and in a hexagonal array those
+    whose parts reach beyond the circle that touches the neighbours.
 
     Parameters
     ----------
@@ -79,11 +145,10 @@ class DecodePlan:
         Number of views along each axis. Default: the largest odd number not above the rounded
         pitch.
     white : array_like, shape as raw, or without channels; optional
-        White image (flat field), by which the views are divided, relative to the median of its
-        central view (in each channel): views keep the unit and the colour of the raw image. For
-        reflectance, divide them by the views of the white image, decoded alike. Pixels darker
-        than half the centre of their micro-image are divided by that half, so that the dark rim
-        stays dark. Default: no division.
+        White image (flat field), by which the pixels are divided, relative to the median of its
+        central view (in each channel or colour): views keep the unit and the colour of the raw
+        image. For reflectance, divide them by the views of the white image, decoded alike. Pixels
+        darker than half the centre of their micro-image are not used. Default: no division.
     dark : array_like, shape as raw, or without channels; optional
         Image without light, in the same units. It is subtracted from both raw and white image,
         because each contains the sensor's black level. Default: black is 0.
@@ -102,7 +167,8 @@ class DecodePlan:
     Raises
     ------
     InputError
-        If an argument cannot be used, or no micro-image lies whole in the image.
+        If an argument cannot be used, no micro-image lies whole in the image, or the white image
+        is a calibration with a closed aperture.
 
     Examples
     --------
@@ -132,35 +198,42 @@ class DecodePlan:
         self.grid, self.shape = grid, tuple(shape)
         self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
         self.views = views = _count_views(grid, views)
-        self._resampling = Resampling(grid, self.shape, views, self.bayer)
-        step = self._resampling.step
-        self._black = None if dark is None else fitting(dark, "dark", self.shape).astype(np.float32)
-        light = None if white is None else less_dark(white, self._black, "white")
-        self._refuse_mosaic(light, "white")
-        self._note_on_colours = ""
-        if self.bayer is not None and light is not None:
-            self._note_on_colours = check_pattern(light, grid, self.bayer)
-        self._bad = find_bad_pixels(light, self._black, grid, step)
-        self._black = None if self._black is None else self._mended(self._black)
-        self._micro_images = None if light is None else mean_micro_images(light, grid, step)
-        self._gain, self._flat, bright = None, None, None
-        lit = even = np.ones((views, views), bool)
-        if white is not None and light is not None:
-            flat = self._mended(fitting(white, "white", self.shape))
-            parts = self._resampling(flat, self._black, square=False)
-            lit, bright = lit_views(parts), self._resampling.joined(bright_parts(parts))
-            if self.bayer is not None:
-                del parts
-                light = self._mended(light).astype(np.float32, copy=False)
-                self._flat = pixel_gain(light, grid)
-                light = light * self._flat
-                even = evenly_lit(grid, light, views, self.bayer)
-                parts = self._resampling(light, None, square=False)
-            self._gain = white_gain(parts)
-        self.weights, self._saturation = counted_views(grid, lit, even, step), saturation
-        lost = None if self._bad is None else self._untouched(self._bad.lost_in(self.shape))
+        # All else is of rows: the images of an array in columns are transposed, and so the views.
+        self._grid = grid.upright
+        pattern = self.bayer
+        if pattern is not None and grid.columns:
+            pattern = pattern[0] + pattern[2] + pattern[1] + pattern[3]
+        self._step = 1 if pattern is None else 2
+        channels = self.shape[2] if len(self.shape) == 3 else 1
+        self._lattices = _lattices(self._grid, pattern, channels)
+        size = self.shape[1::-1] if grid.columns else self.shape[:2]
+        rows, columns = self._grid.block(size)
+        self._arrays = tuple(_array(self._grid, views, n, rows, columns) for n in (1, 2))
+        self._join = _join(self._grid, len(columns))
+        self._saturation, self._is_new = saturation, True
+        self._black = None if dark is None else self._fitting(dark, "dark").astype(np.float32)
+        light = None if white is None else self._fitting(white, "white")
+        self._notes = [] if light is None else [checks.note_on_white(light)]
+        self._bright = 0.0 if light is None else float(np.percentile(light[::3, ::3], 95))
+        if light is not None and self._black is not None:
+            light = light - self._black
+        self._bad = find_bad_pixels(light, self._black, self._grid, self._step)
+        if self._black is not None:
+            self._black = self._mended(self._black)
+        self._gain: np.ndarray | None = None
+        self._micro_images, bright = None, None
+        self._lit = np.ones((views, views), bool)
+        if light is not None:
+            light = np.ascontiguousarray(self._mended(light), np.float32)
+            if self.bayer is None:
+                checks.refuse_mosaic(light, self._grid, "white")
+            else:
+                self._notes.append(checks.check_pattern(light, self._grid, str(pattern)))
+            self._micro_images = checks.mean_micro_images(light, self._grid, self._step)
+            bright = self._use_white(light, pattern)
+        self.weights = _own_views(self._grid, views) & self._lit
+        lost = None if self._bad is None else self._untouched(self._bad.lost_in(size))
         self._valid = self._known(bright, lost)
-        self._is_new = True
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Decode one raw image.
@@ -180,17 +253,18 @@ class DecodePlan:
         ------
         InputError
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
-            pattern of a mosaic that is not stated, or does not fit the white image.
+            pattern of a mosaic that is not stated, or does not fit the white or the dark image.
         """
         image = as_image(raw, "raw")
         if image.shape != (*self.shape, 1)[:3]:
             raise InputError(
                 f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
             )
+        image = self._upright(image)
         saturated = find_saturated(image, self._saturation)
         if self._is_new:
             self._look_at(image, saturated)
-        views = self._resample(self._mended(image))
+        views = self._resample(self._mended(image), self._black, self._gain)
         coloured = len(self.shape) == 3 or self.bayer is not None
         weights = None if self.weights.all() else self.weights.astype(np.float32)
         valid = self._valid
@@ -202,28 +276,73 @@ class DecodePlan:
             views if coloured else views[..., 0], weights=weights, valid=valid
         )
 
-    def _resample(self, image: np.ndarray) -> np.ndarray:
-        if self._flat is None:
-            return self._resampling(image, self._black, self._gain)
-        light = image if self._black is None else image - self._black
-        return self._resampling(light * self._flat, None, self._gain)
+    def _fitting(self, image: ArrayLike, name: str) -> np.ndarray:
+        return self._upright(fitting(image, name, self.shape))
+
+    def _upright(self, image: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(image.swapaxes(0, 1)) if self.grid.columns else image
+
+    def _mended(self, image: np.ndarray) -> np.ndarray:
+        return image if self._bad is None else self._bad.mended(image)
+
+    def _resample(
+        self, image: np.ndarray, black: np.ndarray | None, gain: np.ndarray | None
+    ) -> np.ndarray:
+        """Resample an upright image, (rows, columns, channels): float32, (v, u, t, s, channel)."""
+        lattices = self._lattices
+        if self.bayer is None and image.shape[2] < lattices.top.size:  # grey, for all channels
+            lattices = _lattices(self._grid, None, 1)
+        size = self._join.left.shape[1] if self._join.left.size else self._arrays[0].columns.size
+        channels = 1 + int(lattices.channel.max())
+        out = np.empty(
+            (self.views, self.views, self._arrays[0].rows.size, size, channels), np.float32
+        )
+        black, gain = (NONE if one is None else one for one in (black, gain))
+        resample(image, black, gain, lattices, self._arrays, self._join, out)
+        if not self.grid.columns:
+            return out
+        return np.ascontiguousarray(out.transpose(1, 0, 3, 2, 4))
+
+    def _use_white(self, light: np.ndarray, pattern: str | None) -> np.ndarray:
+        """Set the factors of pixels and the lit views; find bright parts: bool, (v, u, t, s)."""
+        parts = self._resample(light, None, None)
+        middle = parts[self.views // 2, self.views // 2]
+        brightest = middle.mean(axis=2)
+        seen = brightest > LEAST_LEVEL * np.percentile(brightest, 95)  # not beyond the array
+        level = np.median(middle[seen], axis=0) if seen.any() else np.zeros(1)
+        if not np.all(level > 0):
+            raise InputError(
+                f"The white image must be bright in the middle of its micro-images, "
+                f"got a median there of {level.min():g}."
+            )
+        least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
+        bright = np.array([[(one >= least).all(axis=2) for one in row] for row in parts])
+        del parts
+        gain = np.zeros_like(light)
+        breadth = math.ceil(max(self._grid.pitch, self._grid.row_pitch) / self._step)
+        for n, (top, left) in enumerate(np.ndindex(self._step, self._step)):
+            at = np.s_[top :: self._step, left :: self._step]
+            most = level if pattern is None else level["rgb".index(pattern[n])]
+            pixels = light[at]
+            around = ndimage.maximum_filter(pixels, (breadth, breadth, 1), mode="nearest")
+            is_lit = pixels >= LEAST_LIT * np.maximum(around, LEAST_LEVEL * most)
+            np.divide(most, pixels, out=gain[at], where=is_lit)
+        self._gain = gain
+        share = self._resample((gain > 0).astype(np.float32), None, None)
+        lit = np.array([[np.median(one[seen]) for one in row] for row in share]) >= LEAST_SHARE
+        self._lit = lit
+        if self._grid.pitch >= 5 and lit.sum() < 9:
+            checks.refuse_spots(lit)
+        return bright
 
     def _untouched(self, lost: np.ndarray) -> np.ndarray | None:
-        """Find the pixels of views without noticeable light of lost pixels of the sensor.
+        """Find the pixels of views without noticeable light of lost pixels, (v, u, row, column).
 
-        Parameters
-        ----------
-        lost : ndarray of float32, shape (rows, columns, 1)
-            1 where a pixel of the sensor is lost, else 0.
-
-        Returns
-        -------
-        ndarray of bool, shape (v, u, row, column), or None
-            None if no pixel is lost.
+        lost: (rows, columns, 1), 1 where a pixel of the sensor is lost, else 0. None if none is.
         """
         if not lost.any():
             return None
-        share = self._resampling(lost, None)
+        share = self._resample(lost, None, None)
         return np.abs(share, out=share).max(axis=4) <= TOUCHED
 
     def _known(self, *found: np.ndarray | None) -> np.ndarray | None:
@@ -237,20 +356,23 @@ class DecodePlan:
     def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
         """Refuse what does not fit; note bad and saturated pixels, and black, once."""
         self._is_new = False
-        light = less_dark(image, self._black, "raw")
-        self._refuse_mosaic(light, "raw")
-        notes = [self._note_on_colours]
+        light = image if self._black is None else image - self._black
+        if self.bayer is None:
+            checks.refuse_mosaic(light, self._grid, "raw")
         if self._black is None:
-            notes.append(note_on_black(image, self.grid))
+            self._notes.append(checks.note_on_black(image, self._grid))
+        else:
+            bright = self._bright or float(np.percentile(image[::3, ::3], 95))
+            self._notes.append(checks.check_dark(self._black, light, bright, self._grid))
         if self._micro_images is not None:
-            means = mean_micro_images(light, self.grid, self._resampling.step)
-            notes.append(check_match(self._micro_images, means))
+            means = checks.mean_micro_images(light, self._grid, self._step)
+            self._notes.append(checks.check_match(self._micro_images, means, self._lit))
         if self._bad is not None:
             LOGGER.info(
                 f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
                 f"neighbours of the same colour."
             )
-        for note in filter(None, notes):
+        for note in filter(None, self._notes):
             LOGGER.warning(note)
         if saturated is not None:
             clipped = np.count_nonzero(saturated)
@@ -258,13 +380,6 @@ class DecodePlan:
                 f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: what they "
                 f"touch in the views is unknown, and left out; expose less."
             )
-
-    def _mended(self, image: np.ndarray) -> np.ndarray:
-        return image if self._bad is None else self._bad.mended(image)
-
-    def _refuse_mosaic(self, image: np.ndarray | None, name: str) -> None:
-        if self.bayer is None and image is not None:
-            refuse_mosaic(image, self.grid, name)
 
 
 def _count_views(grid: LensletGrid, views: int | None) -> int:
@@ -277,3 +392,77 @@ def _count_views(grid: LensletGrid, views: int | None) -> int:
             f"lenslet, got {views}."
         )
     return int(views)
+
+
+def _own_views(grid: LensletGrid, views: int) -> np.ndarray:
+    """Find the views whose parts lie in the round micro-images of a hexagonal array: bool."""
+    if grid.layout == "rectangular":
+        return np.ones((views, views), bool)
+    farthest = math.hypot((views - 1) / 2, 0.0 if views % 2 else 0.5)  # in the middle of a side
+    return np.hypot(*np.meshgrid(centred(views), centred(views))) <= farthest + 1e-9
+
+
+def _lattices(grid: LensletGrid, pattern: str | None, channels: int) -> Lattices:
+    """Pixels of each colour of a mosaic, or of each channel."""
+    if pattern is None:
+        zeros, each = np.zeros(channels, np.int64), np.arange(channels)
+        y, x = np.full(channels, grid.y0), np.full(channels, grid.x0)
+        return Lattices(zeros + 1, zeros, zeros, each, each, zeros - 1, y, x)
+    (red_y, red_x), (blue_y, blue_x) = (divmod(pattern.index(colour), 2) for colour in "rb")
+    step, top, left = (
+        np.array([2, 1, 2]),
+        np.array([red_y, 0, blue_y]),
+        np.array([red_x, 0, blue_x]),
+    )
+    green = np.array([-1, pattern.index("g") % 2, -1])
+    y, x = (grid.y0 - top) / step, (grid.x0 - left) / step
+    return Lattices(step, top, left, np.zeros(3, np.int64), np.arange(3), green, y, x)
+
+
+def _array(
+    grid: LensletGrid, views: int, step: int, rows: np.ndarray, columns: np.ndarray
+) -> Array:
+    """Lenslets in pixels of a lattice.
+
+    Light is summed along the pixel rows first and down after: a part is as wide as its distance to
+    the next along a pixel row, and as high as that along a pixel column.
+    """
+    cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
+    height, width = (side / step for side in grid.window)
+    borders = np.arange(views + 1) / views - 0.5
+    half_down, half_along = (max(side / 2 - (0.5 - SLACK) / step, 0.5) for side in (height, width))
+    is_round = grid.layout == "hexagonal"
+    return Array(
+        rows=rows,
+        columns=columns,
+        pitch=grid.pitch / step,
+        row_pitch=grid.row_pitch / step,
+        offset=0.5 if is_round else 0.0,
+        cos=cos,
+        sin=sin,
+        down=borders * height * cos,
+        along=borders * width / cos,
+        half_down=half_down,
+        half_along=half_along,
+        radius=half_along if is_round else 0.0,
+        high=(cos * height + abs(sin) * width) / 2 + 0.75,
+        wide=(width / cos + abs(sin / cos) * (cos * height + abs(sin) * width)) / 2 + 0.75,
+        shear=sin * cos,
+        together=1 + int(min(0.25 / max(abs(sin / cos), 1e-3), 250)),
+        fewest=2 if half_along >= 1.5 else 1,
+    )
+
+
+def _join(grid: LensletGrid, columns: int) -> Join:
+    """Interpolate a hexagonal array to a square grid that both kinds of rows share."""
+    if grid.layout == "rectangular":
+        return Join(np.empty((0, 0), np.int64), np.empty((0, 0), np.float32))
+    spacing = grid.row_pitch / grid.pitch
+    count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0
+    if count < 1:
+        raise InputError(
+            f"A hexagonal array needs at least two whole lenslets along a row, got {columns}."
+        )
+    place = 0.5 + spacing * np.arange(count) - np.array([[0.0], [0.5]])  # in pitches along the row
+    left = np.minimum(place.astype(int), columns - 2)
+    return Join(left, (place - left).astype(np.float32))

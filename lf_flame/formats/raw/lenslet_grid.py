@@ -3,7 +3,8 @@
 Pixel centres are at integers; x runs right with the columns and y down with the rows. The
 micro-image in row i and column j of the array is centred at
 ``(x0, y0) + R(rotation) (pitch (j + offset), row_pitch i)``. The offset is 1/2 in the odd rows of a
-hexagonal array, else 0; a positive rotation turns the x axis towards the y axis.
+hexagonal array, else 0; a positive rotation turns the x axis towards the y axis. Where lenslets
+stand in straight columns, all this is said of the transposed image.
 """
 
 import math
@@ -11,16 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lf_flame._common.arrays import Number, centred
+from lf_flame._common.arrays import Number
 from lf_flame.errors import InputError
 
 LAYOUTS = ("rectangular", "hexagonal")
 
 HEXAGONAL_ROW_PITCH = math.sqrt(3) / 2
 """Row distance over pitch in an array where every lenslet touches six others."""
-
-ON_PIXELS = 0.02
-"""Largest distance, in pixels, between borders of micro-images and of pixels that coincide."""
 
 EDGE_SLACK = 0.5
 """Largest overhang, in pixels, of a micro-image at the image's edge that still counts as whole."""
@@ -45,6 +43,9 @@ class LensletGrid:
     row_pitch : float, optional
         Distance between neighbouring rows, in pixels. Default: the pitch, times sqrt(3)/2 in a
         hexagonal array.
+    columns : bool, optional
+        Whether the lenslets of a hexagonal array stand in straight columns: the array's rows run
+        down the image, and a positive rotation turns the y axis towards the x axis.
 
     Raises
     ------
@@ -65,6 +66,7 @@ class LensletGrid:
     rotation: float
     layout: str
     row_pitch: float
+    columns: bool
 
     def __init__(
         self,
@@ -74,6 +76,7 @@ class LensletGrid:
         rotation: float = 0.0,
         layout: str = "rectangular",
         row_pitch: float | None = None,
+        columns: bool = False,
     ):
         check_layout(layout)
         if row_pitch is None:
@@ -82,6 +85,7 @@ class LensletGrid:
         for name, number in numbers.items():
             object.__setattr__(self, name, float(number))
         object.__setattr__(self, "layout", layout)
+        object.__setattr__(self, "columns", bool(columns))
         for name in ("pitch", "row_pitch"):
             if not (getattr(self, name) >= 1 and math.isfinite(getattr(self, name))):
                 raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
@@ -101,9 +105,17 @@ class LensletGrid:
         ----------
         row, column : int or ndarray of int
         """
+        if self.columns:
+            x, y = self.upright.position(row, column)
+            return y, x
         offset = row % 2 / 2 if self.layout == "hexagonal" else 0.0
         y, x = self.turned(self.row_pitch * row, self.pitch * (column + offset))
         return self.y0 + y, self.x0 + x
+
+    @property
+    def upright(self) -> "LensletGrid":
+        """Grid of rows: of the transposed image, if the lenslets stand in columns."""
+        return replace(self, x0=self.y0, y0=self.x0, columns=False) if self.columns else self
 
     def turned(self, down: Number, along: Number) -> tuple[Number, Number]:
         """Rotate a vector (across, along) the array's rows to ``(y, x)`` of the image."""
@@ -138,6 +150,8 @@ class LensletGrid:
         InputError
             If no micro-image is whole in the image.
         """
+        if self.columns:
+            return self.upright.block(shape[1::-1])
         rows, columns = self.indices(shape)
         y, x = self.position(rows[:, None], columns)
         inside = self._is_whole(y, x, shape)
@@ -163,45 +177,15 @@ class LensletGrid:
 
     def describe(self) -> str:
         """One line that describes the array: layout, pitches, rotation."""
+        lines = "columns" if self.columns else "rows"
+        stand = " in straight columns" if self.columns else ""
         return (
-            f"{self.layout} lenslets, pitch {self.pitch:.3f} pixels along rows and "
+            f"{self.layout} lenslets{stand}, pitch {self.pitch:.3f} pixels along {lines} and "
             f"{self.row_pitch:.3f} between them, turned by {self.rotation:+.5f} rad"
         )
 
-    def own_views(self, views: int, margin: float | None = None) -> np.ndarray:
-        """Find the views that belong to their own lenslet: bool, shape (views, views).
-
-        In a rectangular array all do; in a hexagonal one the corners hold light of neighbours.
-
-        Parameters
-        ----------
-        views : int
-            Number of equal parts along each side of a micro-image.
-        margin : float, optional
-            Width around a part, in pixels, that must belong to the same lenslet too. Default: only
-            the centre of a part must.
-        """
-        height, width = (np.abs(centred(views)) * side / views for side in self.window)
-        if margin is not None:
-            height, width = height + self.window[0] / views / 2, width + self.window[1] / views / 2
-            height, width = height + margin, width + margin
-        slack = 1e-6 * self.pitch
-        own = np.ones((views, views), bool) & (width <= self.window[1] / 2 + slack)
-        if self.layout == "rectangular":
-            return own & (height <= self.window[0] / 2 + slack)[:, None]
-        x, y = self.pitch / 2, self.row_pitch  # of the nearest lenslet in the next row
-        return own & (height[:, None] * y + width * x <= (x**2 + y**2) / 2)  # nearer to its own
-
-    @property
-    def on_pixels(self) -> bool:
-        """Whether the borders between micro-images coincide with borders between pixels."""
-        height, width = self.window
-        sides = np.array([height, width, self.y0 - height / 2 + 0.5, self.x0 - width / 2 + 0.5])
-        straight = self.layout == "rectangular" and self.rotation == 0.0
-        return straight and bool(np.all(np.abs(sides - np.rint(sides)) < ON_PIXELS))
-
     def indices(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the array that may be in the image, and a few more."""
+        """Rows and columns of an upright array that may be in the image, and a few more."""
         y, x = np.meshgrid([0.0, shape[0]], [0.0, shape[1]])
         back = replace(self, rotation=-self.rotation)
         down, along = back.turned(y - self.y0, x - self.x0)

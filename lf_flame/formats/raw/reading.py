@@ -11,9 +11,8 @@ from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
 from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import as_image, less_dark
-from lf_flame.formats.raw.white_image import estimate_grid
-from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lightfield import LightField
 
 
@@ -69,6 +68,7 @@ def read_raw(
     layout: str | None = None,
     views: int | None = None,
     *,
+    lenslets: str | Path | None = None,
     dark: str | Path | None = None,
     bayer: str | None = None,
 ) -> tuple[LightField, LensletGrid]:
@@ -92,8 +92,12 @@ def read_raw(
     views : int, optional
         Number of views along each axis. Default: the largest odd number not above the rounded
         pitch.
+    lenslets : str or Path, optional
+        Image that shows where the lenslets are, and leaves the views' brightness alone: a picture
+        with the main lens's aperture closed, in which each lenslet makes a spot, a white image, or
+        the raw image itself, if its gaps between micro-images are seen. Default: the white image.
     dark : str or Path, optional
-        Image without light, which is subtracted from both raw and white image.
+        Image without light, which is subtracted from raw, white and lenslet image.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
         Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
 
@@ -107,8 +111,8 @@ def read_raw(
     Raises
     ------
     InputError
-        If a file cannot be read, no grid is found, neither white image nor pitch is given, or the
-        white image is of other lenslets, or was turned or moved against the raw image.
+        If a file cannot be read, no grid is found, neither white image, lenslets nor pitch are
+        given, or one image is of other lenslets, or was turned or moved against the raw image.
 
     Examples
     --------
@@ -121,7 +125,9 @@ def read_raw(
     >>> light_field
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    plan, image = plan_raw(path, white, pitch, layout, views, dark=dark, bayer=bayer)
+    plan, image = plan_raw(
+        path, white, pitch, layout, views, lenslets=lenslets, dark=dark, bayer=bayer
+    )
     return plan.decode(image), plan.grid
 
 
@@ -137,18 +143,13 @@ def plan_raw(
     layout: str | None = None,
     views: int | None = None,
     *,
+    lenslets: str | Path | None = None,
     dark: str | Path | None = None,
     bayer: str | None = None,
 ) -> tuple[DecodePlan, np.ndarray]:
     """Read a raw image, and plan its decoding and that of others by the same camera.
 
     Parameters and errors are those of `read_raw`.
-
-    Returns
-    -------
-    DecodePlan
-    ndarray of float32
-        The raw image.
     """
     if is_lytro(path):
         if any(option is not None for option in (pitch, layout, bayer)):
@@ -156,20 +157,27 @@ def plan_raw(
                 f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
                 f"its own."
             )
-        return plan_lytro(path, white, views, dark=dark)
-    if is_view_folder(path):
-        raise InputError(
-            f"A white image and a pitch decode a raw image, but {path} is a folder of views; "
-            f"raw frames of a video are decoded by `lf-flame process`."
-        )
+        return plan_lytro(path, white, views, lenslets=lenslets, dark=dark)
     image = read_image(path)
-    white_image, black = (None if name is None else read_image(name) for name in (white, dark))
-    if white_image is not None:
-        grid = estimate_grid(less_dark(white_image, black, "white"), pitch, layout)
+    white_image, black, shown = (
+        None if name is None else read_image(name) for name in (white, dark, lenslets)
+    )
+    if shown is None:
+        shown = white_image
+    elif shown.shape[:2] != image.shape[:2]:
+        raise InputError(
+            f"The image of the lenslets, {lenslets}, must have the raw image's {image.shape[0]} x "
+            f"{image.shape[1]} pixels, got {shown.shape[0]} x {shown.shape[1]}."
+        )
+    if shown is not None:
+        grid = estimate_grid(less_dark(shown, black, "white"), pitch, layout)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
     else:
-        raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
+        raise InputError(
+            f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
+            f"must be given."
+        )
     plan = DecodePlan(
         grid, shape=image.shape, views=views, white=white_image, dark=black, bayer=bayer
     )

@@ -1,9 +1,24 @@
-"""Images of a sensor under lenslets: checked, and less their black level."""
+"""Images of a sensor under lenslets: checked, and less their black level; Bayer patterns."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
+
+PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
+"""Colours of the upper left 2 x 2 pixels of a Bayer mosaic, row by row."""
+
+
+def check_bayer(pattern: str, shape: tuple[int, ...]) -> str:
+    """Return the pattern in small letters; refuse another one, and an image that is no mosaic."""
+    if str(pattern).lower() not in PATTERNS:
+        raise InputError(f"bayer must be one of {', '.join(PATTERNS)}, got {pattern!r}.")
+    if len(shape) > 2 or any(n % 2 for n in shape):
+        raise InputError(
+            f"A Bayer mosaic has an even number of rows and of columns and one channel, "
+            f"got an image of shape {shape}."
+        )
+    return str(pattern).lower()
 
 
 def as_image(image: ArrayLike, name: str) -> np.ndarray:
@@ -35,13 +50,7 @@ def fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray:
-    """Subtract a dark image, which may be grey; gives (rows, columns, channels).
-
-    Raises
-    ------
-    InputError
-        If one is not an image, or their rows and columns differ.
-    """
+    """Subtract a dark image, which may be grey; gives (rows, columns, channels)."""
     image = as_image(image, name)
     if dark is None:
         return image

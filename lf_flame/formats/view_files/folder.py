@@ -1,23 +1,41 @@
-"""One image file for each view of a light field: in a folder, in an archive, or in a list."""
+"""One image file for each view of a light field, in a folder or in a ZIP archive."""
 
 import os
+import re
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from math import prod
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common import progress
+from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.images import FLOAT, read_shape
-from lf_flame._common.input_files import File, PackedFile
+from lf_flame._common.input_files import File, PackedFile, list_zip, read_zip
 from lf_flame._common.memory import check_memory
 from lf_flame._common.printable import printable
+from lf_flame._common.zarr_files import is_zarr
 from lf_flame.errors import InputError
-from lf_flame.formats.images import read_image
-from lf_flame.formats.view_files.names import name_some
-from lf_flame.formats.view_files.parallax_order import FoundOrder, order_memory
+from lf_flame.formats.images import IMAGE_SUFFIXES, read_image, to_levels, write_image
+from lf_flame.formats.view_files.names import Stated, number_grid
+from lf_flame.formats.view_files.orders import (
+    FoundOrder,
+    Grid,
+    arranged,
+    check_grid,
+    find_order,
+    fold,
+    order_memory,
+    read_grid,
+    stated_order,
+)
 from lf_flame.lightfield import LightField
+
+ARCHIVE = ".zip"
+"""File ending of an archive of views."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +54,6 @@ class ViewFolder:
         Number of other files in the folder.
     missing : tuple of str
         Numbers of the missing views, as the names count them.
-    positions : ndarray of float64, shape (v, 1, 2), or None
-        Places of views that stand on no grid, see `LightField`.
     """
 
     path: Path
@@ -45,12 +61,6 @@ class ViewFolder:
     found: FoundOrder
     left_out: int
     missing: tuple[str, ...] = ()
-    positions: np.ndarray | None = None
-
-    @property
-    def counted(self) -> tuple[int, int] | None:
-        """Number of rows and columns, the value of ``grid``, if the names count them."""
-        return self.files.shape if self.positions is None else None
 
     def describe(self) -> str:
         """Describe the views and their order in a few lines."""
@@ -64,14 +74,8 @@ class ViewFolder:
             *self.found.describe(),
         ]
         if self.missing:
-            are = (
-                "view is missing and has"
-                if len(self.missing) == 1
-                else "views are missing and have"
-            )
-            lines.append(
-                f"{len(self.missing)} {are} weight 0: {printable(name_some(self.missing))}"
-            )
+            named = ", ".join(self.missing[:3]) + (" ..." if len(self.missing) > 3 else "")
+            lines.append(f"missing views, with weight 0: {len(self.missing)} ({named})")
         if self.left_out:
             lines.append(f"other files left out: {self.left_out}")
         return "\n".join(lines)
@@ -90,28 +94,18 @@ class ViewFolder:
         InputError
             If a file cannot be read, or differs from the first in size or channels.
         """
-        paths = [file for file in self.files.flat if file]
+        there = np.array([file is not None for file in self.files.flat])
+        places, paths = np.flatnonzero(there), list(self.files.flat[there])
         check_view_memory(paths, self.path, self.files.size)
-        shape = read_image(paths[0]).shape
-        views = np.zeros((self.files.size, *shape), np.float32)
-        self._fill(views)
-        views = views.reshape(*self.files.shape, *shape)
-        return LightField(views, weights=self._weights, positions=self.positions)
-
-    def _fill(self, views: np.ndarray) -> None:
-        """Decode the views that there are into an array of zeros, [number, t, s] or with colours.
-
-        A missing view is black.
-        """
-        places = [k for k, file in enumerate(self.files.flat) if file is not None]
-        paths = [self.files.flat[k] for k in places]
+        first = read_image(paths[0])
+        views = np.zeros((self.files.size, *first.shape), np.float32)
 
         def place(k: int) -> None:
             image = read_image(paths[k])
-            if image.shape != views.shape[1:]:
+            if image.shape != first.shape:
                 raise InputError(
-                    f"All views must be alike: {paths[k]} is {_kind(image.shape)}, {paths[0].name} "
-                    f"is {_kind(views.shape[1:])}."
+                    f"All views must be alike: {paths[k]} is {_kind(image)}, {paths[0].name} is "
+                    f"{_kind(first)}."
                 )
             views[places[k]] = image
 
@@ -119,20 +113,13 @@ class ViewFolder:
             done = pool.map(place, range(len(paths)))
             for _ in progress.steps(done, "reading", len(paths), "view"):
                 pass
-
-    @property
-    def _weights(self) -> np.ndarray | None:
-        """0 for the views that are missing, if any are."""
-        there = np.array([file is not None for file in self.files.flat])
-        return None if there.all() else there.reshape(self.files.shape)
+        shape = self.files.shape
+        weights = None if there.all() else there.reshape(shape)
+        return LightField(views.reshape(*shape, *first.shape), weights=weights)
 
 
 def check_view_memory(files: list[File], folder: Path, places: int) -> None:
-    """Refuse views that need too much memory, from the header of the first, before decoding.
-
-    It counts the places of views as floats, with files being decoded, or the search for the order,
-    which reads four views.
-    """
+    """Refuse views, or a search for their order, that need too much memory, before decoding."""
     shape = read_shape(files[0])
     values = prod(shape)
     if shape[2] in (2, 4):
@@ -149,5 +136,151 @@ def _readers(files: list[File]) -> int:
     return min(len(files), os.cpu_count() or 1)
 
 
-def _kind(shape: tuple[int, ...]) -> str:
-    return f"{shape[0]} x {shape[1]} {'grey' if len(shape) == 2 else 'colour'}"
+def _kind(image: np.ndarray) -> str:
+    return f"{image.shape[0]} x {image.shape[1]} {'grey' if image.ndim == 2 else 'colour'}"
+
+
+def is_view_folder(path: str | Path) -> bool:
+    """Whether a path is read as one file for each view: a folder or an archive."""
+    if Path(path).suffix.lower() == ".zarr" and is_zarr(path):
+        return False
+    return Path(path).is_dir() or Path(path).suffix.lower() == ARCHIVE
+
+
+def first_image(path: Path) -> File | None:
+    """First image of a folder or an archive by its name; None if there is none."""
+    found = min(_images(path, None)[0], default=None)
+    return found if found is None or path.is_dir() else read_zip(path, [found])[0]
+
+
+def _images(path: Path, names: str | None) -> tuple[list, int]:
+    """Paths of the images of a folder, or in an archive, and the number of all files."""
+    if not path.is_dir() and path.suffix.lower() != ARCHIVE:
+        raise InputError(f"The views cannot be read: {path} is no folder.")
+    every = list(path.iterdir() if path.is_dir() else list_zip(path))
+    every = [one for one in every if "__MACOSX" not in one.parts]
+    images = [
+        one
+        for one in sorted(every)
+        if one.suffix.lower() in IMAGE_SUFFIXES
+        and not one.name.startswith(".")
+        and (names is None or fnmatch(one.name, names))
+    ]
+    return images, len(every)
+
+
+def _find_files(path: Path, names: str | None) -> tuple[list[File], int]:
+    """Find the images whose names differ only in numbers, and the number of other files."""
+    images, count = _images(path, names)
+    like = {one: re.sub(r"[-+]?\d+(\.\d+)?", "#", one.stem) for one in images}
+    kinds = Counter(
+        str(one.with_name(f"{kind}{one.suffix.lower()}"))
+        for one, kind in like.items()
+        if "#" in kind
+    )
+    found = [one for one in images if "#" in like[one]]
+    if len(kinds) > 1:
+        some = ", ".join(f"{count} of {Path(kind).name}" for kind, count in kinds.most_common(3))
+        raise InputError(
+            f"{path} holds several sets of images, {some}: choose the views by --names, such as "
+            f"--names '{Path(kinds.most_common(1)[0][0]).name.replace('#', '*')}'."
+        )
+    if len(found) < 2:
+        raise InputError(
+            f"{path} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
+            f"numbers only{'' if names is None else f' and are like {names}'}."
+        )
+    files = found if path.is_dir() else list(read_zip(path, found))
+    return files, count - len(files)
+
+
+def scan_view_folder(
+    path: str | Path,
+    order: str | None = None,
+    *,
+    grid: Grid | str | None = None,
+    names: str | None = None,
+    first: int | None = None,
+) -> ViewFolder:
+    """Find the files that are the views of a light field, and their order.
+
+    The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) with names that differ only in
+    numbers. The last two numbers that vary are row and column: ``row_col.png``, ``view_R_C.jpg``,
+    ``2067_RR_CC.png``, positions such as ``pos_-40_12.5.png``; in Stanford's
+    ``out_RR_CC_y_x.png`` the last two that lie on a grid. A single number, as in HCI's
+    ``input_Cam000.png``, counts row by row a square, or the `grid`. Rows and columns need one step;
+    views may be missing.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder; or a ``.zip`` archive of one, which is read without being extracted.
+    order : str, optional
+        Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
+        way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
+        bottom), ``row,-col``, and so on. Default: the order that the parallax between views shows
+        (`lf_flame.formats.view_files.orders.find_order`), otherwise ``row,col``.
+    grid : (int, int) or str, optional
+        Number of rows and columns of the light field, such as (1, 9) or ``9x9``. Numbers that do
+        not fill it are places in it, and places without a view get weight 0.
+    names : str, optional
+        Pattern of the views' names, such as ``input_Cam*.png``. Default: all images.
+    first : int, optional
+        Number of the first place of the grid. Default: 1 if the last place is then there,
+        otherwise 0; for numbers that fill the grid, the lowest.
+
+    Returns
+    -------
+    ViewFolder
+
+    Raises
+    ------
+    InputError
+        If the folder, its names or the order cannot be used, steps between views differ, or the
+        views of a running number move as a single row does.
+
+    Notes
+    -----
+    With rows counted downward and columns to the right, as seen by the cameras, nearer objects have
+    the lower slope, as in `lf_flame.refocus`: when the camera moves to the right, near objects move
+    to the left. Parallel cameras then give only slopes below 0. A folder that gives higher slopes
+    to nearer objects has both axes flipped, which no parallax shows: read it as ``-row,-col``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_light_field(light_field, "views")
+    >>> formats.scan_view_folder("views").files.shape
+    (3, 3)
+    """
+    path, shape = Path(path), None if grid is None else read_grid(grid)
+    order = None if order is None else stated_order(order).order
+    files, left_out = _find_files(path, names)
+    numbered, missing = number_grid(files, Stated(path, shape, order, first))
+    check_view_memory(files, path, numbered.size)
+    if numbered.ndim == 1:
+        numbered, found = fold(numbered, path, shape, order, read=read_image)
+    else:
+        found = find_order(numbered, read_image) if order is None else stated_order(order)
+    ordered = arranged(numbered, found.order)
+    check_grid(shape, ordered.shape, path)
+    return ViewFolder(path, ordered, found, left_out, missing)
+
+
+def write_view_folder(
+    light_field: LightField, folder: str | Path, bits: int, *, linear: bool
+) -> None:
+    """Write each view as ``view_RR_CC.png`` (floats: ``.tif``) of a new or an empty folder."""
+    folder = Path(folder).resolve()
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
+    levels = light_field.views if bits == 32 else to_levels(light_field.views, bits)
+    suffix = ".tif" if bits == 32 else ".png"
+    width = max(2, len(str(max(levels.shape[:2]) - 1)))
+    with atomic_folder(folder) as aside:
+        for v, u in np.ndindex(levels.shape[:2]):
+            path = aside / f"view_{v:0{width}}_{u:0{width}}{suffix}"
+            write_image(path, levels[v, u], linear=linear)

@@ -1,20 +1,18 @@
-"""Finding the views of a light field among the files of a folder, by their numbers."""
+"""Rows and columns of views, by the numbers in the names of their files."""
 
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from decimal import Decimal
 from itertools import pairwise
-from math import gcd, isqrt, prod
-from pathlib import Path, PurePath
-from typing import TypeVar
+from math import gcd, prod
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame._common.input_files import File, Source
 from lf_flame.errors import InputError
-from lf_flame.formats.images import IMAGE_SUFFIXES
+from lf_flame.formats.view_files.orders import Grid, by_columns
 
 NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
 """Pattern of an optional sign or hyphen, then digits that points may divide."""
@@ -22,74 +20,50 @@ NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
 Parts = tuple[str | Decimal, ...]
 """Text and numbers of a name in turn; text, perhaps empty, comes first and last."""
 
-Name = TypeVar("Name", bound=PurePath)
-
-MOST_NAMED = 3
-"""Largest number of missing views that an error names."""
-
-MOST_MISSING = 1 / 3
-"""Largest fraction of a grid that may be missing where its size is not stated: the corners of a
-round aperture are."""
+Column = tuple[Decimal, ...]
+"""Number at one place of the name of each file."""
 
 LARGEST_GRID = 10_000
 """Largest number of places in a grid of which more than half are missing."""
 
 
-def largest_set(names: list[Name], source: Path) -> list[Name]:
-    """Largest set of images with names that differ only in numbers, of one folder.
+class Stated(NamedTuple):
+    """Folder of the views, for messages, and arguments of `scan_view_folder` on their numbers."""
 
-    Parameters
-    ----------
-    names : list of Path or PurePath
-    source : Path
-        Folder or archive that holds them, for messages.
+    source: Source
+    grid: Grid | None = None
+    order: str | None = None
+    first: int | None = None
 
-    Raises
-    ------
-    InputError
-        If there are no two such images, or another set half as large or more.
+
+class Axis(NamedTuple):
+    """Places 0, 1 ... of numbers along an axis.
+
+    `step` is the distance between places, 0 for a single number; `error` its largest error by
+    rounding in the names.
     """
-    sets = defaultdict(list)
-    for path in names:
-        if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."):
-            like = re.sub(r"[-+]?\d+(\.\d+)?", "#", path.stem) + path.suffix.lower()
-            if "#" in like:
-                sets[str(path.parent / like)].append(path)
-    by_size = sorted(sets.items(), key=lambda item: len(item[1]), reverse=True)
-    if not by_size or len(by_size[0][1]) < 2:
-        raise InputError(
-            f"{source} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
-            f"numbers only."
-        )
-    if len(by_size) > 1 and 2 * len(by_size[1][1]) >= len(by_size[0][1]):
-        found = " and ".join(f"{len(files)} of {like}" for like, files in by_size[:2])
-        raise InputError(
-            f"{source} holds more than one set of images, {found}: leave only the views there."
-        )
-    return by_size[0][1]
+
+    places: dict[Decimal, int]
+    size: int
+    step: Decimal
+    error: Decimal
+
+    def number(self, place: int) -> Decimal:
+        """Give the number that a place has in the names."""
+        one, at = next(iter(self.places.items()))
+        return one + (place - at) * self.step
 
 
-def number_grid(
-    files: list[File], shape: tuple[int, int] | None = None
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Arrange files by the numbers in their names.
+def number_grid(files: list[File], stated: Stated) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Arrange files, whose names differ only in numbers, by these.
 
-    The first two neighbouring numbers that make a full grid count rows and columns. They may start
-    anywhere and rise by any step; a constant number counts only if it is 0 or 1 and has as many
-    digits as its partner. Signs and decimals are read, as in positions, unless the digits alone
-    make a fuller grid (``01.02``). Otherwise one running number counts all views.
-
-    Parameters
-    ----------
-    files : list of Path or PackedFile
-        Files with names that differ only in numbers.
-    shape : (int, int), optional
-        Stated number of rows and columns, which the names may count as columns and rows; a running
-        number need not show them.
+    The last two numbers that vary and lie on a grid are places along its axes. Where one number
+    varies it counts all views, unless a constant 0 or 1 of as many digits stands beside it: then
+    they are a single row or column.
 
     Returns
     -------
-    grid : ndarray of Path, shape (first number, second number) or (running number,)
+    files : ndarray of Path, shape (first number, second number) or (running number,)
         None for a missing view.
     missing : tuple of str
         Numbers of the missing views.
@@ -97,166 +71,159 @@ def number_grid(
     Raises
     ------
     InputError
-        If the numbers make no grid, or not the stated one; or if none is stated, and more than
-        `MOST_MISSING` of the views are missing, or one with a running number is.
+        If the numbers make no grid of equal steps, or do not fit the stated one.
     """
-    readings = [numbers_of(split_numbers([path.stem for path in files])), digits_of(files)]
-    readings = readings[readings[0] == readings[1] :]  # one if there is no sign or decimal
-    pairs = [pair for numbers in readings if (pair := fullest_pair(numbers, shape))]
-    if pairs:
-        rows_columns, _ = min(pairs, key=lambda pair: pair[1])
-        grid, missing = grid_of(files, rows_columns, files[0])
-        if shape not in (None, grid.shape, grid.shape[::-1]):
-            raise InputError(
-                f"The names of the images like {files[0]} number {grid.shape[0]} x "
-                f"{grid.shape[1]} views, not the {shape[0]} x {shape[1]} of the grid stated."
-            )
-        if shape is None and len(missing) > MOST_MISSING * grid.size:
-            _refuse_missing(missing, files, grid.shape)
-        return grid, missing
-    for numbers in readings:
-        for column in zip(*numbers, strict=True):
-            if len(set(column)) == len(files):
-                return _in_a_row(files, column, shape)
-    raise InputError(
-        f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
-        f"row and column, or a unique running number."
+    words = [re.findall(r"[0-9]+", file.stem) for file in files]
+    digits = _columns([[Decimal(word) for word in one] for one in words])
+    columns = _columns([part[1::2] for part in split_numbers([file.stem for file in files])])
+    pairs = list(pairwise(_varying(columns)))[::-1]
+    if columns == digits and not pairs:
+        pairs = _lone_lines(columns, words)
+    try:
+        return _arranged(files, columns, pairs, stated)
+    except InputError as fault:
+        pair = _varying(digits)
+        if len(_varying(columns)) == 1 and len(pair) == 2:
+            try:  # 01.02.png is a row and a column, and no decimal number
+                return _arranged(files, digits, [pair], stated)
+            except InputError:
+                raise fault from None
+        raise
+
+
+def _columns(numbers: Sequence[Sequence]) -> list[Column]:
+    """Numbers that all names have, by their place in the name."""
+    shared = min(map(len, numbers))
+    return list(zip(*(one[:shared] for one in numbers), strict=True))
+
+
+def _varying(columns: list[Column]) -> list[Column]:
+    return [column for column in columns if len(set(column)) > 1]
+
+
+def _lone_lines(columns: list[Column], words: list[list[str]]) -> list[tuple[Column, Column]]:
+    """Pairs of neighbours of which one varies, and the other is a 0 or 1 of as many digits."""
+    widths = [min(len(one[k]) for one in words) for k in range(len(columns))]
+    return [
+        (columns[k], columns[k + 1])
+        for k in range(len(columns) - 1)
+        for one, other in ((k, k + 1), (k + 1, k))
+        if set(columns[one]) in ({0}, {1})
+        and len(set(columns[other])) > 1
+        and widths[one] == widths[other]
+    ]
+
+
+def _arranged(
+    files: list[File], columns: list[Column], pairs: Sequence[Sequence[Column]], stated: Stated
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Arrange files by the first pair of numbers with the smallest grid, or by a running number."""
+    faults, found = [], []
+    for pair in filter(_counts_two_axes, pairs):
+        try:
+            found.append((_two_axes(pair, stated), pair))
+        except InputError as fault:
+            faults.append(fault)
+    if found:
+        axes, pair = min(found, key=lambda one: prod(axis.size for axis in one[0]))
+    elif faults:
+        raise faults[0]
+    else:
+        axes, pair = _running_number(files, columns, stated)
+    if prod(axis.size for axis in axes) > max(2 * len(files), LARGEST_GRID):
+        sizes = " x ".join(str(axis.size) for axis in axes)
+        raise InputError(f"{stated.source}: {len(files)} views cannot fill a grid of {sizes}.")
+    grid = np.full([axis.size for axis in axes], None, object)
+    for file, *numbers in zip(files, *pair, strict=True):
+        grid[tuple(axis.places[one] for axis, one in zip(axes, numbers, strict=True))] = file
+    gaps = [at for at in np.ndindex(grid.shape) if grid[at] is None]
+    return grid, tuple(
+        "_".join(str(a.number(n)) for a, n in zip(axes, at, strict=True)) for at in gaps
     )
 
 
-@dataclass(frozen=True, order=True)
-class Count:
-    """A number in a name, with its digits as written."""
-
-    value: Decimal
-    text: str = field(compare=False)
-
-
-Columns = list[tuple[Count, ...]]
-"""Numbers in the name of each file."""
+def _counts_two_axes(pair: Sequence[Column]) -> bool:
+    """Whether each view has a place of its own: two decimals, or some share a row or a column."""
+    count = len(pair[0])
+    decimals = all(any(number % 1 for number in column) for column in pair)
+    shared = any(len(set(column)) < count for column in pair)
+    return len(set(zip(*pair, strict=True))) == count and (shared or decimals)
 
 
-def numbers_of(parts: list[Parts]) -> Columns:
-    """Numbers that all names have, with signs and decimals."""
-    shared = min(len(part) // 2 for part in parts)
-    values = [[x for x in part if isinstance(x, Decimal)] for part in parts]
-    return [tuple(Count(x, f"{x}") for x in one[:shared]) for one in values]
-
-
-def digits_of(files: list[File]) -> Columns:
-    """Find the runs of digits that all names have."""
-    words = [re.findall(r"[0-9]+", path.stem) for path in files]
-    shared = min(map(len, words))
-    return [tuple(Count(Decimal(word), word) for word in one[:shared]) for one in words]
-
-
-def fullest_pair(
-    numbers: Columns, shape: tuple[int, int] | None
-) -> tuple[list[tuple[Count, Count]], int] | None:
-    """First pair of neighbouring numbers that makes the fullest grid, and the size of the grid."""
-    found = []
-    for k in range(len(numbers[0]) - 1):
-        pair = [(one[k], one[k + 1]) for one in numbers]
-        rows, columns = ({count.value for count in axis} for axis in zip(*pair, strict=True))
-        widths = [min(len(count.text) for count in axis) for axis in zip(*pair, strict=True)]
-        constant = next((values for values in (rows, columns) if len(values) == 1), None)
-        one_row = constant is None or (constant <= {0, 1} and widths[0] == widths[1])
-        # A grid that is less than half full is not one with gaps, unless it is stated: its numbers
-        # mean something else.
-        places = len(rows) * len(columns)
-        full_enough = places <= 2 * len(numbers) or shape in (
-            (len(rows), len(columns)),
-            (len(columns), len(rows)),
+def _running_number(
+    files: list[File], columns: list[Column], stated: Stated
+) -> tuple[list[Axis], list[Column]]:
+    """Find the number that counts all views; gaps need a stated grid."""
+    unique = [column for column in columns if len(set(column)) == len(files)]
+    if not unique:
+        raise InputError(
+            f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
+            f"row and column, or a unique running number."
         )
-        if one_row and full_enough and len(set(pair)) == len(numbers):
-            found.append((pair, places))
-    return min(found, key=lambda one: one[1], default=None)
+    axis = _axis(unique[0], prod(stated.grid) if stated.grid else None, stated)
+    if stated.grid is None and axis.size != len(files):
+        raise InputError(
+            f"Only {len(files)} views of {stated.source} are there, numbered from "
+            f"{min(unique[0])} to {max(unique[0])} with gaps: state the grid that they do not "
+            f"fill, --grid ROWSxCOLUMNS."
+        )
+    return [axis], unique[:1]
 
 
-def grid_of(
-    files: list[File], numbers: list[tuple[Count, Count]], source: Source
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Place files in a grid by their rows and columns.
+def _two_axes(pair: Sequence[Column], stated: Stated) -> list[Axis]:
+    """Find the places of two numbers; refuse steps that differ, as slopes would have no unit."""
+    sizes = stated.grid or (None, None)
+    sizes = sizes[::-1] if stated.order and by_columns(stated.order) else sizes
+    try:
+        one, other = (_axis(*along, stated) for along in zip(pair, sizes, strict=True))
+    except InputError:
+        if stated.order or stated.grid is None:
+            raise
+        # The names may count columns before rows, as the parallax then has to show.
+        one, other = (_axis(*along, stated) for along in zip(pair, sizes[::-1], strict=True))
+    if one.step and other.step and abs(one.step - other.step) > one.error + other.error:
+        raise InputError(
+            f"The views of {stated.source} are {float(one.step):.4g} apart by the first number in "
+            f"their names, and {float(other.step):.4g} by the second, but views need equal steps "
+            f"along both axes; where these numbers only count, rename the files with 0, 1, 2 ..."
+        )
+    return [one, other]
 
-    Returns
-    -------
-    files : ndarray of Path, shape (rows, columns)
-        None for a missing view.
-    missing : tuple of str
-        Numbers of the missing views, as their names would hold them.
 
-    Raises
-    ------
-    InputError
-        If the grid would have more than `LARGEST_GRID` places, of which most are missing.
+def _axis(numbers: Column, size: int | None, stated: Stated) -> Axis:
+    """Find the places of numbers along an axis: multiples of one step, some may be missing.
+
+    Where they do not fill a stated size, whole numbers are places. They count from `first`, by
+    default from 0, or from 1 if the last place is then there.
     """
-    rows, columns = (evenly(axis) for axis in zip(*numbers, strict=True))
-    if len(rows) * len(columns) > max(2 * len(files), LARGEST_GRID):
-        raise InputError(
-            f"{source}: {len(files)} views cannot fill a grid of {len(rows)} x {len(columns)}."
-        )
-    placed = dict(zip(numbers, files, strict=True))
-    wanted = [(row, column) for row in rows for column in columns]
-    missing = [f"{row.text}_{column.text}" for row, column in wanted if (row, column) not in placed]
-    grid = _as_array([placed.get(pair) for pair in wanted]).reshape(len(rows), len(columns))
-    return grid, tuple(missing)
-
-
-def _in_a_row(
-    files: list[File], column: tuple[Count, ...], shape: tuple[int, int] | None
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Place files by a running number; gaps are kept only where they fill the stated grid."""
-    placed, run = dict(zip(column, files, strict=True)), evenly(column)
-    gaps = [count.text for count in run if count not in placed]
-    if shape is None and isqrt(len(files)) ** 2 != len(files):
-        _refuse_missing(gaps, files, None)
-    if shape is None or len(run) != prod(shape):
-        gaps, run = [], sorted(column)
-    return _as_array([placed.get(count) for count in run]), tuple(gaps)
-
-
-def evenly(numbers: tuple[Count, ...]) -> list[Count]:
-    """Numbers from the lowest to the highest, in steps of their greatest common divisor."""
     found = sorted(set(numbers))
-    finest = min(int(count.value.as_tuple().exponent) for count in found)
-    ticks = [int(count.value.scaleb(-finest)) for count in found]
-    step = gcd(*(after - before for before, after in pairwise(ticks))) or 1
-    steps = range(ticks[0], ticks[-1] + 1, step)
-    if len(steps) > 2 * len(found):
-        # Wide gaps are not missing views; these numbers are positions or times.
-        return found
-    width, known = min(len(count.text) for count in found), dict(zip(ticks, found, strict=True))
-    return [known.get(k) or _between(Decimal(k).scaleb(finest), width) for k in steps]
-
-
-def _between(value: Decimal, width: int) -> Count:
-    """Write a number that no name has like the others."""
-    return Count(value, f"{value:f}".zfill(width))
-
-
-def name_some(missing: Sequence[str]) -> str:
-    """Name the first missing views, and count the others."""
-    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
-    return ", ".join(missing[:MOST_NAMED]) + more
-
-
-def _refuse_missing(
-    missing: Sequence[str], files: list[File], shape: tuple[int, ...] | None
-) -> None:
-    if missing:
-        what = f"{len(files)} views" if shape is None else f"{shape[0]} x {shape[1]} views"
-        grid = "ROWSxCOLUMNS" if shape is None else f"{shape[0]}x{shape[1]}"
-        are = "view {} is" if len(missing) == 1 else "views {} are"
+    few = ", ".join(map(str, found[:4])) + (f" ... {found[-1]}" if len(found) > 4 else "")
+    decimals = -min(0, *(int(number.as_tuple().exponent) for number in found))
+    error = Decimal(1).scaleb(-decimals) if decimals else Decimal(0)
+    axis = Axis({found[0]: 0}, 1, Decimal(0), error)
+    if len(found) > 1:
+        steps = [after - before for before, after in pairwise(found)]
+        span = found[-1] - found[0]
+        last = round(span / (min(steps) if decimals else gcd(*map(int, steps))))
+        step = span / last  # less rounded than a single one
+        places = {number: round((number - found[0]) / step) for number in found}
+        away = max(abs(number - found[0] - place * step) for number, place in places.items())
+        if away > error or len(set(places.values())) < len(found):
+            raise InputError(
+                f"The views of {stated.source} are at places off a regular grid, {few} by the "
+                f"numbers in their names; only multiples of one step can be used."
+            )
+        axis = Axis(places, last + 1, step, error / last)
+    if size is None or (size == axis.size and stated.first is None):
+        return axis
+    start = int(found[-1] == size) if stated.first is None else stated.first
+    if decimals or not start <= found[0] <= found[-1] < start + size:
         raise InputError(
-            f"Of {what} like {files[0]}, {are.format(name_some(missing))} missing; --grid {grid} "
-            f"reads the others, and gives weight 0 to what is missing."
+            f"The numbers in the names of {stated.source}, {few}, do not count {size} places from "
+            f"{start}: state another --grid, or the number of the first place (`lf-flame convert "
+            f"--first`)."
         )
-
-
-def _as_array(files: Sequence[File | None]) -> np.ndarray:
-    array = np.empty(len(files), object)
-    array[:] = files
-    return array
+    return Axis({number: int(number) - start for number in found}, size, Decimal(1), error)
 
 
 def split_numbers(names: Sequence[str]) -> list[Parts]:
@@ -269,52 +236,43 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
     only one of a number, and if all numbers have the same count of decimals or none ends in 0
     (``5.48``, unlike ``1.9, 1.10``).
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names without their endings.
-
     Returns
     -------
     list of tuple
         Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by these,
         ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the exact numbers.
     """
-    alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
     pieces = [NUMBER.split(name) for name in names]
-    for k, one in enumerate(pieces):
-        alike[tuple(one[::3])].append(k)
-    found: dict[int, Parts] = {}
-    for places in alike.values():
-        found.update(zip(places, _split_alike([pieces[k] for k in places]), strict=True))
-    return [found[k] for k in range(len(names))]
+    alike: dict[tuple[str, ...], list[list[str]]] = defaultdict(list)
+    for one in pieces:
+        alike[tuple(one[::3])].append(one)
+    marks = {kind: _meanings(some) for kind, some in alike.items()}
+    return [_parts(one, marks[tuple(one[::3])]) for one in pieces]
 
 
-def _split_alike(pieces: list[list[str]]) -> list[Parts]:
-    """Split names that have the same text between the numbers."""
-    parts: list[list[str | Decimal]] = [[one[0]] for one in pieces]
+def _meanings(pieces: list[list[str]]) -> list[tuple[bool, bool]]:
+    """For each number: whether hyphens before it separate, and whether points are decimal ones."""
     signed = any("+" in one[1::3] for one in pieces)
+    found = []
     for k in range(1, len(pieces[0]), 3):
-        before = pieces[0][k - 1]
-        marks, words = [one[k] for one in pieces], [one[k + 1] for one in pieces]
+        before, words = pieces[0][k - 1], [one[k + 1] for one in pieces]
         joined = before[-1:].isalnum() or (k > 1 and not before)
-        separates = joined and not signed and set(marks) == {"-"}
-        decimal = _is_decimal(words)
-        for part, mark, word, one in zip(parts, marks, words, pieces, strict=True):
-            if separates:
-                part[-1] = f"{part[-1]}{mark}"
-            numbers = [word] if decimal else word.split(".")
-            numbers[0] = numbers[0] if separates else mark + numbers[0]
-            for number in numbers:
-                part += [Decimal(number), "."]
-            part[-1] = one[k + 2]
-    return [tuple(part) for part in parts]
+        separates = joined and not signed and {one[k] for one in pieces} == {"-"}
+        decimals = [word.partition(".")[2] for word in words]
+        single = not any("." in one for one in decimals)
+        alike = len({len(one) for one in decimals if one}) <= 1
+        found.append((separates, single and (alike or not any(w.endswith("0") for w in decimals))))
+    return found
 
 
-def _is_decimal(words: Sequence[str]) -> bool:
-    """Whether the points in strings of digits are decimal points."""
-    if any(word.count(".") > 1 for word in words):
-        return False
-    decimals = [word.partition(".")[2] for word in words]
-    alike = len({len(word) for word in decimals if word}) <= 1
-    return alike or not any(word.endswith("0") for word in decimals)
+def _parts(piece: list[str], meanings: list[tuple[bool, bool]]) -> Parts:
+    parts: list[str | Decimal] = [piece[0]]
+    for k, (separates, decimal) in zip(range(1, len(piece), 3), meanings, strict=True):
+        mark, word, after = piece[k : k + 3]
+        numbers = [word] if decimal else word.split(".")
+        parts[-1] = f"{parts[-1]}{mark if separates else ''}"
+        parts.append(Decimal(numbers[0] if separates else mark + numbers[0]))
+        for number in numbers[1:]:
+            parts += [".", Decimal(number)]
+        parts.append(after)
+    return tuple(parts)

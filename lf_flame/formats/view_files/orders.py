@@ -1,11 +1,18 @@
-"""Orders and grids of views, as users state them.
+"""Order of the views of a light field: as stated, or as the parallax shows.
 
-An order names the meaning of the two numbers of a view, the slower one first: ``row,col`` is row
-by row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the
-right. ``snake`` before it means that every other row (with ``col,row``: column) runs back.
+An order names the meaning of the two numbers of a view, the slower one first: ``row,col`` is row by
+row. A minus flips an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the right.
 """
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from math import ceil, isqrt, prod, sqrt
+from pathlib import Path
+
 import numpy as np
+import skimage  # its parts load when they are used
+from scipy.ndimage import gaussian_filter
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -17,43 +24,28 @@ ORDERS = tuple(
     for b in ("", "-")
 )
 
-SNAKE = "snake"
-"""First word of an order whose second, fourth ... run of the slower number is backwards."""
-
 Grid = tuple[int, int]
 """Number of rows and columns of views."""
 
 
+def check_order(order: str) -> str:
+    """Return a stated order without blanks; refuse any that is not one of `ORDERS`."""
+    plain = str(order).replace(" ", "")
+    if plain not in ORDERS:
+        raise InputError(f"order must be one of {'; '.join(ORDERS)}, got {order!r}.")
+    return plain
+
+
+def by_columns(order: str) -> bool:
+    """Whether the first number of an order is the column's."""
+    return "col," in order
+
+
 def arranged(views: np.ndarray, order: str) -> np.ndarray:
     """Reorder an array of views, or of files, from an order to ``[v, u, ...]``."""
-    order = check_order(order)
-    if order.startswith(SNAKE):
-        views = views.copy()
-        views[1::2] = views[1::2, ::-1].copy()
-        order = order.partition(",")[2]
-    for axis, name in enumerate(order.split(",")):
-        if name.startswith("-"):
-            views = np.flip(views, axis)
+    for axis, name in enumerate(check_order(order).split(",")):
+        views = np.flip(views, axis) if name.startswith("-") else views
     return np.swapaxes(views, 0, 1) if by_columns(order) else views
-
-
-def check_order(order: str) -> str:
-    """Return a stated order without blanks; ``snake`` alone is ``snake,row,col``.
-
-    Raises
-    ------
-    InputError
-        If it is not one of `ORDERS`, with ``snake`` before it or without.
-    """
-    plain = str(order).replace(" ", "")
-    snake, _, rest = plain.partition(",") if plain.startswith(SNAKE) else ("", "", plain)
-    rest = ORDERS[0] if plain == SNAKE else rest
-    if snake not in ("", SNAKE) or rest not in ORDERS:
-        raise InputError(
-            f"order must be one of {'; '.join(ORDERS)}, with snake, before it where every other "
-            f"row runs back, got {order!r}."
-        )
-    return f"{snake},{rest}" if snake else rest
 
 
 def arranged_light_field(light_field: LightField, order: str | None) -> LightField:
@@ -67,16 +59,23 @@ def arranged_light_field(light_field: LightField, order: str | None) -> LightFie
     )
 
 
-def by_columns(order: str) -> bool:
-    """Whether an order counts column by column, so that its first number is the column's."""
-    return "col," in order
+def half_turned(order: str) -> str:
+    """Order with both axes flipped, which only changes the sign of all slopes."""
+    return ",".join(name[1:] if name.startswith("-") else f"-{name}" for name in order.split(","))
 
 
-def turned_round(order: str) -> str:
-    """Order with both axes turned, which only changes the sign of all slopes."""
-    *snake, first, second = order.split(",")
-    turned = [name[1:] if name.startswith("-") else f"-{name}" for name in (first, second)]
-    return ",".join([*snake, *turned])
+def read_grid(grid: Grid | str, name: str = "grid") -> Grid:
+    """Read rows and columns of views from two numbers, or from text such as ``1x9``."""
+    words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
+    try:
+        rows, columns = (int(word) for word in words)
+    except (TypeError, ValueError):
+        rows = columns = 0
+    if rows < 1 or columns < 1:
+        raise InputError(
+            f"{name} must be rows x columns of views, such as 1x9 or (1, 9), got {grid!r}."
+        )
+    return rows, columns
 
 
 def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
@@ -88,26 +87,233 @@ def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
         )
 
 
-def as_grid(grid: Grid | str | None) -> Grid | None:
-    """Read rows and columns of views, if they are given; see `read_grid`."""
-    return None if grid is None else read_grid(grid, "grid")
+@dataclass(frozen=True)
+class FoundOrder:
+    """Order of the views, and the evidence for it.
 
-
-def read_grid(grid: Grid | str, name: str) -> Grid:
-    """Read rows and columns of views from two numbers, or from text such as ``1x9``.
-
-    Raises
-    ------
-    InputError
-        If they are not two whole numbers above 0.
+    Attributes
+    ----------
+    order : str
+        One of `ORDERS`.
+    reason : str
+        Words for users on how the order was found.
+    slopes : (float, float), optional
+        Approximate range of the scene's slopes in this order, in pixels per view step: 5th and 95th
+        percentile of the patches. None where the parallax does not show an order.
     """
-    words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
-    try:
-        rows, columns = (int(word) for word in words)
-    except (TypeError, ValueError):
-        rows = columns = 0
-    if rows < 1 or columns < 1:
+
+    order: str
+    reason: str
+    slopes: tuple[float, float] | None = None
+
+    def describe(self) -> list[str]:
+        """Describe the order, and what no parallax shows, in a line or two."""
+        lines = [f"order {self.order}, {self.reason}"]
+        if self.slopes is not None and (self.order != ORDERS[0] or self.slopes[0] > 0):
+            turned = half_turned(self.order)
+            lines.append(
+                f"order {turned} fits as well, and reverses all slopes: state --order={turned} if "
+                f"nearer objects have the higher slopes here"
+            )
+        return lines
+
+
+def stated_order(order: str) -> FoundOrder:
+    """Order that the user stated."""
+    return FoundOrder(check_order(order), "as stated")
+
+
+def fold(
+    row: np.ndarray,
+    source: str | Path,
+    grid: Grid | None = None,
+    order: str | None = None,
+    *,
+    read: Callable = np.asarray,
+) -> tuple[np.ndarray, FoundOrder]:
+    """Cut views with one running number into rows (or columns, if so stated); find their order.
+
+    The views fill a `grid`, by default a square. Entries of `row` are views, or arguments of
+    `read`. Refused are other numbers of views, and such that move as one row or column does.
+    """
+    count, side = len(row), isqrt(len(row))
+    if grid is None and side**2 != count:
         raise InputError(
-            f"{name} must be rows x columns of views, such as 1x9 or (1, 9), got {grid!r}."
+            f"{source} holds {count} views with one running number, which make no square: state "
+            f"their rows x columns, --grid ROWSxCOLUMNS."
         )
-    return rows, columns
+    rows, columns = grid or (side, side)
+    if rows * columns != count:
+        raise InputError(
+            f"A grid of {rows} x {columns} views does not fit {source}, which holds {count}."
+        )
+    lines = (columns, rows) if order and by_columns(order) else (rows, columns)
+    folded = row.reshape(*lines, *row.shape[1:])
+    found = stated_order(order) if order else find_order(folded, read, folded=source)
+    check_grid(grid, arranged(np.empty(lines), found.order).shape, source)
+    return folded, found
+
+
+# Parallax -----------------------------------------------------------------------------------------
+
+LEAST_MARGIN = 0.28
+"""Smallest lead of an order over the next one, as a fraction of the change between views.
+
+Shuffled views, noise, and rows cut at the wrong places lead by at most 0.25 by chance; photographs
+and blurred noise in their true order by 0.3 to 0.99.
+"""
+
+SCALES = (1, 2, 4, 8, 16)
+"""Factors by which views are reduced for the search; the parallax should be below one pixel."""
+
+PATCH, BORDER = 16, 4
+"""Side of the patches that are assumed to lie at one depth, and width of the border that is left
+out, in reduced pixels."""
+
+MOST_PIXELS = 4_000_000
+"""Largest number of pixels of a view for the search; larger views are reduced first."""
+
+MOTIONS = {
+    "row,col": ((1, 0), (0, 1)),
+    "-row,col": ((-1, 0), (0, 1)),
+    "col,row": ((0, 1), (1, 0)),
+    "col,-row": ((0, 1), (-1, 0)),
+}
+"""Steps down and right that a step of the first and of the second number is, by order."""
+
+
+def order_memory(shape: tuple[int, ...]) -> int:
+    """Count the bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
+    pixels = shape[0] * shape[1]
+    return 140 * min(pixels, MOST_PIXELS) + 8 * pixels
+
+
+def find_order(
+    grid: np.ndarray, read: Callable = np.asarray, *, folded: str | Path | None = None
+) -> FoundOrder:
+    """Find the order of the views from the parallax of four neighbours, in up to five places.
+
+    In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
+    by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and
+    Wang 1992). Each order pairs the changes with the gradients differently; the one that explains
+    most of the change, with one d for each patch, is chosen if it leads by `LEAST_MARGIN`. No
+    parallax shows a half-turn, which only changes the sign of all slopes: where rows and columns
+    disagree, the columns are assumed to run from left to right. Four views alone agree with some
+    order by chance if they are shuffled; therefore a patch must have the same slope in the centre
+    and near the corners.
+
+    `grid`, of shape (first number, second number, ...), holds views or arguments of `read`, None
+    for a missing view. Views with one running number, of the origin `folded`, are refused if they
+    move as those of a single row or column do. The order is ``row,col`` if the views are too few,
+    too small, too similar or too different.
+    """
+    if min(grid.shape[:2]) < 2:
+        return FoundOrder(ORDERS[0], "as the numbers are: there is only one row or column")
+    count, lines = grid.shape[0] * grid.shape[1], grid.shape[1]
+    motions: dict[str, tuple] = dict(MOTIONS)
+    if folded is not None:
+        motions |= {f"1x{count}": ((0, lines), (0, 1)), f"{count}x1": ((lines, 0), (1, 0))}
+    sums, times = _sum_changes(grid, read)
+    tried = [_compare(parts, scale, motions) for scale, parts in sums.items()]
+    best, second, order, slopes = max(tried, default=(0.0, 0.0, ORDERS[0], (0.0, 0.0)))
+    if best - second < LEAST_MARGIN:
+        return FoundOrder(ORDERS[0], "as the numbers are: the parallax does not show an order")
+    shares = f"of which it explains {best:.0%}, the next one {second:.0%}"
+    if order not in MOTIONS:
+        raise InputError(
+            f"The {count} views of {folded} do not move as {grid.shape[0]} rows of {lines}, but as "
+            f"one {'row' if order.startswith('1x') else 'column'}, by the parallax, {shares}: "
+            f"state --grid {order}, or the --order."
+        )
+    low, high = (slope * times for slope in slopes)
+    return FoundOrder(order, f"by the parallax, {shares}", (low, high))
+
+
+def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Give the first row and column of four neighbours, in the centre and near the corners.
+
+    The outer ones lie in the corners of a square that fits into a round aperture. They are the
+    nearest blocks without missing views, each once.
+    """
+    there = np.array([one is not None for one in grid.reshape(-1, *grid.shape[2:])])
+    there = there.reshape(grid.shape[:2])
+    whole = np.argwhere(there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:])
+    if not len(whole):
+        return
+    last = np.array(grid.shape[:2]) - 2
+    places = [(1 / 2, 1 / 2), *product((1 / 6, 5 / 6), repeat=2)]
+    nearest = [int(((whole - last * place) ** 2).sum(axis=1).argmin()) for place in places]
+    yield from (tuple(whole[k].tolist()) for k in dict.fromkeys(nearest))
+
+
+def _sum_changes(grid: np.ndarray, read: Callable) -> tuple[dict[int, np.ndarray], int]:
+    """Sum products of changes and gradients over blocks of four views, by scale and patch.
+
+    Views that are small, not finite or of another shape are left out. The second result is the
+    number of pixels along an axis that were averaged to one beforehand.
+    """
+    sums: dict[int, np.ndarray] = {}
+    shape, times = None, 1
+    for v, u in _blocks(grid):
+        grey = [_grey(read(one)) for line in grid[v : v + 2] for one in line[u : u + 2]]
+        shapes = {view.shape if np.isfinite(view).all() else None for view, _ in grey}
+        shape = shape or grey[0][0].shape
+        if shapes != {shape}:
+            continue
+        times = grey[0][1]
+        block = np.array([view for view, _ in grey]).reshape(2, 2, *shape)
+        del grey  # as much memory as the block takes
+        for scale in SCALES:
+            if min(shape) // scale >= PATCH + 2 * BORDER:
+                sums[scale] = sums.get(scale, 0.0) + _measure(block, scale)
+    return sums, times
+
+
+def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
+    """Average the colours, and n x n pixels of a large view to one; also returns n."""
+    times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
+    grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
+    return _reduced(grey, times) if times > 1 else grey, times
+
+
+def _reduced(views: np.ndarray, times: int) -> np.ndarray:
+    factors = (1,) * (views.ndim - 2) + (times, times)
+    return skimage.transform.downscale_local_mean(views, factors)
+
+
+def _measure(block: np.ndarray, scale: int) -> np.ndarray:
+    """Sum over each patch, to shape (7, patches).
+
+    Rows: changes from row to row times the gradients down and right, those from column to column
+    times both, the squares of both gradients, and those of the changes.
+    """
+    reduced = _reduced(block, scale)
+    views, mean = gaussian_filter(reduced, 1.0, axes=(2, 3)), reduced.mean((0, 1))
+    changes = [np.diff(views, axis=0)[0].mean(0), np.diff(views, axis=1)[:, 0].mean(0)]
+    slants = [gaussian_filter(mean, 1.0, order=order) for order in ((1, 0), (0, 1))]
+    fields = [change * slant for change in changes for slant in slants]
+    fields += [slant**2 for slant in slants] + [changes[0] ** 2 + changes[1] ** 2]
+    inner = np.array(fields)[:, BORDER:-BORDER, BORDER:-BORDER]
+    rows, columns = (n // PATCH for n in inner.shape[1:])
+    whole = inner[:, : rows * PATCH, : columns * PATCH]
+    return whole.reshape(7, rows, PATCH, columns, PATCH).sum(axis=(2, 4)).reshape(7, -1)
+
+
+def _compare(
+    sums: np.ndarray, scale: int, motions: dict[str, tuple]
+) -> tuple[float, float, str, tuple[float, float]]:
+    """Fractions of the change that the best and the second-best motion explain, at one scale."""
+    products, squares, change = sums[:4].reshape(2, 2, -1), sums[4:6], sums[6]
+    found = []
+    for order, motion in motions.items():
+        steps = np.array(motion, float)
+        shared = np.einsum("ij,ijp->p", steps, products)
+        texture = np.einsum("ij,jp->p", steps**2, squares)
+        # The slope that fits a patch best, by least squares.
+        slopes = -np.divide(shared, texture, out=np.zeros_like(shared), where=texture > 0)
+        share = -np.sum(slopes * shared) / max(change.sum(), np.finfo(float).tiny)
+        seen = slopes[texture >= texture.mean() / 4] * scale  # others are mostly noise
+        low, high = np.percentile(seen, (5, 95)).tolist()
+        found.append((float(share), order, (low, high)))
+    (best, order, slopes), (second, *_) = sorted(found, reverse=True)[:2]
+    return best, second, order, slopes
