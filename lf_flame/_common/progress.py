@@ -82,8 +82,3 @@ def _after(act) -> Iterator[None]:
 def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
     """Progress bar over samples, with the time that remains; `done` of them already exist."""
     return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
-
-
-def frame_bar(frames: Iterable[T], total: int, done: int = 0) -> Iterable[T]:
-    """Progress bar over the frames of a video; `done` of them are measured already."""
-    return tqdm(frames, "measuring", total, initial=done, unit="frame", smoothing=0.1)
