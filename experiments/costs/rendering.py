@@ -178,7 +178,8 @@ def measure_costs(
     with on_threads(1):
         for study in step_bar(studies):
             truth = flat_views(study.scene, study.camera)
-            for name in METHODS:
+            hides = any(layer.opaque for layer in study.scene.layers)  # needs rays
+            for name in [name for name in METHODS if name != "exact" or not hides]:
                 accuracy += _measure_method(study, name, truth, budget_s / len(studies))
         effects = [_measure_effect(*item) for item in step_bar(trials.items())]
     return {

@@ -69,8 +69,8 @@ def render(
         quarter of it; the numbers of rays, slabs (depth steps of thick layers) and colours are
         chosen accordingly.
     integrator : {"auto", "exact", "rays"}, optional
-        Method of integration: in closed form, or by rays. "auto" selects the fastest that can
-        render all effects of the plan.
+        Method of integration: in closed form, or by rays. "auto" takes the closed form unless an
+        effect needs rays: stops, a rotated array, layers that occlude or absorb.
     rays : int, optional
         Number of rays per pixel along each axis for the ray integrator. Default: by the tolerance.
         With a fixed number, diffraction by the lenslets takes light to be uniform over each pixel
@@ -128,9 +128,9 @@ def render_plan(
     noisy = plan.kept & {"shot_noise", "read_noise"} if camera.sensor else set()
     if noisy and seed is None:
         raise InputError(f"{' and '.join(sorted(noisy))} need a seed; give one, or force them off.")
-    if integrator == "exact" and plan.only_by_rays:
+    if integrator == "exact" and plan.traced:
         raise InputError(
-            f"The exact integrator cannot do {', '.join(plan.only_by_rays)} here; "
+            f"The exact integrator cannot do {', '.join(plan.traced)} here; "
             f"use integrator='auto', or force them off."
         )
     planes = planned_planes(scene, camera, plan)
@@ -189,7 +189,7 @@ def _gather(
     # Where light comes in many portions, float32 would round after each.
     portions = len(planes)
     if method == "exact":
-        portions = len(passes[0].lit_neighbours()) * (2 if plan.traced else 1)
+        portions = len(passes[0].lit_neighbours())
     many = len(passes) * portions > FEW_PORTIONS
     image = blank_image(camera, layout, np.float64 if many else np.float32)
     if method == "exact":

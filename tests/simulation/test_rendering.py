@@ -56,42 +56,6 @@ def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
     assert np.sqrt(np.mean((image - truth) ** 2)) <= tolerance * truth.max()
 
 
-@pytest.mark.parametrize("near", [-10.0, 0.0])
-def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
-    """To the rounding of float32."""
-    rng = np.random.default_rng(3)
-    texture, card = rng.uniform(size=(60, 60)), Layer([[0.1]], near, (0.8, 0.9), opaque=True)
-    scene = Scene([Layer(texture, 20.0, (2.4, 2.4)), card])
-    camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
-    truth = flat_views(scene, camera)
-    for tolerance in (1e-3, 1e-6):
-        image = render(scene, camera, tolerance)
-        assert image.plan.integrator == "exact"
-        np.testing.assert_allclose(image.views, truth, rtol=3e-7, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("cells", "depth", "thickness", "tau", "tolerance"),
-    [
-        (10, 0.0, 3.0, 3.0, 2e-3),
-        pytest.param(10, 5.0, 3.0, 3.0, 2e-3, marks=pytest.mark.slow),
-        (3, 2.0, 3.0, 4.0, 2e-3),
-    ],
-)
-def test_rays_meet_their_tolerance_in_thick_absorbers(cells, depth, thickness, tau, tolerance):
-    """Against the exact integrator, on the same slabs."""
-    rng = np.random.default_rng(0)
-    thick = Layer(rng.uniform(size=(cells, cells)), depth, (2.0, 2.2), thickness_mm=thickness,
-                  optical_thickness=tau * rng.uniform(size=(cells, cells)))  # fmt: skip
-    camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
-    plan = replace(plan_effects(Scene([thick]), camera, tolerance), slabs=(6,))
-    rays, exact = (
-        render_plan(Scene([thick]), camera, plan, integrator).views.astype(float)
-        for integrator in ("rays", "exact")
-    )
-    assert np.sqrt(np.mean((rays - exact) ** 2)) <= tolerance * exact.max()
-
-
 def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
     wide = Scene([Layer([[0.7]], 15.0, (80.0, 80.0))])
     for options in ({}, {"integrator": "rays", "rays": 3}):

@@ -184,25 +184,16 @@ def _estimate_times(
         return compare_integrators(scene, bounds.camera, tolerance, kept, slabs, names)
 
     costs = costs_of(traced)
-    integrator = _faster(costs, traced)
+    integrator = "rays" if traced else "exact"
     without = {}
     for name in traced:
         others = [one for one in traced if one != name]
-        fewer = costs_of(others)
-        without[name] = fewer[_faster(fewer, others)]
+        without[name] = costs_of(others)["rays" if others else "exact"]
     added = estimate_seconds(bounds, slabs, colours, costs[integrator], without)
     after = kept - {*MATTER, *RAYS, "thickness", "chromatic"}
     rest = costs["blank"] + sum(time for name, time in added.items() if name in after)
     seconds = {name: costs[name] * colours + rest for name in ("exact", "rays")}
     return _Times(integrator, added, seconds)
-
-
-def _faster(costs: Mapping[str, float], traced: Collection[str]) -> str:
-    """Name of the faster integrator that can render the effects in `traced`."""
-    if any(name in RAYS for name in traced):
-        return "rays"
-    has_matter = any(name in MATTER for name in traced)
-    return "rays" if has_matter and costs["rays"] < costs["exact"] else "exact"
 
 
 def _estimate_changes(

@@ -67,11 +67,10 @@ class EffectPlan:
     colours : int
         Number of focal lengths that represent the band of light; 1 without chromatic shift.
     traced : tuple of str
-        Kept effects that treat the rays of one pixel's bundle differently.
+        Kept effects that treat the rays of one pixel's bundle differently, which only the ray
+        integrator can render: stops, a rotated array, layers that occlude or absorb.
     integrator : str
-        Name of the fastest integrator that can render all kept effects: "exact" or "rays". Stops
-        and a rotated lenslet array need rays. Layers that occlude or absorb are rendered by rays
-        if the exact integrator would have to intersect too many polygons.
+        Name of the integrator that renders the scene: "rays" if any effect is traced, or "exact".
     typical : mapping of str to float
         Bounds of effects whose causes are not stated, each at a typical value; see
         `lf_flame.simulation.planning.assumptions.typical_bounds`. Empty unless requested.
@@ -90,11 +89,6 @@ class EffectPlan:
     typical: Mapping[str, float] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def only_by_rays(self) -> tuple[str, ...]:
-        """Kept effects that the exact integrator cannot render."""
-        return tuple(name for name in self.traced if name in RAYS)
 
     @property
     def not_separable(self) -> dict[str, str]:

@@ -73,7 +73,7 @@ def count_rays(
         if len(changes) == 2 and max(changes) <= allowance * fine.max():
             return rays
         coarser = [*coarser[-1:], fine]
-    instead = "" if plan.only_by_rays else ", or use the exact integrator"
+    instead = "" if plan.traced else ", or use the exact integrator"
     raise InputError(
         f"tolerance {plan.tolerance:g} was not met with {rays} x {rays} rays per pixel: the number "
         f"of rays is the obstacle; allow more{instead}."

@@ -11,8 +11,6 @@ from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS
 from lf_flame.simulation.planning.scene_bounds import SceneBounds
-from lf_flame.simulation.polygons import expected_pairs, split_planes
-from lf_flame.simulation.slabs import slice_scene
 
 NANOSECONDS = {
     "pixel": 1.0,
@@ -22,7 +20,6 @@ NANOSECONDS = {
     "stop": 11.5,
     "lenslets": 24.0,
     "lenslets_stop": 60.0,
-    "polygon": 1.2,
     "cos4": 0.25,
     "lenslet_blur": 420.0,
     "main_lens_blur": 35.0,
@@ -37,7 +34,6 @@ NANOSECONDS = {
 - ``dimmed``, ``stop``, ``lenslets``, ``lenslets_stop``: per pixel that sees a plane and per ray, if
   planes attenuate others, if stops cut off rays, and if the light of all lenslets adds up in a
   pixel, without and with a stop;
-- ``polygon``: per pair of polygons and plane;
 - others: per pixel."""
 
 TYPICAL_RAYS, RAYS_EXPONENT = 18, 0.35
@@ -110,10 +106,6 @@ def compare_integrators(
     search = 1 + SEARCH_LINES / camera.lenslets[0]
     found = {"blank": blank * 1e-9, "exact": work * NANOSECONDS["exact"] * 1e-9}
     if any(name in MATTER for name in traced):
-        parts = dict(zip(scene.layers, slabs, strict=True))
-        _, behind = split_planes(slice_scene(scene, parts, "self_absorption" in kept, set(traced)))
-        pairs = expected_pairs(behind, optics) if behind else 0
-        found["exact"] += pairs * len(behind) * NANOSECONDS["polygon"] * 1e-9
         rays = max(rays, RAYS_TIMES_TOLERANCE / tolerance)
     return {**found, "rays": lit * _nanoseconds_of_rays(traced, rays) * search * 1e-9}
 
