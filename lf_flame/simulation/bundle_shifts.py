@@ -91,9 +91,9 @@ def beyond_mm(camera: PlenopticCamera) -> float:
 
     It is above 0 where lenslets are not where the sensor is read, or the aperture is wide.
     """
-    lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
-    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
-    wider = (widest - camera.aperture_mm) / 2 * lens_to_sensor
+    lens_to_sensor = camera.lenslet_focal_mm / camera.exit_distance_mm
+    widest = camera.on_exit_pupil(max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm))
+    wider = (widest - camera.on_exit_pupil(camera.aperture_mm)) / 2 * lens_to_sensor
     moved = max(misplaced_mm(camera)) * (1 + lens_to_sensor)
     corner = 1 + abs(math.tan(camera.lenslet_rotation_rad)) + abs(camera.lenslet_pitch_error)
     half = (widest + camera.lenslet_pitch_mm) / 2 * lens_to_sensor

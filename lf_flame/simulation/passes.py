@@ -20,7 +20,7 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
     if "round_aperture" in plan.traced:
         if "f_number_mismatch" in plan.traced:
             width = camera.aperture_diameter_mm or width
-        stops.append((0.0, width / 2))
+        stops.append((camera.aperture_before_lens_mm, width / 2))
     if "vignetting" in plan.traced and camera.rim_diameter_mm is not None:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
     ideal = OpticalPass(

@@ -16,7 +16,7 @@ def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
     """Distance before the main lens and radius, in mm, of its aperture and rim, if any."""
     stops = []
     if camera.aperture_diameter_mm is not None:
-        stops.append((0.0, camera.aperture_diameter_mm / 2))
+        stops.append((camera.aperture_before_lens_mm, camera.aperture_diameter_mm / 2))
     if camera.rim_diameter_mm is not None:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
     return stops
@@ -90,8 +90,9 @@ def neighbours(camera: PlenopticCamera) -> int:
     if camera.aperture_diameter_mm is None:
         return 0
     widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
-    spread = widest / 2 + camera.view_step_mm * camera.views / 2 + camera.lenslet_pitch_mm / 2
-    spread += max(aside_mm(camera)) * camera.image_distance_mm / camera.lenslet_focal_mm
-    period = camera.micro_image_pitch_mm * camera.image_distance_mm / camera.lenslet_focal_mm
+    spread = camera.on_exit_pupil(widest + camera.view_step_mm * camera.views) / 2
+    from_sensor = camera.exit_distance_mm / camera.lenslet_focal_mm
+    spread += camera.lenslet_pitch_mm / 2 + max(aside_mm(camera)) * from_sensor
+    period = camera.micro_image_pitch_mm * from_sensor
     period *= 1 + camera.lenslet_pitch_error
     return max(0, math.ceil(spread / period - 1e-9) - 1)

@@ -147,17 +147,19 @@ def squared_tangent(camera: PlenopticCamera) -> float:
     lens that the pixel sees. A displaced lenslet, or light from neighbouring lenslets, can come
     from anywhere in a wide aperture.
     """
-    seen, pitch_mm, farther = (camera.views - 1) * camera.view_step_mm, true_pitch_mm(camera), 0.0
+    step, pitch_mm, farther = camera.on_exit_pupil(camera.view_step_mm), true_pitch_mm(camera), 0.0
+    seen = (camera.views - 1) * step
     if max(misplaced_mm(camera)) > 0 or neighbours(camera):
-        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) + camera.view_step_mm
+        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
+        widest = camera.on_exit_pupil(widest) + step
         seen = widest * (1 + abs(camera.lenslet_pitch_error)) + 2 * pitch_mm
         farther = pitch_mm
     height = [
         ((lenslets - 1) * camera.lenslet_pitch_mm + seen) / 2 + farther
         for lenslets in camera.lenslets
     ]
-    patch = 2 * camera.view_step_mm**2 / 12
-    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.image_distance_mm**2
+    patch = 2 * step**2 / 12
+    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.exit_distance_mm**2
 
 
 def _round_aperture(bounds: SceneBounds) -> Estimate:
@@ -165,7 +167,7 @@ def _round_aperture(bounds: SceneBounds) -> Estimate:
     camera = bounds.camera
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: square and matched")
-    share = share_cut(camera, 0.0, camera.aperture_mm / 2)
+    share = share_cut(camera, camera.aperture_before_lens_mm, camera.aperture_mm / 2)
     if camera.lenslet_pitch_error < 0:  # the aperture is too wide for smaller lenslets
         share = min(1.0, share + crosstalk(camera))
     words = f"cuts up to {share:.3g} of a pixel's light"

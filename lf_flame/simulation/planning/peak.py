@@ -210,10 +210,11 @@ def _cos2(camera: PlenopticCamera, lenslets: slice, axis: int) -> float:
     The tilt along both axes is taken to be the largest along the given one.
     """
     place = np.abs(centred(camera.lenslets[axis])[lenslets]).max()
-    height = place * camera.lenslet_pitch_mm + camera.view_step_mm / 2
+    step = camera.on_exit_pupil(camera.view_step_mm)
+    height = place * camera.lenslet_pitch_mm + step / 2
     if max(misplaced_mm(camera)) > 0:  # the central view may be that of a neighbouring lenslet
-        height += camera.view_step_mm / 2 + camera.lenslet_pitch_mm
-    return 1 / (1 + 2 * (height / camera.image_distance_mm) ** 2)
+        height += step / 2 + camera.lenslet_pitch_mm
+    return 1 / (1 + 2 * (height / camera.exit_distance_mm) ** 2)
 
 
 def _integrate_pixels(

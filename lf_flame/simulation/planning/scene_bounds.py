@@ -286,6 +286,6 @@ def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float
 
 def _share_exchanged(camera: PlenopticCamera, shift_mm: float) -> float:
     """Fraction of an outermost pixel that a neighbouring micro-image covers after a shift."""
-    ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
+    ratio = 1 + camera.lenslet_focal_mm / camera.exit_distance_mm
     gap_mm = (camera.micro_image_pitch_mm - camera.views * camera.pixel_mm) / 2
     return min(1.0, max(0.0, shift_mm * ratio - gap_mm) / camera.pixel_mm)
