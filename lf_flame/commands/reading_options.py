@@ -129,7 +129,10 @@ class Reading:
                 "those of --focused; use a calibration by `lf-flame calibrate`."
             )
 
-        if isinstance(lens, PlenopticCamera) and (self.is_raw or self.views is None):
+        simulated = (source.parent / "simulation.json").is_file()  # by this very camera
+        if isinstance(lens, PlenopticCamera) and (
+            self.is_raw or (self.views is None and not simulated)
+        ):
             check_gaps(lens, self.is_raw)
         stated = self.views is not None or self.mosaic is not None
         if lens is None or stated or is_view_folder(source):

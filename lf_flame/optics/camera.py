@@ -244,7 +244,7 @@ class PlenopticCamera(Lens):
 
     @cached_property
     def micro_image_pitch_mm(self) -> float:
-        """Distance between micro-image centres in mm: the lenslet pitch seen from the exit pupil."""
+        """Distance between micro-image centres in mm: the pitch, seen from the exit pupil."""
         return self.lenslet_pitch_mm * (1 + self.lenslet_focal_mm / self.exit_distance_mm)
 
     @cached_property
@@ -281,13 +281,13 @@ class PlenopticCamera(Lens):
 
     @cached_property
     def _pupils(self) -> float:
-        """Width of the entrance pupil over that of the exit pupil: 1 for an aperture in the lens."""
+        """Width of the entrance pupil over that of the exit pupil; 1 in the lens."""
         near = self.image_distance_mm / self.exit_distance_mm
         return near * (self.pupil_distance_mm / self.focus_distance_mm)
 
     @property
     def aperture_before_lens_mm(self) -> float:
-        """Distance of the entrance pupil in front of the main lens; 0 for an aperture in the lens."""
+        """Distance of the entrance pupil in front of the main lens, in mm."""
         return self.focus_distance_mm - self.pupil_distance_mm
 
     def on_exit_pupil(self, width_mm: float) -> float:

@@ -48,11 +48,11 @@ def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
 
 def focus_spread(camera: PlenopticCamera, layer: Layer) -> list[tuple[float, float]]:
     """Depths and focal lengths, in mm, over which the light of a layer spreads."""
-    depth_steps = np.linspace(-0.5, 0.5, 5) if layer.thickness_mm else [0.0]
+    depth_steps = np.linspace(-0.5, 0.5, 5) if layer.depth_extent_mm else [0.0]
     focal_steps = np.linspace(-0.5, 0.5, 3) if camera.chromatic_shift else [0.0]
     return [
         (
-            layer.depth_mm + layer.thickness_mm * depth,
+            layer.depth_mm + layer.depth_extent_mm * depth,
             camera.main_lens_focal_mm * (1 + camera.chromatic_shift * focal),
         )
         for depth in depth_steps
@@ -103,6 +103,6 @@ def beyond_mm(camera: PlenopticCamera) -> float:
 
 def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
     """Half of a bundle's extent on a layer, plus its displacement at a thick layer's faces."""
-    faces = [layer.depth_mm + sign * layer.thickness_mm / 2 for sign in (-1, 1)]
+    faces = [layer.depth_mm + sign * layer.depth_extent_mm / 2 for sign in (-1, 1)]
     wandering = (farthest_move_mm(camera, here, axis, depth) for depth in faces)
-    return here.half_width_mm + (max(wandering) if layer.thickness_mm else 0)
+    return here.half_width_mm + (max(wandering) if layer.depth_extent_mm else 0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lf_flame.simulation import _exact_kernels
-from lf_flame.simulation.layouts import arrange, seen_range
+from lf_flame.simulation.layouts import Layout, arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.slabs import Plane
 
@@ -16,12 +16,12 @@ LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
 
 
-def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
+def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.ndarray) -> None:
     """Add the light of planes to an image, in closed form.
 
-    The image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K hold exact integrals, over
-    the cells, of the trapezoid with which a pixel weights the plane. The result is exact if light
-    only adds up and all rays of a pixel have the same weight, apart from cos^4.
+    The image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K hold exact integrals,
+    over the cells, of the trapezoid with which a pixel weights the plane. The result is exact if
+    light only adds up and all rays of a pixel have the same weight, apart from cos^4.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
         Planes of which none attenuates another.
     optics : OpticalPass
         Pass of light without stops and skew.
-    layout : {"views", "raw"}
+    layout : {"views", "raw"} or Lines
         Layout of the image.
     out : ndarray of float32 or float64, shape (a, b, c, d)
         Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
@@ -48,13 +48,12 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
         _integrate_batch(batch, through, layout, out)
 
 
-def _integrate_batch(planes, optics, layout: str, out: np.ndarray) -> None:
-    bands = [
-        [[arrange(part, layout) for part in bundle_bands(p, optics, axis)] for p in planes]
-        for axis in (0, 1)
-    ]
+def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
+    bands = [[list(bundle_bands(p, optics, axis, layout)) for p in planes] for axis in (0, 1)]
     heights = [plane.emission.shape[0] for plane in planes]
     lines = np.empty((sum(heights), out.shape[1], out.shape[3]))
+    if not planes:
+        return
     reach = np.zeros((2, len(planes), out.shape[1]), np.int64)
     top = 0
     for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
@@ -72,24 +71,30 @@ def _integrate_batch(planes, optics, layout: str, out: np.ndarray) -> None:
     _exact_kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
 
 
-def bundle_bands(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def bundle_bands(
+    plane: Plane, optics: OpticalPass, axis: int, layout: Layout = "views"
+) -> tuple[np.ndarray, np.ndarray]:
     """Share of each pixel's ray bundle that meets each cell of a plane, along an axis.
 
     Returns
     -------
     start, weights
-        As `band_weights` returns them, for centres of shape (view, lenslet).
+        As `band_weights` returns them, for centres in the order of an image, (a, c) or (b, d).
     """
     footprint = optics.footprint(plane.depth_mm, axis)
-    edges, centres = plane.layer.cell_edges_mm(axis), footprint.centres_mm
+    edges = plane.layer.cell_edges_mm(axis)
+    centres = arrange(footprint.centres_mm, layout, axis)
     lenslet_mm = abs(footprint.lenslet_width_mm)
     pixel_mm: Width = abs(footprint.pixel_width_mm) * optics.defocus
+    gain = optics.strip_gain(plane, axis)
+    factor = 1.0 if gain is None else arrange(gain, layout, axis)[..., None]
     if not optics.square_micro_images:
-        return band_weights(edges, centres, lenslet_mm, pixel_mm)
-    middle, share = optics.lit_parts(axis)
+        start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm)
+        return start, weights if gain is None else weights * factor
+    middle, share = (arrange(part, layout, axis) for part in optics.lit_parts(axis))
     centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)
     start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm * share)
-    return start, weights * share[..., None]
+    return start, weights * (share[..., None] * factor)
 
 
 def band_weights(

@@ -15,8 +15,9 @@ from lf_flame.optics.ray_bundle import (
     trace_footprint,
     trace_stop,
 )
-from lf_flame.simulation.layouts import arrange
+from lf_flame.simulation.layouts import Layout, arrange
 from lf_flame.simulation.ray_tables import FalloffTable, TiltTable
+from lf_flame.simulation.slabs import Plane
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,17 @@ class OpticalPass:
     def footprint(self, depth_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a layer."""
         return trace_footprint(self.camera, depth_mm, axis, *self._grid(axis))
+
+    def strip_gain(self, plane: Plane, axis: int) -> np.ndarray | None:
+        """Factor of a strip's light in each pixel, shape (view, lenslet); None if it does not lean.
+
+        A ray of slope t meets a share ``1 + t lean`` of the sheet per share of the strips.
+        """
+        if not plane.lean[axis]:
+            return None
+        step = 1e-3 * self.camera.focus_distance_mm
+        near, far = (self.footprint(plane.depth_mm + side * step, axis) for side in (-1, 1))
+        return 1 - plane.lean[axis] * (far.centres_mm - near.centres_mm) / (2 * step)
 
     def stop(self, distance_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a stop."""
@@ -182,7 +194,7 @@ class OpticalPass:
         offsets = self.offsets_mm(axis)
         return towards_lenslet + offsets / camera.lenslet_focal_mm
 
-    def falloff_table(self, layout: str) -> FalloffTable | None:
+    def falloff_table(self, layout: Layout) -> FalloffTable | None:
         """Squared tangents in the order of an image, or None without cos^4."""
         if not self.falloff:
             return None
@@ -190,14 +202,15 @@ class OpticalPass:
         if self.square_micro_images:  # of the part of a pixel that is lit
             for axis in (0, 1):
                 tangents[axis] += self.lit_parts(axis)[0] / self.camera.lenslet_focal_mm
-        rows, columns = (arrange(table, layout) for table in tangents)
+        rows, columns = (arrange(table, layout, axis) for axis, table in enumerate(tangents))
         patch = (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 6
         return FalloffTable(rows**2, columns**2, patch)
 
-    def tilt_table(self, layout: str) -> TiltTable:
+    def tilt_table(self, layout: Layout) -> TiltTable:
         """Add to the rays' tangents what misplaced lenslets do."""
         views, focal_mm = self.camera.views, self.camera.lenslet_focal_mm
-        rows, columns = (
-            arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout) for axis in (0, 1)
+        rows, columns = (  # by the lenslet's place on the other axis
+            arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout, 1 - axis)
+            for axis in (0, 1)
         )
         return TiltTable(rows, columns, -self.lenslet_pitch_mm / focal_mm)

@@ -25,6 +25,8 @@ class PlaneTable(NamedTuple):
         First cell of a plane, and its cells in a row, borders included.
     height, width : ndarray of int64, shape (p,)
         Rows and columns of a plane without its border.
+    down, right : ndarray of float64, shapes (p, a, c) and (p, b, d)
+        Factors of a plane's light in each pixel: of strips of a sheet that leans, else 1.
     """
 
     emission: np.ndarray
@@ -33,6 +35,8 @@ class PlaneTable(NamedTuple):
     stride: np.ndarray
     height: np.ndarray
     width: np.ndarray
+    down: np.ndarray
+    right: np.ndarray
 
 
 class RayTable(NamedTuple):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
 from lf_flame.optics.sensor import STAGES
-from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS
+from lf_flame.simulation.planning.effects import EFFECTS, RAYS
 
 
 def small(views=4, **changes):
