@@ -103,8 +103,8 @@ def plan(
     For each effect: the largest possible change of the image if it were left out, the decision at
     this tolerance, and the criterion with its numbers; then how finely the scene is divided, and
     how long it takes. An effect without its cause in the file (no wavelength, no sensor ...) is
-    shown as not stated, with its size at a typical value. Bounds hold for any scene like this one and may be far above the true
-    change, which --measure finds.
+    shown as not stated, with its size at a typical value. Bounds hold for any scene like this one
+    and may be far above the true change, which --measure finds.
 
     \b
       lf-flame plan scene.toml

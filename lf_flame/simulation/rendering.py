@@ -24,7 +24,7 @@ from lf_flame.simulation.lenslet_blur import blur_on_sensor, leaves_gaps, tiled_
 from lf_flame.simulation.main_lens_blur import blur_planes, main_lens_kernel
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels
-from lf_flame.simulation.planning.decisions import find_counts, plan_effects
+from lf_flame.simulation.planning.decisions import find_counts, make_plan
 from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.slabs import Plane, slice_scene
 from lf_flame.simulation.stops import whole_views
@@ -96,7 +96,7 @@ def render(
     """
     _check_options(integrator, rays, layout)
     with progress.stage("Looking which effects the scene calls for"):
-        plan = plan_effects(scene, camera, tolerance, effects)
+        plan = make_plan(scene, camera, tolerance, effects, rays=rays)
     return render_plan(scene, camera, plan, integrator, rays, seed, layout)
 
 
@@ -191,7 +191,7 @@ def count_rays(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> int:
     """
     _check_field(scene, OpticalPass(camera))
     pixels = ChosenPixels(scene, camera)
-    counts = find_counts(pixels, {*plan.kept} - NOT_RAYS, plan.traced, plan.tolerance, rays=True)
+    counts = find_counts(pixels, {*plan.kept} - NOT_RAYS, plan.traced, plan.tolerance, by_rays=True)
     return counts.rays or 1
 
 

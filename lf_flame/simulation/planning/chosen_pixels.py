@@ -1,7 +1,8 @@
 """A few hundred pixels of an image, rendered to find how finely a scene must be divided.
 
 They lie where chosen rows and columns cross: those that see the brightest places, those where light
-or matter changes most from lenslet to lenslet, and some spread evenly over all views. Both integrators render them with every effect but diffraction.
+or matter changes most from lenslet to lenslet, and some spread evenly over all views. Both
+integrators render them with every effect but diffraction.
 """
 
 import math
@@ -87,7 +88,7 @@ class ChosenPixels:
         change, bright = np.zeros(candidates.size), np.zeros(candidates.size)
         for planes in self._light_and_matter():
             image = gather(planes, [OpticalPass(self.camera)], lines, None)[0, 0]
-            image = (image if axis == 0 else image.T) / max(float(image.max()), 1e-300)
+            image = (image if axis == 0 else image.T) / max(float(image.max()), 1e-30)
             steps = np.abs(np.diff(image, axis=0, prepend=image[:1])).max(axis=1)
             steps[candidates % self.camera.lenslets[axis] == 0] = 0  # the next view begins
             change, bright = np.maximum(change, steps), np.maximum(bright, image.max(axis=1))

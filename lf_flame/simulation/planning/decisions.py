@@ -29,6 +29,9 @@ OF_NOISE = 0.25
 """Tolerance of a noisy image, if none is stated, in standard deviations of its noise: the error of
 all pixels together then grows by a thirtieth at most."""
 
+RAYS_OF_PARTS = 16
+"""Largest number of rays along each axis of a part while the number of parts is found."""
+
 MOST = {"slabs": 1024, "colours": 1024, "parts": 32, "rays": 2048}
 """Largest numbers of slabs of a layer, colours, parts of a pixel and rays along each axis."""
 
@@ -88,6 +91,19 @@ def plan_effects(
     >>> sorted(plan_effects(scene, PAPER_CAMERA).kept)
     ['defocus']
     """
+    return make_plan(scene, camera, tolerance, effects, typical, stated)
+
+
+def make_plan(
+    scene: Scene,
+    camera: PlenopticCamera,
+    tolerance: float | None,
+    effects: Mapping[str, bool] | None,
+    typical: bool = False,
+    stated: Collection[str] = (),
+    rays: int | None = None,
+) -> EffectPlan:
+    """Make a plan as `plan_effects` does, or one for a given number of rays, which is not found."""
     forced = dict(effects or {})
     check_request(TOLERANCE if tolerance is None else tolerance, forced)
     bounds = bound_scene(scene, camera)
@@ -98,7 +114,7 @@ def plan_effects(
     chosen = _choose_effects(bounds, forced, LEFT_OUT_SHARE * tolerance)
     _, estimates, kept = chosen
     traced = _traced(chosen)
-    counts = find_counts(bounds.pixels, kept, traced, tolerance)
+    counts = find_counts(bounds.pixels, kept, traced, tolerance, rays)
     options = {"slabs": counts.slabs, "colours": counts.colours, "rays": counts.rays}
     seconds = counts.parts**2 * bounds.pixels.time(kept=kept, traced=traced, **options)
     planned = tuple(
@@ -140,7 +156,8 @@ def find_counts(
     kept: Collection[str],
     traced: Collection[str],
     tolerance: float,
-    rays: bool = False,
+    rays: int | None = None,
+    by_rays: bool = False,
 ) -> Counts:
     """Find the numbers of slabs, colours, parts of pixels and rays that a tolerance needs.
 
@@ -150,7 +167,9 @@ def find_counts(
     kept, traced : collection of str
         Effects that are kept, and those of them that need rays.
     tolerance : float
-    rays : bool, optional
+    rays : int, optional
+        Number of rays that is given; parts of pixels are then not counted either.
+    by_rays : bool, optional
         Whether rays are traced although no effect needs them.
 
     Raises
@@ -161,10 +180,11 @@ def find_counts(
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
     diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm is not None
-    by_rays, chromatic = bool(traced) or rays, "chromatic" in kept
-    number = len(thick) + chromatic + diffracts + by_rays
+    chromatic, counted = "chromatic" in kept, rays is None and (bool(traced) or by_rays)
+    diffracts = diffracts and rays is None
+    number = len(thick) + chromatic + diffracts + counted
     share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
-    slabs, colours, parts, few = [1] * len(layers), 1, 1, None
+    slabs, colours, parts, few = [1] * len(layers), 1, 1, rays
     weights = pixels.weights
 
     def image(**options) -> np.ndarray:
@@ -174,7 +194,7 @@ def find_counts(
     def count_rays(first: int) -> int:
         return refine(lambda n: image(rays=n), first, MOST["rays"], share, "rays", weights)
 
-    if by_rays:
+    if counted:
         few = count_rays(FEWEST_RAYS)
     for k in thick:
 
@@ -185,15 +205,16 @@ def find_counts(
     if chromatic:
         many = MOST["colours"]
         colours = refine(lambda n: image(colours=n), 1, many, share, "colours", weights)
-    if by_rays and (thick or chromatic):
+    if counted and (thick or chromatic):
         few = count_rays(max(few or 1, FEWEST_RAYS))
     if diffracts:
 
         def diffracted(n: int) -> np.ndarray:
-            return pixels.diffracted(kept, traced, n, few and max(math.ceil(few / n), 2))
+            some = few and min(max(math.ceil(few / n), FEWEST_RAYS), RAYS_OF_PARTS)
+            return pixels.diffracted(kept, traced, n, some)
 
         parts = refine(diffracted, 1, MOST["parts"], share, "parts of pixels")
-        few = few and max(math.ceil(few / parts), 2)
+        few = few and max(math.ceil(few / parts), FEWEST_RAYS)
     return Counts(tuple(slabs), colours, parts, few)
 
 
