@@ -228,7 +228,7 @@ def _measure_effect(name: str, trial: Trial) -> dict:
         "seconds_off": seconds_off,
         "seconds_on": seconds_on,
         "seconds_added": seconds_on - seconds_off,
-        "seconds_planned": planned[name].seconds,
+        "seconds_planned": planned.seconds,
         "integrator": planned.integrator,
     }
 
@@ -255,7 +255,7 @@ EFFECTS = {
     "error_rms": ("rms change", ".2g"),
     "seconds_off": ("without (s)", ".4f"),
     "seconds_added": ("adds (s)", "+.4f"),
-    "seconds_planned": ("plan says (s)", ".4f"),
+    "seconds_planned": ("plan says, in all (s)", ".4f"),
     "integrator": ("integrator", ""),
 }
 

@@ -148,8 +148,8 @@ def slab_edges(layer: Layer, count: int) -> np.ndarray:
 
     Half of the slabs are equally thick. With optical thickness the other half crowd at the front
     and at the back, as ``exp(-tau d / 2)`` with d the distance from the nearer face: a ray that
-    enters or leaves through the side of a strongly absorbing layer shows it only there ("How many
-    slabs" in the documentation). Without, all are equally thick.
+    enters or leaves through the side of a strongly absorbing layer shows it only there. Without,
+    all are equally thick.
 
     Returns
     -------

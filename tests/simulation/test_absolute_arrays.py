@@ -96,7 +96,7 @@ WHITE = Scene([Layer([[1.0]], 5.0, (80.0, 80.0))])
 
 @pytest.mark.parametrize("views", [5, 11])
 def test_views_that_a_stop_cuts_do_not_count(views):
-    """At f/4 before lenslets that see f/3.6: squares wholly in the circle count, by own geometry."""
+    """At f/4 before lenslets that see f/3.6: squares that lie in the circle count."""
     camera = replace(PAPER_CAMERA, views=views, lenslets=(24, 30))
     narrow = replace(camera, aperture_diameter_mm=0.9 * camera.aperture_mm)
     light_field = render(WHITE, narrow)
