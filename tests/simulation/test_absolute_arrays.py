@@ -44,7 +44,6 @@ slow = pytest.mark.slow
         pytest.param([glow(12.0), replace(CARD, tilt_deg=(30, 0))], {}, marks=slow),
         pytest.param([glow(2.0, tilt_deg=(30, 0), optical_thickness=0.5)], {}, marks=slow),
     ],
-    ids=str,
 )
 def test_images_are_those_of_rays(layers, changes):
     camera, scene = replace(BASE, **changes), Scene(layers)
