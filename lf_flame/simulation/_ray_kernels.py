@@ -37,13 +37,18 @@ def radiance(planes, transmission, rays, weights, pixel, ray):
     if transmission is None:
         at, down, right = hit(rays, weights, 0, pixel, ray)
         return mean(planes.emission, planes.stride[0], at, down, right)
-    # Front to back: `clear` is the transmission of all planes passed so far.
-    light, clear = 0.0, 1.0
+    # Front to back: `clear` is the transmission of all planes passed so far, `before` that in
+    # front of the plane, or of the sheet of which it is a strip.
+    light, clear, before, sheet = 0.0, 1.0, 1.0, 0
     for p in range(planes.first.size):
         at, down, right = hit(rays, weights, p, pixel, ray)
-        gain = clear * strip_gain(planes, p, pixel)
+        if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
+            before, sheet = clear, planes.sheet[p]
+        gain = before * strip_gain(planes, p, pixel)
         light += gain * mean(planes.emission, planes.stride[p], at, down, right)
-        clear *= mean(transmission, planes.stride[p], at, down, right)
+        # A ray meets one strip of a sheet: what they stop adds up.
+        stopped = 1.0 - mean(transmission, planes.stride[p], at, down, right)
+        clear = max(clear - gain * stopped, 0.0)
     return light
 
 
@@ -82,12 +87,16 @@ def radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
     if transmission is None:
         at, down, right = hit_shifted(planes, rays, shifts, lenslet, 0, pixel, ray)
         return box_mean(planes.emission, planes.stride[0], at, down, right)
-    light, clear = 0.0, 1.0
+    light, clear, before, sheet = 0.0, 1.0, 1.0, 0
     for p in range(planes.first.size):
         at, down, right = hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray)
-        gain = clear * strip_gain(planes, p, pixel)
+        if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
+            before, sheet = clear, planes.sheet[p]
+        gain = before * strip_gain(planes, p, pixel)
         light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
-        clear *= box_mean(transmission, planes.stride[p], at, down, right)
+        # A ray meets one strip of a sheet: what they stop adds up.
+        stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
+        clear = max(clear - gain * stopped, 0.0)
     return light
 
 

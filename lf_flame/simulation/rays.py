@@ -226,8 +226,9 @@ def _plane_table(
             np.stack([arrange(one if gain is None else gain, layout, axis) for gain in found])
         )
     return PlaneTable(
-        np.concatenate(emission), transmission, first, width + 2, height, width, *gains
-    )
+        np.concatenate(emission), transmission, first, width + 2, height, width, *gains,
+        np.array([plane.sheet for plane in planes]),
+    )  # fmt: skip
 
 
 def _indices(grid: PlaneRays) -> tuple[np.ndarray, np.ndarray]:

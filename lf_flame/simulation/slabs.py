@@ -9,9 +9,6 @@ import numpy as np
 
 from lf_flame.scenes.scene import Layer, Scene
 
-OBLIQUE = 0.3
-"""Largest tangent of rays to the optical axis between which strips of a surface leave no gap."""
-
 BISECTIONS = 60
 """Number of bisections for the edges of slabs: they are exact to the last digit."""
 
@@ -33,6 +30,9 @@ class Plane:
         Change of depth per mm along y and x, of a sheet that leans and shines, of which the plane
         is a strip. Oblique rays meet strips more often or less than the sheet; their light is
         multiplied by `OpticalPass.strip_gain` for that.
+    sheet : int
+        Number of a sheet without thickness that leans, from 1 on; 0 for other planes. A ray meets
+        one of its strips.
     """
 
     emission: np.ndarray
@@ -40,6 +40,7 @@ class Plane:
     depth_mm: float
     layer: Layer
     lean: tuple[float, float] = (0.0, 0.0)
+    sheet: int = 0
 
 
 def slice_scene(
@@ -62,7 +63,7 @@ def slice_scene(
     for layer in scene.front_to_back:
         count = slabs.get(layer, 1)
         if count > 1 and any(layer.tilt_deg):
-            planes += _leaning_slabs(layer, count, absorption, dimming)
+            planes += _leaning_slabs(layer, count, absorption, dimming, len(planes) + 1)
             continue
         if count > 1 and absorption and layer.optical_thickness.any():
             planes += _absorbing_slabs(layer, count, dimming)
@@ -96,12 +97,13 @@ def _absorbing_slabs(layer: Layer, count: int, dimming: Set[str]) -> list[Plane]
     return planes
 
 
-def _leaning_slabs(layer: Layer, count: int, absorption: bool, dimming: Set[str]) -> list[Plane]:
+def _leaning_slabs(
+    layer: Layer, count: int, absorption: bool, dimming: Set[str], number: int
+) -> list[Plane]:
     """Cut a layer that leans into planes across the axis, each with the cells at its depth.
 
     Cells that are longer than a quarter of a slab are cut, too; a cell of a thick layer is shared
-    by the slabs that its thickness reaches. Strips of an opaque layer overlap, so that no oblique
-    ray passes between them.
+    by the slabs that its thickness reaches. number: of the sheet, if it has no thickness.
     """
     axis = 0 if layer.tilt_deg[0] else 1
     cells, angle = layer.texture.shape[axis], math.radians(layer.tilt_deg[axis])
@@ -109,13 +111,11 @@ def _leaning_slabs(layer: Layer, count: int, absorption: bool, dimming: Set[str]
     places = (np.arange(cells * parts) + 0.5) / (cells * parts) - 0.5
     depths = places * layer.size_mm[axis] * math.sin(angle) * (-1 if axis == 0 else 1)
     faces = (np.arange(count + 1) / count - 0.5) * layer.depth_extent_mm
-    ends = faces.copy()
-    ends[[0, -1]] = -math.inf, math.inf
+    faces[[0, -1]] = -math.inf, math.inf
     edges = np.linspace(*layer.cell_edges_mm(axis)[[0, -1]], cells * parts + 1)
     planes = []
-    for low, high in pairwise(ends):
-        overlap = (faces[2] - faces[1]) / 2 * OBLIQUE * abs(math.tan(angle)) * layer.opaque
-        inside = (depths >= low - overlap) & (depths < high + overlap)
+    for low, high in pairwise(faces):
+        inside = (depths >= low) & (depths < high)
         front, back = np.maximum(depths - thick / 2, low), np.minimum(depths + thick / 2, high)
         share = np.clip((back - front) / thick, 0, 1) if thick else inside.astype(float)
         here = np.flatnonzero(share)
@@ -137,9 +137,10 @@ def _leaning_slabs(layer: Layer, count: int, absorption: bool, dimming: Set[str]
         depth_mm = layer.depth_mm + float(middle)
         place = Layer(emission, depth_mm, size, centre)
         transmission = _transmission(cut(layer.opacity) * shares, tau, dimming, emission.shape)
-        rise = 0.0 if layer.opaque else math.tan(angle) * (-1 if axis == 0 else 1)
+        rise = math.tan(angle) * (-1 if axis == 0 else 1)
         lean = (rise, 0.0) if axis == 0 else (0.0, rise)
-        planes.append(Plane(emission, transmission, depth_mm, place, lean))
+        sheet = 0 if thick else number
+        planes.append(Plane(emission, transmission, depth_mm, place, lean, sheet))
     return planes
 
 

@@ -237,7 +237,7 @@ NEAR = {
         Scene([WHITE]), small(1, aperture_diameter_mm=1.2 * APERTURE_MM, **FEW), 2.7
     ),
     "vignetting": (Scene([WHITE]), small(rim_diameter_mm=60.0, rim_distance_mm=40.0, **FEW), 1.15),
-    "lenslet_diffraction": (Scene([hole(0.2, 10.0)]), small(3, wavelength_nm=200.0, **FEW), 1.4),
+    "lenslet_diffraction": (Scene([hole(0.2, 10.0)]), small(3, wavelength_nm=200.0, **FEW), 1.6),
     "main_lens_diffraction": (
         Scene([hole(0.4, 0.0)]), small(lenslets=(5, 5), wavelength_nm=550.0), 2.5
     ),
