@@ -85,11 +85,12 @@ def _write(
     stack = shift_and_sum(light_field, slopes)
     white = white_level(light_field.views)
     _write_images(light_field, stack, slopes, depths, white, out)
-    np.savez_compressed(
-        out.path("light_field.npz"),
-        views=light_field.views, refocused=stack, slopes=slopes, depths_mm=depths,
-        **({} if light_field.weights is None else {"weights": light_field.weights}),
-    )  # fmt: skip
+    arrays: dict[str, Any] = {
+        "views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths
+    }  # fmt: skip
+    if light_field.weights is not None:
+        arrays["weights"] = light_field.weights
+    np.savez_compressed(out.path("light_field.npz"), **arrays)
     write_text(out.path("plan.txt"), f"{light_field.plan}\n")
     out.facts |= {
         "camera": to_json(camera),

@@ -226,7 +226,7 @@ def _plane_table(
             np.stack([arrange(one if gain is None else gain, layout, axis) for gain in found])
         )
     return PlaneTable(
-        np.concatenate(emission), transmission, first, width + 2, height, width, *gains,
+        np.concatenate(emission), transmission, first, width + 2, height, width, gains[0], gains[1],
         np.array([plane.sheet for plane in planes]),
     )  # fmt: skip
 

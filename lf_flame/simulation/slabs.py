@@ -59,7 +59,7 @@ def slice_scene(
         Set of "occlusion" and "self_absorption": whether opaque layers occlude, and optically thick
         layers attenuate, the light from behind.
     """
-    planes = []
+    planes: list[Plane] = []
     for layer in scene.front_to_back:
         count = slabs.get(layer, 1)
         if count > 1 and any(layer.tilt_deg):
@@ -112,7 +112,8 @@ def _leaning_slabs(
     depths = places * layer.size_mm[axis] * math.sin(angle) * (-1 if axis == 0 else 1)
     faces = (np.arange(count + 1) / count - 0.5) * layer.depth_extent_mm
     faces[[0, -1]] = -math.inf, math.inf
-    edges = np.linspace(*layer.cell_edges_mm(axis)[[0, -1]], cells * parts + 1)
+    low_mm, high_mm = layer.cell_edges_mm(axis)[[0, -1]].tolist()
+    edges = np.linspace(low_mm, high_mm, cells * parts + 1)
     planes = []
     for low, high in pairwise(faces):
         inside = (depths >= low) & (depths < high)

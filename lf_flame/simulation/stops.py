@@ -88,7 +88,7 @@ def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.
         return own
     far = (np.abs(centred(camera.views)) + 0.5) * camera.view_step_mm
     period = camera.micro_image_pitch_mm / camera.pixel_mm * camera.view_step_mm
-    neighbours = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
+    neighbours: tuple[tuple[float, float], ...] = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     if camera.layout == "hexagonal":
         neighbours = ((0.0, 1.0), (ROW_SPACING["hexagonal"], 0.5))
     for down, right in neighbours:

@@ -165,8 +165,7 @@ class ChosenPixels:
         tiled, lines = self.windows(parts)
         planes = slice_scene(self.scene, {}, "self_absorption" in kept, set(traced))
         tiles = gather(planes, optical_passes(tiled, kept, traced, 1), lines, rays)[0, 0]
-        size = (min(WINDOW, n) for n in self.camera.lenslets)
-        size = next(size), next(size)
+        size = min(WINDOW, self.camera.lenslets[0]), min(WINDOW, self.camera.lenslets[1])
         window, around = replace(self.camera, lenslets=size), replace(tiled, lenslets=size)
         high, wide = (n * tiled.views for n in size)
         found = []

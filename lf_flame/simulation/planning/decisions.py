@@ -9,7 +9,7 @@ less than its share.
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -187,8 +187,8 @@ def find_counts(
     slabs, colours, parts, few = [1] * len(layers), 1, 1, rays
     weights = pixels.weights
 
-    def image(**options) -> np.ndarray:
-        given = {"slabs": slabs, "colours": colours, "rays": few} | options
+    def image(**options: Any) -> np.ndarray:
+        given: dict[str, Any] = {"slabs": slabs, "colours": colours, "rays": few} | options
         return pixels.render(kept, traced, **given)
 
     def count_rays(first: int) -> int:
