@@ -21,7 +21,6 @@ FLOORS = [
     ["scenes"],
     ["simulation"],
     ["simulation.planning"],
-    ["simulation.passes"],
     ["simulation.rendering"],
     ["simulation.measuring"],
     ["formats", "refocus"],

@@ -40,8 +40,9 @@ def trace_pixels(
     """Trace random rays (scrambled Sobol points) of some pixels (v, u, t, s).
 
     Layers may glow, be opaque with holes, absorb, be thick, and overlap. The camera has all its
-    imperfections, but an ideal sensor. `rays` is the number of rays through each lenslet, a power
-    of 2, in each of `repeats` (2 or more) independent randomisations. A camera with a
+    imperfections, but an ideal sensor. A hexagonal array has no turn and no error of its pitch, and
+    its light stays in its own micro-images. `rays` is the number of rays through each lenslet, a
+    power of 2, in each of `repeats` (2 or more) independent randomisations. A camera with a
     `wavelength_nm` has the diffraction of the "lenslet", of the "main_lens", or of both.
 
     Returns the radiance of each pixel and its standard error, from the scatter of the
@@ -87,9 +88,24 @@ def _image_distance(camera: PlenopticCamera) -> float:
     return 1 / (1 / camera.main_lens_focal_mm - 1 / camera.focus_distance_mm)
 
 
+def _pupil_mm(camera: PlenopticCamera) -> float:
+    """Distance from the exit pupil to the lenslet array; by default that of the main lens."""
+    return camera.exit_pupil_mm or _image_distance(camera)
+
+
+def _exit_radius(camera: PlenopticCamera) -> float:
+    """Radius of the exit pupil: of the image of an aperture that looks as wide as stated.
+
+    For an exit pupil at s' behind the lens the entrance pupil, its object, is ``1 - s' / f`` times
+    as narrow.
+    """
+    behind = _image_distance(camera) - _pupil_mm(camera)
+    return camera.aperture_diameter_mm / 2 * (1 - behind / camera.main_lens_focal_mm)
+
+
 def _pixel_mm(camera: PlenopticCamera) -> float:
     """Pitch of the pixels; by default so many views fill a micro-image."""
-    micro_image = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / _image_distance(camera))
+    micro_image = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / _pupil_mm(camera))
     return camera.pixel_pitch_mm or micro_image / camera.views
 
 
@@ -106,7 +122,7 @@ def _on_sensor(camera: PlenopticCamera, pixel: ArrayLike, share: np.ndarray) -> 
     The sensor is read at the nominal pitch of the micro-images, about the nominal chief rays.
     """
     pixel = np.asarray(pixel)
-    scale = 1 + camera.lenslet_focal_mm / _image_distance(camera)
+    scale = 1 + camera.lenslet_focal_mm / _pupil_mm(camera)
     lenslet = pixel[2:] - (np.array(camera.lenslets) - 1) / 2
     view = pixel[:2] - (camera.views - 1) / 2 + share - 0.5
     return -(lenslet * camera.lenslet_pitch_mm * scale + view * _pixel_mm(camera))
@@ -114,6 +130,8 @@ def _on_sensor(camera: PlenopticCamera, pixel: ArrayLike, share: np.ndarray) -> 
 
 def _one_pixel(scene, camera, pixel, numbers, thrown) -> float:
     """Mean over rays, of all lenslets together."""
+    if camera.layout == "hexagonal":
+        return _hexagonal_pixel(scene, camera, pixel, numbers)
     on_sensor = _on_sensor(camera, pixel, numbers[:, :2])
     if "lenslet" in thrown:  # light that rays take there is thrown to here
         on_sensor = on_sensor - _thrown_on_sensor(camera, numbers[:, 5:7])
@@ -131,16 +149,16 @@ def _true_pitch(camera) -> float:
 
 def _cell_mm(camera) -> float:
     """Side of a micro-image's cell on the sensor: the lenslet seen from the main lens."""
-    return _true_pitch(camera) * (1 + camera.lenslet_focal_mm / _image_distance(camera))
+    return _true_pitch(camera) * (1 + camera.lenslet_focal_mm / _pupil_mm(camera))
 
 
 def _reach(camera) -> int:
     """How many lenslets away from the nearest one light can come to a place on the sensor."""
     if camera.aperture_diameter_mm is None:
         return 0
-    half = camera.aperture_diameter_mm / 2
+    half = _exit_radius(camera)
     # A stop, seen through one point of a lenslet, in cells; the lenslet's own width; half a cell.
-    ratio = camera.lenslet_focal_mm / _image_distance(camera) / _cell_mm(camera)
+    ratio = camera.lenslet_focal_mm / _pupil_mm(camera) / _cell_mm(camera)
     return math.floor((half + _true_pitch(camera)) * ratio + 0.5)
 
 
@@ -156,13 +174,57 @@ def _through(scene, camera, on_sensor, centre, numbers, thrown) -> float:
     """Mean over rays through one lenslet for each."""
     side, angle = _true_pitch(camera), camera.lenslet_rotation_rad
     on_lenslet = centre + _turned((numbers[:, 2:4] - 0.5) * side, angle)
+    return _through_places(scene, camera, on_sensor, centre, on_lenslet, numbers, thrown)
+
+
+def _hexagonal_pixel(scene, camera, pixel, numbers) -> float:
+    """Mean over rays through two hexagons of a row, between which a pixel of a view lies.
+
+    Rows are 0.866 pitches apart, and so are the pixels of a row; odd rows are half a pitch to the
+    right of even ones, and row 0 has a lenslet half a pitch to the left of column 0.
+    """
+    pitch, step = camera.lenslet_pitch_mm, math.sqrt(3) / 2
+    (view, line), column = pixel[:2], pixel[3]
+    rows, columns = camera.lenslets
+    place = 0.5 + step * column - 0.5 * (pixel[2] % 2)  # in pitches from the row's first lenslet
+    first = -(columns - 1) / 2 * step - 0.5 + 0.5 * (pixel[2] % 2)
+    light = 0.0
+    for further, share in ((0, 1 - place % 1), (1, place % 1)):
+        upright = np.array(
+            [(pixel[2] - (rows - 1) / 2) * step, first + math.floor(place) + further]
+        )
+        centre = -upright * pitch
+        offset = (np.array([view, line]) - (camera.views - 1) / 2) + numbers[:, :2] - 0.5
+        chief = centre * (1 + camera.lenslet_focal_mm / _pupil_mm(camera))
+        on_sensor = chief - offset * _pixel_mm(camera)
+        on_lenslet = centre + _in_hexagon(numbers[:, 2:4]) * pitch
+        light += share * _through_places(
+            scene, camera, on_sensor, np.broadcast_to(centre, on_sensor.shape), on_lenslet, numbers,
+            frozenset(),
+        )  # fmt: skip
+    return light
+
+
+def _in_hexagon(numbers):
+    """Places spread evenly over a hexagon of breadth 1 whose left and right sides are upright."""
+    y = np.linspace(-1, 1, 20001) / math.sqrt(3)
+    breadth = np.minimum(1.0, 2 - 2 * math.sqrt(3) * np.abs(y))
+    below = np.concatenate([[0], np.cumsum((breadth[1:] + breadth[:-1]) / 2)])
+    at = np.interp(numbers[:, 0], below / below[-1], y)
+    wide = np.minimum(1.0, 2 - 2 * math.sqrt(3) * np.abs(at))
+    return np.stack([at, (numbers[:, 1] - 0.5) * wide], axis=1)
+
+
+def _through_places(scene, camera, on_sensor, centre, on_lenslet, numbers, thrown) -> float:
+    """Mean over rays through given places of a lenslet."""
     # The sensor is in the lenslet's focal plane: before it, the ray is parallel to that through
     # its centre.
     tilt = (on_sensor - centre) / camera.lenslet_focal_mm
     on_main_lens = on_lenslet - _image_distance(camera) * tilt
     band = 1 + camera.chromatic_shift * (numbers[:, 4:5] - 0.5)
     power = 1 / (camera.main_lens_focal_mm * band)
-    weight = _passes(camera, on_main_lens, tilt + on_main_lens * power)
+    on_pupil = on_lenslet - _pupil_mm(camera) * tilt
+    weight = _passes(camera, on_pupil, on_main_lens, tilt + on_main_lens * power)
     if not camera.falloff_corrected:
         weight = weight / (1 + np.sum(tilt**2, axis=1)) ** 2
     if not weight.any():
@@ -176,11 +238,11 @@ def _through(scene, camera, on_sensor, centre, numbers, thrown) -> float:
     return float(np.sum(weight[lit] * light) / len(weight))
 
 
-def _passes(camera, on_main_lens, tilt):
+def _passes(camera, on_pupil, on_main_lens, tilt):
     """1.0 for rays that pass all stops; tilt: in front of the main lens."""
     passes = np.ones(len(tilt))
     if camera.aperture_diameter_mm is not None:
-        passes *= np.hypot(*on_main_lens.T) <= camera.aperture_diameter_mm / 2
+        passes *= np.hypot(*on_pupil.T) <= _exit_radius(camera)
     if camera.rim_diameter_mm is not None:
         on_rim = on_main_lens - camera.rim_distance_mm * tilt
         passes *= np.hypot(*on_rim.T) <= camera.rim_diameter_mm / 2
@@ -195,7 +257,7 @@ def _radiance(scene, distance_mm, on_main_lens, tilt):
     light, clear = np.zeros(len(tilt)), np.ones(len(tilt))
     sheets = [sheet for layer in scene.layers for sheet in _sheets(layer)]
     for depth, layer, share in sorted(sheets, key=lambda sheet: (sheet[0], sheet[1].opaque)):
-        hit, cells = _cells_met(layer, on_main_lens - (distance_mm + depth) * tilt)
+        hit, cells = _cells_met(layer, _on_layer(layer, depth, distance_mm, on_main_lens, tilt))
         emitted, tau = share * layer.texture[cells], share * layer.optical_thickness[cells]
         opacity = np.broadcast_to(layer.opacity, layer.texture.shape)[cells]
         light[hit] += clear[hit] * emitted * _escaping(tau)
@@ -216,6 +278,24 @@ def _escaping(tau):
     tau = np.asarray(tau, float)
     safe = np.where(tau > 0, tau, 1.0)
     return np.where(tau > 0, -np.expm1(-safe) / safe, 1.0)
+
+
+def _on_layer(layer, depth_mm, distance_mm, on_main_lens, tilt):
+    """Places where rays meet a sheet, as if it did not lean: along it, from its own centre.
+
+    A sheet that leans about the horizontal axis is farther away at its top, at ``depth - w sin``
+    for w along it, downward, from its centre; about the vertical axis at its right side.
+    """
+    place = on_main_lens - (distance_mm + depth_mm) * tilt
+    for axis, sign in ((0, -1), (1, 1)):
+        angle = math.radians(layer.tilt_deg[axis])
+        if angle:
+            far = sign * math.sin(angle)
+            aside = place[:, axis] - layer.centre_mm[axis]
+            along = aside / (math.cos(angle) + far * tilt[:, axis])
+            place = place - along[:, None] * far * tilt
+            place[:, axis] = layer.centre_mm[axis] + along
+    return place
 
 
 def _cells_met(layer, place):

@@ -32,7 +32,7 @@ def lens_facts(lens: "Lens", shape: tuple[int, ...] = ()) -> tuple[dict[str, str
         notes += note_on_pixels(lens, shape)
     facts = {
         "focal plane": f"at {lens.focal_plane_mm:.4g} mm, "
-        f"{lens.focus_distance_mm:.4g} mm from where the views meet",
+        f"{lens.pupil_distance_mm:.4g} mm from where the views meet",
         "pixel there": f"{lens.lenslet_in_focus_mm:.4g} mm",
         "in focus": f"{_span(lens, 1 / max(lens.views - 1, 1))} (the views agree within a pixel)",
         "refocusable": f"{_span(lens, APART)} (slopes from -{APART:g} to {APART:g})",

@@ -52,9 +52,9 @@ def _effect_options(command):
     options = (
         click.option(
             "--tolerance",
-            default=1e-3,
-            show_default=True,
-            help="Largest acceptable error, relative to the brightest pixel.",
+            type=float,
+            help="Largest acceptable error, relative to the brightest pixel; default 0.001, or a "
+            "quarter of the sensor's noise, if that is more.",
         ),
         click.option("--on", multiple=True, metavar="EFFECT", help="Force an effect on."),
         click.option("--off", multiple=True, metavar="EFFECT", help="Force an effect off."),
@@ -92,7 +92,7 @@ def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
 @click.option("--measure", is_flag=True, help="Also render with and without each effect.")
 def plan(
     scene: Path,
-    tolerance: float,
+    tolerance: float | None,
     on: tuple[str, ...],
     off: tuple[str, ...],
     assume: str | None,
@@ -101,10 +101,10 @@ def plan(
     """Print which physical effects a SCENE file needs, and why, without rendering it.
 
     For each effect: the largest possible change of the image if it were left out, the decision at
-    this tolerance, the criterion with its numbers, and roughly the time that it adds. An effect
-    without its cause in the file (no wavelength, no sensor ...) is shown as not stated, with its
-    size at a typical value. Bounds hold for any scene like this one and may be far above the true
-    change, which --measure finds.
+    this tolerance, and the criterion with its numbers; then how finely the scene is divided, and
+    how long it takes. An effect without its cause in the file (no wavelength, no sensor ...) is
+    shown as not stated, with its size at a typical value. Bounds hold for any scene like this one
+    and may be far above the true change, which --measure finds.
 
     \b
       lf-flame plan scene.toml

@@ -11,6 +11,7 @@ from lf_flame._common import figures, progress
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.output_folders import OutputFolder, output_folder
+from lf_flame.commands.options import tell
 from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, white_level, write_image
 from lf_flame.lightfield import LightField
@@ -19,6 +20,9 @@ from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.rendering import render_plan
+
+LONG_S = 600
+"""Time in seconds beyond which a simulation is announced."""
 
 PER_SIDE = 5
 """Largest number of views along each axis of a sheet."""
@@ -29,7 +33,7 @@ def simulate(
     camera: PlenopticCamera,
     out: Path,
     *,
-    tolerance: float,
+    tolerance: float | None,
     effects: Mapping[str, bool],
     stated: Collection[str],
     integrator: str,
@@ -62,6 +66,11 @@ def simulate(
     with output_folder(out, "simulation.json", overwrite=overwrite) as folder:
         with progress.stage("Looking which effects the scene calls for"):
             plan = plan_effects(scene, camera, tolerance, effects, stated=stated)
+        if plan.seconds > LONG_S:
+            tell(
+                f"This takes about {plan.seconds / 60:.0f} minutes; a larger --tolerance than "
+                f"{plan.tolerance:.2g} takes less."
+            )
         light_field = render_plan(scene, camera, plan, integrator, seed=seed)
         _write(light_field, scene, camera, folder)
         folder.facts |= {"seed": seed}
@@ -76,10 +85,12 @@ def _write(
     stack = shift_and_sum(light_field, slopes)
     white = white_level(light_field.views)
     _write_images(light_field, stack, slopes, depths, white, out)
-    np.savez_compressed(
-        out.path("light_field.npz"),
-        views=light_field.views, refocused=stack, slopes=slopes, depths_mm=depths,
-    )  # fmt: skip
+    arrays: dict[str, Any] = {
+        "views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths
+    }  # fmt: skip
+    if light_field.weights is not None:
+        arrays["weights"] = light_field.weights
+    np.savez_compressed(out.path("light_field.npz"), **arrays)
     write_text(out.path("plan.txt"), f"{light_field.plan}\n")
     out.facts |= {
         "camera": to_json(camera),

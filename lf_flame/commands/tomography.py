@@ -73,8 +73,16 @@ def resolution(camera, thickness_mm, periods, figure) -> None:
     glow has none. Without --camera, the paper's camera is used.
     """
     from lf_flame.commands.emission import resolution_report
+    from lf_flame.tomography.resolution import finest_period
 
-    chosen, periods = _read_camera(camera), periods or PERIODS_MM
+    chosen = _read_camera(camera)
+    finest = finest_period(chosen)
+    if periods and min(periods) < finest:
+        raise InputError(
+            f"--period must be at least {finest:.3g} mm, the finest detail of this camera (two "
+            f"pixels), got {min(periods):g}."
+        )
+    periods = periods or (float(f"{finest:.3g}"), *(one for one in PERIODS_MM if one > finest))
     if camera is None:
         click.echo("The paper's camera; --camera takes yours.")
     click.echo(resolution_report(chosen, thickness_mm, periods))

@@ -16,7 +16,9 @@ from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation import rendering
 from lf_flame.simulation.planning.plan import EffectPlan
-from lf_flame.simulation.planning.ray_counts import RAY_COUNTS
+
+RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
+"""Numbers of rays per pixel and axis that are tried."""
 
 SEARCHED, STEPS_SEARCHED = 0.6, 25
 """Range of slopes around the geometric one that is searched first, and number of steps."""

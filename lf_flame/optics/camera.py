@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +40,9 @@ SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.1, 1e4
 FARTHEST = 1e4
 """Largest depth in focus distances; anything farther looks as at infinity."""
 
+ROW_SPACING = {"rectangular": 1.0, "hexagonal": math.sqrt(0.75)}
+"""Distance of the rows of an array, in pitches, by layout."""
+
 _RANGES = (
     ("rim_distance_mm", 0.0, LONGEST),
     ("chromatic_shift", 0.0, 0.2),
@@ -64,18 +68,19 @@ class PlenopticCamera(Lens):
     lenslet_focal_mm : float
         Focal length of a lenslet and its distance from the sensor, above 0.
     lenslet_pitch_mm : float
-        Distance between the centres of neighbouring lenslets, above 0; the lenslets are square
-        and fill the array.
+        Distance between the centres of neighbouring lenslets, above 0; the lenslets are squares
+        or hexagons that fill the array.
     views : int
         Number of pixels under a lenslet along each axis, 1 to 100,000; the number of views along
         each axis. An odd number has a central view.
     lenslets : (int, int)
-        Number of recorded lenslet rows and columns, 1 to 100,000 each.
+        Number of recorded lenslet rows and columns, 1 to 100,000 each; of a hexagonal array, rows
+        and columns of the views.
     pixel_pitch_mm : float, optional
         Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
     aperture_diameter_mm : float, optional
-        Diameter of the main lens's round aperture. Default: an ideal square aperture, matched to
-        the lenslets (`aperture_mm` wide), which lights every pixel alike.
+        Diameter of the main lens's round aperture, as seen from the scene. Default: an ideal square
+        aperture, matched to the lenslets (`aperture_mm` wide), which lights every pixel alike.
     rim_diameter_mm, rim_distance_mm : float, optional
         Diameter of a second round stop, the rim of the lens barrel or of a window, and its
         distance in front of the main lens. Default: no such stop. Like the aperture it cuts the
@@ -99,6 +104,14 @@ class PlenopticCamera(Lens):
         Focal length over diameter, as engraved on the lens; replaces `aperture_diameter_mm`, and
         only the diameter is stored. (`lf_flame.refocus.f_number_aperture` takes the working
         f-number, image distance over diameter.)
+    exit_pupil_mm : float, optional
+        Distance P from the exit pupil, the image of the aperture that the lenslets see, to the
+        array. Micro-images are centred on rays from there, and an image at a distance d behind the
+        array has the slope ``P (pixel / (f p)) (-d / (P + d))`` (Michels, Mackenzie, Gomez and
+        Koch, arXiv 2402.12891, 2024). Default: the aperture is in the main lens.
+    layout : {"rectangular", "hexagonal"}, optional
+        Array of lenslets. The views of a hexagonal one are on a square grid with the distance of
+        its rows, 0.866 pitches, as `lf_flame.formats.decode_raw` makes them.
 
     Raises
     ------
@@ -139,15 +152,19 @@ class PlenopticCamera(Lens):
     falloff_corrected: bool = True
     sensor: Sensor | None = None
     f_number: InitVar[float | None] = None
+    exit_pupil_mm: float | None = None
+    layout: Literal["rectangular", "hexagonal"] = "rectangular"
 
     def __post_init__(self, f_number: float | None):
         if f_number is not None:
             self._set_aperture(f_number)
         lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
-        lengths += ["lenslet_pitch_mm"]
-        optional = ("pixel_pitch_mm", "aperture_diameter_mm", "rim_diameter_mm", "wavelength_nm")
-        for name in lengths + [name for name in optional if getattr(self, name) is not None]:
+        lengths += ["lenslet_pitch_mm", "pixel_pitch_mm", "aperture_diameter_mm"]
+        lengths += ["rim_diameter_mm", "wavelength_nm", "exit_pupil_mm"]
+        for name in lengths:
             value = getattr(self, name)
+            if value is None and name not in lengths[:4]:
+                continue
             if not SHORTEST <= value <= LONGEST:
                 raise InputError(
                     f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
@@ -163,6 +180,13 @@ class PlenopticCamera(Lens):
                 f"focus_distance_mm must exceed main_lens_focal_mm ({self.main_lens_focal_mm}) for "
                 f"the main lens to form an image on the microlens array, "
                 f"got {self.focus_distance_mm}."
+            )
+        if self.layout not in ROW_SPACING:
+            raise InputError(f"layout must be {' or '.join(ROW_SPACING)}, got {self.layout!r}.")
+        if not self.pupil_distance_mm > 0 or math.isinf(self.pupil_distance_mm):
+            raise InputError(
+                f"exit_pupil_mm must leave the entrance pupil before the focal plane, got "
+                f"{self.exit_pupil_mm}."
             )
         object.__setattr__(self, "lenslets", tuple(self.lenslets))
         counts = (self.views, *self.lenslets)
@@ -203,7 +227,8 @@ class PlenopticCamera(Lens):
         InputError
             If a depth is not above minus the focus distance, or exceeds 10,000 focus distances.
         """
-        low, high = -self.focus_distance_mm, FARTHEST * self.focus_distance_mm
+        low = -min(self.focus_distance_mm, self.pupil_distance_mm)
+        high = FARTHEST * self.focus_distance_mm
         for depth in np.ravel(depths_mm):
             if not low < depth <= high:
                 raise InputError(
@@ -219,8 +244,8 @@ class PlenopticCamera(Lens):
 
     @cached_property
     def micro_image_pitch_mm(self) -> float:
-        """Distance between micro-image centres in mm: the lenslet pitch seen from the main lens."""
-        return self.lenslet_pitch_mm * (1 + self.lenslet_focal_mm / self.image_distance_mm)
+        """Distance between micro-image centres in mm: the pitch, seen from the exit pupil."""
+        return self.lenslet_pitch_mm * (1 + self.lenslet_focal_mm / self.exit_distance_mm)
 
     @cached_property
     def pixel_mm(self) -> float:
@@ -230,19 +255,56 @@ class PlenopticCamera(Lens):
     @cached_property
     def aperture_mm(self) -> float:
         """Width of the main-lens aperture whose f-number matches the lenslets', in mm."""
-        return self.image_distance_mm * self.lenslet_pitch_mm / self.lenslet_focal_mm
+        return self.exit_distance_mm * self.lenslet_pitch_mm / self.lenslet_focal_mm * self._pupils
 
     @cached_property
     def view_step_mm(self) -> float:
-        """Distance on the main lens between the centres of neighbouring views, in mm."""
-        return self.image_distance_mm * self.pixel_mm / self.lenslet_focal_mm
+        """Distance in the aperture between the centres of neighbouring views, in mm.
+
+        It is that in the entrance pupil, as seen from the scene.
+        """
+        return self.exit_distance_mm * self.pixel_mm / self.lenslet_focal_mm * self._pupils
+
+    @cached_property
+    def exit_distance_mm(self) -> float:
+        """Distance from the exit pupil to the microlens array: `exit_pupil_mm`, if stated."""
+        return self.exit_pupil_mm or self.image_distance_mm
+
+    @cached_property
+    def pupil_distance_mm(self) -> float:
+        """Distance from the entrance pupil, in which the views meet, to the focal plane."""
+        if self.exit_pupil_mm is None:
+            return self.focus_distance_mm
+        a0, i0 = self.focus_distance_mm, self.image_distance_mm
+        total = a0 + i0 * (1 - i0 / self.exit_pupil_mm)
+        return a0**2 / total if total else math.inf
+
+    @cached_property
+    def _pupils(self) -> float:
+        """Width of the entrance pupil over that of the exit pupil; 1 in the lens."""
+        near = self.image_distance_mm / self.exit_distance_mm
+        return near * (self.pupil_distance_mm / self.focus_distance_mm)
+
+    @property
+    def aperture_before_lens_mm(self) -> float:
+        """Distance of the entrance pupil in front of the main lens, in mm."""
+        return self.focus_distance_mm - self.pupil_distance_mm
+
+    def on_exit_pupil(self, width_mm: float) -> float:
+        """Width in the exit pupil of a width in the entrance pupil, both in mm."""
+        return width_mm / self._pupils
+
+    @cached_property
+    def grid_pitch_mm(self) -> float:
+        """Distance on the array between the places that neighbouring pixels of a view show."""
+        return self.lenslet_pitch_mm * ROW_SPACING[self.layout]
 
     @cached_property
     def field_of_view_deg(self) -> tuple[float, float]:
         """Full angles (vertical, horizontal) seen by the recorded lenslets, in degrees."""
         height, width = (
-            math.degrees(2 * math.atan(n * self.lenslet_pitch_mm / 2 / self.image_distance_mm))
-            for n in self.lenslets
+            math.degrees(2 * math.atan(side / 2 / self.pupil_distance_mm))
+            for side in self.field_mm(0.0)
         )
         return height, width
 
@@ -254,7 +316,7 @@ class PlenopticCamera(Lens):
     @property
     def lenslet_in_focus_mm(self) -> float:
         """Size in mm of a lenslet's image in the focal plane."""
-        return self.lenslet_pitch_mm * self.focus_distance_mm / self.image_distance_mm
+        return self.grid_pitch_mm * self.focus_distance_mm / self.image_distance_mm
 
     def with_views(self, count: int) -> PlenopticCamera:
         """Camera whose views are the inner `count` along each axis, of the same pixels."""
@@ -262,8 +324,9 @@ class PlenopticCamera(Lens):
 
     def field_mm(self, depth_mm: float) -> tuple[float, float]:
         """Height and width, in mm, of the field of the central view at a depth."""
-        scale = (self.focus_distance_mm + depth_mm) / self.image_distance_mm
-        height, width = (n * self.lenslet_pitch_mm * scale for n in self.lenslets)
+        scale = (self.pupil_distance_mm + depth_mm) / self.image_distance_mm
+        scale *= self.focus_distance_mm / self.pupil_distance_mm
+        height, width = (n * self.grid_pitch_mm * scale for n in self.lenslets)
         return height, width
 
     def object_to_array(self, depth_mm: float, focal_mm: float | None = None) -> np.ndarray:
@@ -325,8 +388,9 @@ class PlenopticCamera(Lens):
 
         It is ``slope = view_step / pitch * (i0 / i(z) - 1)`` with the image distances i0 of the
         focal plane and i(z) of the layer, and the distance view_step between neighbouring views on
-        the lens. By the thin-lens equation it depends on ``1/a0 - 1/(a0 + z)``, with the focus
-        distance a0: finite as z goes to infinity or through the focal length.
+        the lens. By the thin-lens equation it depends on ``1/a0 - 1/(a0 + z)``, with the distance
+        a0 from where the views meet to the focal plane: finite as z goes to infinity or through the
+        focal length. An exit pupil elsewhere than in the lens only moves that point.
 
         Parameters
         ----------
@@ -338,12 +402,12 @@ class PlenopticCamera(Lens):
         float or ndarray
             Slope in lenslets per view step; positive behind the focal plane.
         """
-        depth, a0 = np.asarray(depth_mm, float), self.focus_distance_mm
+        depth, a0 = np.asarray(depth_mm, float), self.pupil_distance_mm
         if not np.all(depth > -a0):
             raise InputError(f"depth_mm must be above {-a0} (the main lens), got {depth_mm}.")
         with np.errstate(invalid="ignore"):
             vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 + depth) / a0)
-        return number_or_array(vergence * self.image_distance_mm / self._alpha_step)
+        return number_or_array(vergence * self._vergence_to_alpha / self._alpha_step)
 
     def slope_to_depth(self, slope: Number) -> Number:
         """Depth in mm of the layer that is in focus at a slope; the inverse of `depth_to_slope`.
@@ -351,15 +415,15 @@ class PlenopticCamera(Lens):
         It is infinite at the slope of infinity. Beyond that slope no real layer is in focus; the
         depth is that of a virtual layer, below minus the focus distance.
         """
-        a0 = self.focus_distance_mm
-        shift = np.asarray(slope, float) * self._alpha_step * a0 / self.image_distance_mm
+        a0 = self.pupil_distance_mm
+        shift = np.asarray(slope, float) * self._alpha_step * a0 / self._vergence_to_alpha
         with np.errstate(divide="ignore"):
             return number_or_array(a0 * shift / (1 - shift))
 
     def slope_to_real_depth(self, slope: Number) -> Number:
         """Depth in mm as `slope_to_depth`; NaN for the slope of no real layer."""
         depth = np.asarray(self.slope_to_depth(slope), float)
-        return number_or_array(np.where(depth > -self.focus_distance_mm, depth, np.nan))
+        return number_or_array(np.where(depth > -self.pupil_distance_mm, depth, np.nan))
 
     def slope_to_alpha(self, slope: Number) -> Number:
         """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.
@@ -376,8 +440,14 @@ class PlenopticCamera(Lens):
 
     @cached_property
     def _alpha_step(self) -> float:
-        """Change of 1/alpha per unit of slope."""
-        return self.lenslet_pitch_mm / self.view_step_mm
+        """Change of 1/alpha per unit of slope; alpha counts from the exit pupil."""
+        return self.grid_pitch_mm / self.on_exit_pupil(self.view_step_mm)
+
+    @cached_property
+    def _vergence_to_alpha(self) -> float:
+        """Change of 1/alpha per change of vergence at the entrance pupil, in mm."""
+        moved = self.pupil_distance_mm / self.focus_distance_mm
+        return self.image_distance_mm * (moved**2 * self.image_distance_mm / self.exit_distance_mm)
 
 
 PAPER_CAMERA = PlenopticCamera(

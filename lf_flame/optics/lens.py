@@ -3,7 +3,9 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lf_flame._common.arrays import Number
+import numpy as np
+
+from lf_flame._common.arrays import Number, centred
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
@@ -23,7 +25,9 @@ class Lens:
     aperture_diameter_mm : float or None
         Diameter of a round pupil; None if every view's part of the pupil is a whole square.
     focus_distance_mm : float
-        Distance from the point in which the views meet to the focal plane.
+        Distance from the lens to the focal plane.
+    pupil_distance_mm : float
+        Distance from the point in which the views meet, the entrance pupil, to the focal plane.
     focal_plane_mm : float
         Depth of the focal plane, where the slope is 0.
     lenslet_in_focus_mm : float
@@ -62,7 +66,23 @@ class Lens:
 
     def distance_mm(self, depth_mm: float) -> float:
         """Distance in mm from the point in which the views meet to a depth."""
-        return self.focus_distance_mm + depth_mm - self.focal_plane_mm
+        return self.pupil_distance_mm + depth_mm - self.focal_plane_mm
+
+    @property
+    def pupil_distance_mm(self) -> float:
+        """Distance from the entrance pupil, in which the views meet, to the focal plane, in mm."""
+        return self.focus_distance_mm
+
+    @property
+    def pupil_width_mm(self) -> float:
+        """Width of the pupil that the views see: all of their parts, or a narrower aperture."""
+        return min(self.views * self.view_step_mm, self.aperture_diameter_mm or np.inf)
+
+    def whole_views(self) -> np.ndarray:
+        """Find the views whose part of the pupil lies wholly in the aperture: bool, (v, u)."""
+        far = (np.abs(centred(self.views)) + 0.5) * self.view_step_mm
+        radius = (self.aperture_diameter_mm or np.inf) / 2
+        return np.hypot(far[:, None], far) <= radius * (1 + 1e-9)
 
     def corrected(self, light_field: LightField) -> LightField:
         """Undo what the lens is known to do to pictures: here nothing."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from lf_flame._common.arrays import centred
 from lf_flame.optics import ray_transfer
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,34 @@ class Footprint:
         return (abs(self.lenslet_width_mm) + abs(self.pixel_width_mm)) / 2
 
 
+@dataclass(frozen=True)
+class ArrayPart:
+    """Equal boxes at equal distances on an array: a part of each lenslet of every other row.
+
+    Attributes
+    ----------
+    first_mm, spacing_mm : (float, float)
+        Centre of the first lenslet and distance of the next, along y and x.
+    size_mm, aside_mm : (float, float)
+        Size of a box, and its place from the centre of its lenslet.
+    """
+
+    first_mm: tuple[float, float]
+    spacing_mm: tuple[float, float]
+    size_mm: tuple[float, float]
+    aside_mm: tuple[float, float]
+
+
+def lenslet_places_mm(
+    camera: PlenopticCamera, axis: int, part: ArrayPart | None = None
+) -> np.ndarray:
+    """Nominal centres of the lenslets along an axis, in mm, shape (lenslets,)."""
+    count = camera.lenslets[axis]
+    if part is None:
+        return centred(count) * camera.grid_pitch_mm
+    return part.first_mm[axis] + np.arange(count) * part.spacing_mm[axis]
+
+
 def trace_footprint(
     camera: PlenopticCamera,
     depth_mm: float,
@@ -48,6 +76,7 @@ def trace_footprint(
     focal_mm: float | None = None,
     lenslet_scale: float = 1.0,
     neighbour: int = 0,
+    part: ArrayPart | None = None,
 ) -> Footprint:
     """Trace the ray bundles of all pixels along one axis back to a layer.
 
@@ -66,6 +95,8 @@ def trace_footprint(
         True lenslet pitch over the nominal pitch, with which the sensor is read.
     neighbour : int, optional
         Number of lenslets by which the light's lenslet is displaced from the pixel's own.
+    part : ArrayPart, optional
+        Part of a hexagonal array. Default: all of a rectangular one.
 
     Returns
     -------
@@ -78,13 +109,13 @@ def trace_footprint(
     >>> trace_footprint(PAPER_CAMERA, 10.0, 0).centres_mm.shape  # views, lenslets
     (15, 270)
     """
-    return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour)
+    return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour, part)
 
 
 @lru_cache(maxsize=32)  # the scenes of a data set use the same depths
-def _trace_to_layer(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour) -> Footprint:
+def _trace_to_layer(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part) -> Footprint:
     to_array = camera.object_to_array(depth_mm, focal_mm)
-    return _trace(camera, to_array, axis, lenslet_scale, neighbour)
+    return _trace(camera, to_array, axis, lenslet_scale, neighbour, part)
 
 
 def trace_stop(
@@ -94,19 +125,18 @@ def trace_stop(
     focal_mm: float | None = None,
     lenslet_scale: float = 1.0,
     neighbour: int = 0,
+    part: ArrayPart | None = None,
 ) -> Footprint:
     """Trace the ray bundles to a stop `distance_mm` in front of the main lens.
 
-    Distance 0 is the aperture of the main lens; the other parameters are those of
+    Distance 0 is the main lens itself; the other parameters are those of
     `trace_footprint`.
     """
     to_array = camera.plane_to_array(distance_mm, focal_mm)
-    return _trace(camera, to_array, axis, lenslet_scale, neighbour)
+    return _trace(camera, to_array, axis, lenslet_scale, neighbour, part)
 
 
-def _trace(
-    camera: PlenopticCamera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighbour: int
-) -> Footprint:
+def _trace(camera, to_array, axis: int, lenslet_scale: float, neighbour: int, part) -> Footprint:
     """Compose the affine maps of the bundles.
 
     With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
@@ -115,18 +145,24 @@ def _trace(
     """
     back = ray_transfer.inverse(to_array)
     (s_height, s_angle), _ = camera.lenslet_to_sensor()
-    nominal = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
-    chief = nominal * camera.lenslet_focal_mm / camera.image_distance_mm
+    nominal = lenslet_places_mm(camera, axis, part)
+    chief = nominal * camera.lenslet_focal_mm / camera.exit_distance_mm
     # True place of the lenslet, as a difference from nominal: 0 stays 0 without rounding.
     moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
     pixel = (chief - moved)[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
     # The sensor is turned by 180 degrees: images are upright.
     centres = -(back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle)
-    centres.flags.writeable = False  # the cache shares it
+    per_place = back[0, 0] - back[0, 1] * s_height / s_angle
     lenslet_mm = camera.lenslet_pitch_mm * lenslet_scale
+    if part is not None:
+        lenslet_mm = part.size_mm[axis]
+        centres -= per_place * part.aside_mm[axis]
+    elif axis == 0:
+        lenslet_mm *= ROW_SPACING[camera.layout]
+    centres.flags.writeable = False  # the cache shares it
     return Footprint(
         centres_mm=centres,
-        lenslet_width_mm=(back[0, 0] - back[0, 1] * s_height / s_angle) * lenslet_mm,
+        lenslet_width_mm=per_place * lenslet_mm,
         pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
         shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),
     )

@@ -104,7 +104,7 @@ def ng_alpha(camera: PlenopticCamera) -> AlphaConvention:
     >>> abs(to_slope(1.0, ng_alpha(PAPER_CAMERA)))  # the image plane on the microlens array
     0.0
     """
-    return AlphaConvention(-camera.view_step_mm / camera.lenslet_pitch_mm)
+    return AlphaConvention(-camera.on_exit_pupil(camera.view_step_mm) / camera.grid_pitch_mm)
 
 
 def plenoptomos_distance(

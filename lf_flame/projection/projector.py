@@ -18,8 +18,8 @@ from lf_flame.refocus._arguments import as_block, as_slopes
 from lf_flame.refocus.alignment import as_view_indices
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.exact import bundle_bands
+from lf_flame.simulation.gathering import optical_passes
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.passes import optical_passes
 from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.rendering import planned_planes
 from lf_flame.simulation.slabs import Plane
@@ -87,7 +87,7 @@ class Projector:
         self._planes = [p for p in planned_planes(scene, camera, plan) if p.emission.any()]
         self._passes = [
             replace(optics, neighbour=neighbour)
-            for optics in optical_passes(camera, plan)
+            for optics in optical_passes(camera, plan.kept, plan.traced, plan.colours)
             for neighbour in optics.lit_neighbours()
         ]
         few = len(self._planes) * len(self._passes) <= MOST_KEPT

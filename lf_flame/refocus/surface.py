@@ -183,7 +183,7 @@ def tilted_plane(
     tilts = np.asarray(tilt_rad, float)
     if tilts.shape != (2,) or not np.all(np.abs(tilts) < np.pi / 2):
         raise InputError(f"tilt_rad must be two angles within pi/2, (t, s), got {tilt_rad}.")
-    per_lenslet = np.tan(tilts) * camera.view_step_mm / (camera.focus_distance_mm + depth_mm)
+    per_lenslet = np.tan(tilts) * camera.view_step_mm / (camera.pupil_distance_mm + depth_mm)
     return planar_slopes(camera.lenslets, at, gradient=per_lenslet)
 
 

@@ -6,6 +6,7 @@ right with its columns, both in mm from the optical axis.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -22,6 +23,9 @@ BRIGHTEST = 1e36
 LARGEST_MM, SMALLEST_MM = 1e303, 1e-250
 """Range of lengths in mm: sums and ratios with those of a camera are still float64 numbers."""
 
+STEEPEST_DEG = 85
+"""Largest tilt of a layer; a steeper one is seen almost edge on."""
+
 Lengths = Sequence[float] | np.ndarray
 """Two lengths (y, x), as users give them."""
 
@@ -29,7 +33,7 @@ Lengths = Sequence[float] | np.ndarray
 # Both classes have their own constructor because they store other types than they accept.
 @dataclass(frozen=True, eq=False, init=False)
 class Layer:
-    """A luminous rectangle perpendicular to the optical axis: a flat picture, a surface, a flame.
+    """A luminous rectangle across the optical axis: a flat picture, a surface, a flame.
 
     Parameters
     ----------
@@ -58,6 +62,11 @@ class Layer:
         by 1/cos, is neglected.
     thickness_mm : float, optional
         Extent along the optical axis over which light and absorption are spread evenly, 0 or above.
+    tilt_deg : (float, float), optional
+        Angle in degrees by which the layer leans, about the horizontal axis through its centre
+        (positive: its top is farther away) or about the vertical one (positive: its right side is);
+        one of them, within 85. Its height and width are those along the layer, its thickness and
+        its optical thickness those along the optical axis.
 
     Raises
     ------
@@ -79,6 +88,7 @@ class Layer:
     coverage: np.ndarray | None
     optical_thickness: np.ndarray
     thickness_mm: float
+    tilt_deg: tuple[float, float]
 
     def __init__(
         self,
@@ -90,6 +100,7 @@ class Layer:
         coverage: ArrayLike | None = None,
         optical_thickness: ArrayLike = 0.0,
         thickness_mm: float = 0.0,
+        tilt_deg: Sequence[float] = (0.0, 0.0),
     ):
         cells = _checked_texture(texture)
         size, centre = _checked_rectangle(size_mm, centre_mm, cells.shape)
@@ -108,6 +119,7 @@ class Layer:
             coverage=covered,
             optical_thickness=tau,
             thickness_mm=thickness_mm,
+            tilt_deg=_checked_tilt(tilt_deg),
         )
 
     @property
@@ -117,11 +129,23 @@ class Layer:
             return 0.0
         return 1.0 if self.coverage is None else self.coverage
 
+    @property
+    def depth_extent_mm(self) -> float:
+        """Extent along the optical axis, by thickness and tilt."""
+        leaning = (abs(math.sin(math.radians(angle))) for angle in self.tilt_deg)
+        return self.thickness_mm + sum(
+            a * size for a, size in zip(leaning, self.size_mm, strict=True)
+        )
+
     def cell_edges_mm(self, axis: int) -> np.ndarray:
-        """Edges of the cells along an axis (0 = y, 1 = x), in mm, float64, shape (cells + 1,)."""
-        cells = self.texture.shape[axis]
-        offset = self.centre_mm[axis] - self.size_mm[axis] / 2
-        return offset + np.arange(cells + 1) * (self.size_mm[axis] / cells)
+        """Edges of the cells along an axis (0 = y, 1 = x), in mm, float64, shape (cells + 1,).
+
+        They are those seen along the optical axis: a tilted layer is foreshortened.
+        """
+        cells, size = self.texture.shape[axis], self.size_mm[axis]
+        size *= math.cos(math.radians(self.tilt_deg[axis]))
+        offset = self.centre_mm[axis] - size / 2
+        return offset + np.arange(cells + 1) * (size / cells)
 
     def extent_mm(self, cells: np.ndarray, axis: int) -> tuple[float, float]:
         """Start and end, in mm, of the nonzero cells along an axis; NaN if all are 0."""
@@ -209,6 +233,16 @@ def _checked_absorption(
             f"got {thickness_mm} and up to {tau.max():g}."
         )
     return tau
+
+
+def _checked_tilt(tilt_deg: Sequence[float]) -> tuple[float, float]:
+    angles = tuple(float(angle) for angle in tilt_deg)
+    if len(angles) != 2 or not all(abs(a) <= STEEPEST_DEG for a in angles) or all(angles):
+        raise InputError(
+            f"tilt_deg must be two angles (about the horizontal, about the vertical axis) within "
+            f"{STEEPEST_DEG} degrees, one of them 0, got {tilt_deg}."
+        )
+    return angles[0], angles[1]
 
 
 def _checked_pair(values: Lengths, name: str, above: float = -np.inf) -> tuple[float, float]:

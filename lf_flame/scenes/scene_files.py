@@ -52,6 +52,9 @@ class LayerEntry:
         to their light, because soot that glows also absorbs.
     thickness_mm : float, optional
         Extent along the optical axis.
+    tilt_deg : (float, float), optional
+        Angle by which it leans about the horizontal axis (positive: the top is farther away) or
+        about the vertical one (positive: the right side is).
     """
 
     depth_mm: float
@@ -63,6 +66,7 @@ class LayerEntry:
     opaque: bool = False
     optical_thickness: float = 0.0
     thickness_mm: float = 0.0
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self):
         if (self.shape is None) == (self.image is None):
@@ -109,6 +113,7 @@ class LayerEntry:
             coverage=coverage if self.opaque else None,
             optical_thickness=soot,
             thickness_mm=self.thickness_mm,
+            tilt_deg=self.tilt_deg,
         )
 
 

@@ -70,16 +70,14 @@ def integrate_columns(row, texture, start, weight, first, last, out):
 
 
 @parallel(lambda weight: weight.shape[1] * weight.shape[2])
-def integrate_rows(k, columns, start, weight, falloff, seen, first, last, shaded, out):
+def integrate_rows(k, columns, start, weight, falloff, seen, first, last, out):
     """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
 
     columns[row, b, d]: the planes' textures, integrated along x, one below the other.
     start[p, a, c], weight[p, a, c, i]: first row and weights of the band in plane p.
     seen[p, a, c], first[p, b], last[p, b]: the pixels along y and x that can see plane p.
-    shaded: marks [a, c] and [b, d]; pixels with both are left as they are.
     """
     planes, groups, lines, band = weight.shape
-    shaded_rows, shaded_columns = shaded
     a, c = k // lines, k % lines
     total = np.empty(columns.shape[2])
     for b in range(columns.shape[1]):
@@ -99,5 +97,4 @@ def integrate_rows(k, columns, start, weight, falloff, seen, first, last, shaded
                     for d in range(inside.size):
                         inside[d] += w * cells[d]
         for d in range(low, high):
-            if not (shaded_rows[a, c] and shaded_columns[b, d]):
-                out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
+            out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))

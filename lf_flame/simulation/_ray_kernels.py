@@ -37,13 +37,34 @@ def radiance(planes, transmission, rays, weights, pixel, ray):
     if transmission is None:
         at, down, right = hit(rays, weights, 0, pixel, ray)
         return mean(planes.emission, planes.stride[0], at, down, right)
-    # Front to back: `clear` is the transmission of all planes passed so far.
-    light, clear = 0.0, 1.0
+    # Front to back: `clear` is the transmission of all planes passed so far, `before` that in
+    # front of the plane, or of the sheet of which it is a strip.
+    light, clear, before, sheet = 0.0, 1.0, 1.0, 0
     for p in range(planes.first.size):
         at, down, right = hit(rays, weights, p, pixel, ray)
-        light += clear * mean(planes.emission, planes.stride[p], at, down, right)
-        clear *= mean(transmission, planes.stride[p], at, down, right)
+        if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
+            before, sheet = clear, planes.sheet[p]
+        gain = before * strip_gain(planes, p, pixel)
+        light += gain * mean(planes.emission, planes.stride[p], at, down, right)
+        # A ray meets one strip of a sheet: what they stop adds up.
+        stopped = 1.0 - mean(transmission, planes.stride[p], at, down, right)
+        clear = max(clear - gain * stopped, 0.0)
     return light
+
+
+@njit
+def strip_gain(planes, p, pixel):
+    """Factor of the light of a strip of a sheet that leans; 1 for other planes."""
+    down = planes.down[p, pixel.view_row, pixel.row]
+    return down * planes.right[p, pixel.view_column, pixel.column]
+
+
+@njit
+def alone(planes, transmission, pixel):
+    """Factor of all light of a pixel if there is one plane, which nothing attenuates."""
+    if transmission is None:
+        return strip_gain(planes, 0, pixel)
+    return 1.0
 
 
 @njit
@@ -66,11 +87,16 @@ def radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
     if transmission is None:
         at, down, right = hit_shifted(planes, rays, shifts, lenslet, 0, pixel, ray)
         return box_mean(planes.emission, planes.stride[0], at, down, right)
-    light, clear = 0.0, 1.0
+    light, clear, before, sheet = 0.0, 1.0, 1.0, 0
     for p in range(planes.first.size):
         at, down, right = hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray)
-        light += clear * box_mean(planes.emission, planes.stride[p], at, down, right)
-        clear *= box_mean(transmission, planes.stride[p], at, down, right)
+        if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
+            before, sheet = clear, planes.sheet[p]
+        gain = before * strip_gain(planes, p, pixel)
+        light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
+        # A ray meets one strip of a sheet: what they stop adds up.
+        stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
+        clear = max(clear - gain * stopped, 0.0)
     return light
 
 
@@ -194,6 +220,7 @@ def trace_planes(k, planes, rays, weights, stop, second, falloff, seen, share, o
                     light += weight * radiance(
                         planes, planes.transmission, rays, weights, pixel, ray
                     )
+            light *= alone(planes, planes.transmission, pixel)
             out[view_row, view_column, row, column] += light * share
 
 
@@ -222,6 +249,7 @@ def trace_apart(k, planes, rays, weights, seen, share, out):
                 x = rays.columns[0, view_column, column, j]
                 right = weights.right[0, view_column, column, j]
                 light += sums[x] + right * (sums[x + 1] - sums[x])
+            light *= strip_gain(planes, 0, Pixel(view_row, view_column, row, column))
             out[view_row, view_column, row, column] += light * share
 
 
@@ -249,6 +277,7 @@ def trace_lenslets(k, tables, seen, share, out):
             light = through_lenslets(
                 planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
             )
+            light *= alone(planes, planes.transmission, pixel)
             out[view_row, view_column, row, column] += light * share
 
 

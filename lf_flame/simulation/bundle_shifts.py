@@ -48,11 +48,11 @@ def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
 
 def focus_spread(camera: PlenopticCamera, layer: Layer) -> list[tuple[float, float]]:
     """Depths and focal lengths, in mm, over which the light of a layer spreads."""
-    depth_steps = np.linspace(-0.5, 0.5, 5) if layer.thickness_mm else [0.0]
+    depth_steps = np.linspace(-0.5, 0.5, 5) if layer.depth_extent_mm else [0.0]
     focal_steps = np.linspace(-0.5, 0.5, 3) if camera.chromatic_shift else [0.0]
     return [
         (
-            layer.depth_mm + layer.thickness_mm * depth,
+            layer.depth_mm + layer.depth_extent_mm * depth,
             camera.main_lens_focal_mm * (1 + camera.chromatic_shift * focal),
         )
         for depth in depth_steps
@@ -91,9 +91,9 @@ def beyond_mm(camera: PlenopticCamera) -> float:
 
     It is above 0 where lenslets are not where the sensor is read, or the aperture is wide.
     """
-    lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
-    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
-    wider = (widest - camera.aperture_mm) / 2 * lens_to_sensor
+    lens_to_sensor = camera.lenslet_focal_mm / camera.exit_distance_mm
+    widest = camera.on_exit_pupil(max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm))
+    wider = (widest - camera.on_exit_pupil(camera.aperture_mm)) / 2 * lens_to_sensor
     moved = max(misplaced_mm(camera)) * (1 + lens_to_sensor)
     corner = 1 + abs(math.tan(camera.lenslet_rotation_rad)) + abs(camera.lenslet_pitch_error)
     half = (widest + camera.lenslet_pitch_mm) / 2 * lens_to_sensor
@@ -103,6 +103,6 @@ def beyond_mm(camera: PlenopticCamera) -> float:
 
 def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
     """Half of a bundle's extent on a layer, plus its displacement at a thick layer's faces."""
-    faces = [layer.depth_mm + sign * layer.thickness_mm / 2 for sign in (-1, 1)]
+    faces = [layer.depth_mm + sign * layer.depth_extent_mm / 2 for sign in (-1, 1)]
     wandering = (farthest_move_mm(camera, here, axis, depth) for depth in faces)
-    return here.half_width_mm + (max(wandering) if layer.thickness_mm else 0)
+    return here.half_width_mm + (max(wandering) if layer.depth_extent_mm else 0)

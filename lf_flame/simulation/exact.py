@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from lf_flame.simulation import _exact_kernels
-from lf_flame.simulation.layouts import arrange, seen_range
+from lf_flame.simulation.layouts import Layout, arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.polygons import find_shaded, integrate_polygons, split_planes
 from lf_flame.simulation.slabs import Plane
 
 Width = float | np.ndarray
@@ -16,63 +15,45 @@ Width = float | np.ndarray
 LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
 
-Shaded = tuple[np.ndarray, np.ndarray]
-"""Marks of pixels along y and along x, as `find_shaded` returns them."""
 
-
-def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
+def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.ndarray) -> None:
     """Add the light of planes to an image, in closed form.
 
-    If light only adds up, the image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K
-    hold exact integrals, over the cells, of the trapezoid with which a pixel weights the plane.
-    Pixels that see planes that occlude or attenuate others are summed polygon by polygon
-    (`lf_flame.simulation.polygons`). The result is exact if all rays of a pixel have the same
-    weight, apart from cos^4.
+    The image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K hold exact integrals,
+    over the cells, of the trapezoid with which a pixel weights the plane. The result is exact if
+    light only adds up and all rays of a pixel have the same weight, apart from cos^4.
 
     Parameters
     ----------
     planes : list of Plane
-        Planes, front to back.
+        Planes of which none attenuates another.
     optics : OpticalPass
         Pass of light without stops and skew.
-    layout : {"views", "raw"}
+    layout : {"views", "raw"} or Lines
         Layout of the image.
     out : ndarray of float32 or float64, shape (a, b, c, d)
         Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
     """
-    in_front, behind = split_planes(planes)
-    none = np.zeros(out.shape[::2], bool), np.zeros(out.shape[1::2], bool)
     for neighbour in optics.lit_neighbours():
         through = replace(optics, neighbour=neighbour)
-        _integrate_open(in_front, through, layout, none, out)
-        if behind:
-            shaded = find_shaded(behind, through, layout)
-            _integrate_open(behind, through, layout, shaded, out)
-            integrate_polygons(behind, through, layout, shaded, out)
+        batch: list[Plane] = []
+        used = 0
+        for plane in planes:
+            rows = plane.emission.shape[0]
+            if batch and used + rows * out.shape[1] * out.shape[3] * 8 > LINES_BYTES:
+                _integrate_batch(batch, through, layout, out)
+                batch, used = [], 0
+            batch.append(plane)
+            used += rows * out.shape[1] * out.shape[3] * 8
+        _integrate_batch(batch, through, layout, out)
 
 
-def _integrate_open(planes, optics, layout: str, shaded: Shaded, out: np.ndarray) -> None:
-    """Add planes whose light only adds, except where pixels are shaded."""
-    batch: list[Plane] = []
-    used = 0
-    for plane in planes:
-        rows = plane.emission.shape[0]
-        if batch and used + rows * out.shape[1] * out.shape[3] * 8 > LINES_BYTES:
-            _integrate_batch(batch, optics, layout, shaded, out)
-            batch, used = [], 0
-        batch.append(plane)
-        used += rows * out.shape[1] * out.shape[3] * 8
-    if batch:
-        _integrate_batch(batch, optics, layout, shaded, out)
-
-
-def _integrate_batch(planes, optics, layout: str, shaded: Shaded, out: np.ndarray) -> None:
-    bands = [
-        [[arrange(part, layout) for part in bundle_bands(p, optics, axis)] for p in planes]
-        for axis in (0, 1)
-    ]
+def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
+    bands = [[list(bundle_bands(p, optics, axis, layout)) for p in planes] for axis in (0, 1)]
     heights = [plane.emission.shape[0] for plane in planes]
     lines = np.empty((sum(heights), out.shape[1], out.shape[3]))
+    if not planes:
+        return
     reach = np.zeros((2, len(planes), out.shape[1]), np.int64)
     top = 0
     for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
@@ -87,27 +68,33 @@ def _integrate_batch(planes, optics, layout: str, shaded: Shaded, out: np.ndarra
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
     falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
-    _exact_kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, shaded, out)
+    _exact_kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
 
 
-def bundle_bands(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def bundle_bands(
+    plane: Plane, optics: OpticalPass, axis: int, layout: Layout = "views"
+) -> tuple[np.ndarray, np.ndarray]:
     """Share of each pixel's ray bundle that meets each cell of a plane, along an axis.
 
     Returns
     -------
     start, weights
-        As `band_weights` returns them, for centres of shape (view, lenslet).
+        As `band_weights` returns them, for centres in the order of an image, (a, c) or (b, d).
     """
     footprint = optics.footprint(plane.depth_mm, axis)
-    edges, centres = plane.layer.cell_edges_mm(axis), footprint.centres_mm
+    edges = plane.layer.cell_edges_mm(axis)
+    centres = arrange(footprint.centres_mm, layout, axis)
     lenslet_mm = abs(footprint.lenslet_width_mm)
     pixel_mm: Width = abs(footprint.pixel_width_mm) * optics.defocus
+    gain = optics.strip_gain(plane, axis)
+    factor = 1.0 if gain is None else arrange(gain, layout, axis)[..., None]
     if not optics.square_micro_images:
-        return band_weights(edges, centres, lenslet_mm, pixel_mm)
-    middle, share = optics.lit_parts(axis)
+        start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm)
+        return start, weights if gain is None else weights * factor
+    middle, share = (arrange(part, layout, axis) for part in optics.lit_parts(axis))
     centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)
     start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm * share)
-    return start, weights * share[..., None]
+    return start, weights * (share[..., None] * factor)
 
 
 def band_weights(

@@ -1,34 +1,55 @@
-"""The two orders in which an image holds its pixels: sub-aperture views, or the raw image.
+"""Orders in which an image holds its pixels: sub-aperture views, the raw image, or chosen lines.
 
-Both are arrays ``[a, b, c, d]``. The place of a pixel along y is (a, c), along x (b, d): views are
-``[v, u, t, s]``, and the raw lenslet image has a = b = 0. One kernel therefore writes both layouts.
+All are arrays ``[a, b, c, d]``. The place of a pixel along y is (a, c), along x (b, d): views are
+``[v, u, t, s]``, and the raw lenslet image has a = b = 0. One kernel therefore writes all layouts.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 
 
-def blank_image(camera: PlenopticCamera, layout: str, dtype=np.float32) -> np.ndarray:
+class Lines(NamedTuple):
+    """Rows and columns at whose crossings the pixels of an image are chosen; a = b = 0.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int64
+        Line ``view * lenslets + lenslet`` of each, along y and along x.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+
+
+Layout = str | Lines
+"""Order of pixels: "views", "raw" or chosen lines."""
+
+
+def blank_image(camera: PlenopticCamera, layout: Layout, dtype=np.float32) -> np.ndarray:
     """Make a dark image ``[a, b, c, d]``; memory that no light reaches is never touched.
 
     Parameters
     ----------
     camera : PlenopticCamera
-    layout : {"views", "raw"}
+    layout : {"views", "raw"} or Lines
     dtype : dtype, optional
 
     Returns
     -------
-    ndarray, shape (v, u, t, s), or (1, 1, t * v, s * u) for the raw image
+    ndarray, shape (v, u, t, s); (1, 1, t * v, s * u) for the raw image; (1, 1, rows, columns)
     """
+    if isinstance(layout, Lines):
+        return np.zeros((1, 1, layout.rows.size, layout.columns.size), dtype)
     n, (lines, columns) = camera.views, camera.lenslets
     shape = (n, n, lines, columns) if layout == "views" else (1, 1, lines * n, columns * n)
     return np.zeros(shape, dtype)
 
 
 def as_views(image: np.ndarray, camera: PlenopticCamera, layout: str) -> np.ndarray:
-    """Show an image of either layout as ``[v, u, t, s]``, without a copy."""
+    """Show an image of views or a raw image as ``[v, u, t, s]``, without a copy."""
     if layout == "views":
         return image
     lines, columns = camera.lenslets
@@ -36,8 +57,10 @@ def as_views(image: np.ndarray, camera: PlenopticCamera, layout: str) -> np.ndar
     return raw.transpose(1, 3, 0, 2)
 
 
-def arrange(table: np.ndarray, layout: str) -> np.ndarray:
-    """Bring a table [view, lenslet, ...] into the order of an image's axes, (a, c) or (b, d)."""
+def arrange(table: np.ndarray, layout: Layout, axis: int) -> np.ndarray:
+    """Bring a table [view, lenslet, ...] of an axis into the order of an image."""
+    if isinstance(layout, Lines):
+        return table.reshape(1, -1, *table.shape[2:])[:, layout[axis]]
     if layout == "views":
         return table
     raw = np.swapaxes(table, 0, 1)

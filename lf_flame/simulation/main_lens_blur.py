@@ -50,8 +50,8 @@ def main_lens_spread_mm(camera: PlenopticCamera) -> float:
     InputError
         If the camera has no wavelength.
     """
-    width = camera.aperture_diameter_mm or camera.aperture_mm
-    return wavelength_mm(camera) * camera.image_distance_mm / width
+    width = camera.on_exit_pupil(camera.aperture_diameter_mm or camera.aperture_mm)
+    return wavelength_mm(camera) * camera.exit_distance_mm / width
 
 
 def main_lens_share_leaving(camera: PlenopticCamera) -> float:
@@ -77,7 +77,7 @@ def _is_round(camera: PlenopticCamera) -> bool:
 
 def gain_on_layer(camera: PlenopticCamera, depth_mm: float) -> float:
     """Displacement on a layer per mm on the array, of a ray that keeps its direction there."""
-    footprint = trace_footprint(camera, depth_mm, 0)
+    footprint = trace_footprint(camera, depth_mm, 1)
     return abs(footprint.lenslet_width_mm) / camera.lenslet_pitch_mm
 
 

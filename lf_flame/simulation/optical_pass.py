@@ -8,9 +8,16 @@ import numpy as np
 
 from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.optics.ray_bundle import Footprint, trace_footprint, trace_stop
-from lf_flame.simulation.layouts import arrange
+from lf_flame.optics.ray_bundle import (
+    ArrayPart,
+    Footprint,
+    lenslet_places_mm,
+    trace_footprint,
+    trace_stop,
+)
+from lf_flame.simulation.layouts import Layout, arrange
 from lf_flame.simulation.ray_tables import FalloffTable, TiltTable
+from lf_flame.simulation.slabs import Plane
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,8 @@ class OpticalPass:
         Whether the first stop is the aperture, which limits the micro-images. Otherwise the
         aperture is an ideal square, matched to the array: micro-images are squares that tile the
         sensor, each centred on its lenslet's image of the middle of the main lens.
+    part : ArrayPart, optional
+        Part of a hexagonal array through which the light comes.
     """
 
     camera: PlenopticCamera
@@ -56,17 +65,38 @@ class OpticalPass:
     neighbour: tuple[int, int] = field(default=(0, 0))
     every_lenslet: bool = False
     round_aperture: bool = False
+    part: ArrayPart | None = None
 
     def footprint(self, depth_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a layer."""
         return trace_footprint(self.camera, depth_mm, axis, *self._grid(axis))
+
+    def strip_gain(self, plane: Plane, axis: int) -> np.ndarray | None:
+        """Factor of a strip's light in each pixel, shape (view, lenslet); None if it does not lean.
+
+        A ray of slope t meets a share ``1 + t lean`` of the sheet per share of the strips.
+        """
+        if not plane.lean[axis]:
+            return None
+        step = 1e-3 * self.camera.focus_distance_mm
+        near, far = (self.footprint(plane.depth_mm + side * step, axis) for side in (-1, 1))
+        return 1 - plane.lean[axis] * (far.centres_mm - near.centres_mm) / (2 * step)
 
     def stop(self, distance_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a stop."""
         return trace_stop(self.camera, distance_mm, axis, *self._grid(axis))
 
     def _grid(self, axis: int) -> tuple:
-        return self.focal_mm, self.lenslet_scale, self.neighbour[axis]
+        return self.focal_mm, self.lenslet_scale, self.neighbour[axis], self.part
+
+    def _nominal_mm(self, axis: int) -> np.ndarray:
+        """Centres of the lenslets, as the sensor is read."""
+        return lenslet_places_mm(self.camera, axis, self.part)
+
+    @property
+    def _lens_to_sensor(self) -> float:
+        """Distance on the sensor per distance on the exit pupil."""
+        return self.camera.lenslet_focal_mm / self.camera.exit_distance_mm
 
     def skew_mm(self, axis: int) -> np.ndarray:
         """Displacement of each lenslet along `axis` by a rotated array."""
@@ -87,9 +117,8 @@ class OpticalPass:
 
     @property
     def micro_image_mm(self) -> float:
-        """Side of a square micro-image: the true lenslet pitch, seen from the main lens."""
-        camera = self.camera
-        return self.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm)
+        """Side of a square micro-image: the true lenslet pitch, seen from the exit pupil."""
+        return self.lenslet_pitch_mm * (1 + self._lens_to_sensor)
 
     @property
     def square_micro_images(self) -> bool:
@@ -105,9 +134,8 @@ class OpticalPass:
         camera, turned = self.camera, 1 + abs(self.lenslet_tangent)
         half = self.micro_image_mm / 2
         if self.round_aperture:
-            _, radius = self.stops[0]
-            lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
-            half = (radius + self.lenslet_pitch_mm / 2 * turned) * lens_to_sensor
+            radius = camera.on_exit_pupil(self.stops[0][1])
+            half = (radius + self.lenslet_pitch_mm / 2 * turned) * self._lens_to_sensor
         return half + camera.pixel_mm / 2 * turned
 
     def lit_neighbours(self) -> list[tuple[int, int]]:
@@ -130,17 +158,14 @@ class OpticalPass:
 
         Along one axis, as if the array were not turned; `offset_skew_mm` is the rest.
         """
-        camera = self.camera
-        chief = camera.lenslet_focal_mm / camera.image_distance_mm
-        nominal = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
+        camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
         moved = nominal * (self.lenslet_scale - 1) + further
-        return centred(camera.views)[:, None] * camera.pixel_mm - moved * (1 + chief)
+        return centred(camera.views)[:, None] * camera.pixel_mm - moved * (1 + self._lens_to_sensor)
 
     def offset_skew_mm(self, axis: int) -> np.ndarray:
         """Add this to `offsets_mm` for a turned array, by the lenslet's place on the other axis."""
-        camera = self.camera
-        return -self.skew_mm(axis) * (1 + camera.lenslet_focal_mm / camera.image_distance_mm)
+        return -self.skew_mm(axis) * (1 + self._lens_to_sensor)
 
     def lit_parts(self, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Part of each pixel that lies in the lenslet's micro-image, where that is a square.
@@ -163,14 +188,13 @@ class OpticalPass:
         Of the ray through the lenslet's middle: the pixel's place from the lenslet's axis over
         the lenslet's focal length, as if the array were not turned.
         """
-        camera = self.camera
-        nominal = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
+        camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
-        towards_lenslet = (nominal * self.lenslet_scale + further) / camera.image_distance_mm
+        towards_lenslet = (nominal * self.lenslet_scale + further) / camera.exit_distance_mm
         offsets = self.offsets_mm(axis)
         return towards_lenslet + offsets / camera.lenslet_focal_mm
 
-    def falloff_table(self, layout: str) -> FalloffTable | None:
+    def falloff_table(self, layout: Layout) -> FalloffTable | None:
         """Squared tangents in the order of an image, or None without cos^4."""
         if not self.falloff:
             return None
@@ -178,14 +202,15 @@ class OpticalPass:
         if self.square_micro_images:  # of the part of a pixel that is lit
             for axis in (0, 1):
                 tangents[axis] += self.lit_parts(axis)[0] / self.camera.lenslet_focal_mm
-        rows, columns = (arrange(table, layout) for table in tangents)
+        rows, columns = (arrange(table, layout, axis) for axis, table in enumerate(tangents))
         patch = (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 6
         return FalloffTable(rows**2, columns**2, patch)
 
-    def tilt_table(self, layout: str) -> TiltTable:
+    def tilt_table(self, layout: Layout) -> TiltTable:
         """Add to the rays' tangents what misplaced lenslets do."""
         views, focal_mm = self.camera.views, self.camera.lenslet_focal_mm
-        rows, columns = (
-            arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout) for axis in (0, 1)
+        rows, columns = (  # by the lenslet's place on the other axis
+            arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout, 1 - axis)
+            for axis in (0, 1)
         )
         return TiltTable(rows, columns, -self.lenslet_pitch_mm / focal_mm)

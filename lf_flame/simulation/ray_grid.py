@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lf_flame.optics.ray_bundle import Footprint
-from lf_flame.simulation.layouts import arrange
+from lf_flame.simulation.layouts import Layout, arrange
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.slabs import Plane
 
@@ -120,12 +120,17 @@ class ImageAxis(NamedTuple):
     """One axis of an image: the optical pass, the order of its pixels, and 0 for y or 1 for x."""
 
     optics: OpticalPass
-    layout: str
+    layout: Layout
     axis: int
 
 
 def ray_grid(
-    planes: list[Plane], optics: OpticalPass, layout: str, rays: int, axis: int, finite_width: bool
+    planes: list[Plane],
+    optics: OpticalPass,
+    layout: Layout,
+    rays: int,
+    axis: int,
+    finite_width: bool,
 ) -> RayGrid:
     """Lay the rays of all bundles over some planes, along one axis.
 
@@ -133,7 +138,7 @@ def ray_grid(
     ----------
     planes : list of Plane
     optics : OpticalPass
-    layout : {"views", "raw"}
+    layout : {"views", "raw"} or Lines
     rays : int
         Smallest number of rays for each pixel.
     axis : int
@@ -155,7 +160,7 @@ def ray_grid(
     return RayGrid(
         planes=_on_planes(footprints, edges, tiling, along, finite_width),
         stops=_on_stops(tiling, along, finite_width),
-        seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
+        seen=np.any([arrange(pixels, layout, axis) for pixels in seen], axis=0),
         tiling=tiling,
     )
 
@@ -172,7 +177,7 @@ def _on_planes(
     )
     cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
     positions = [
-        (_hits_mm(footprint, tiling, wide) - edges[0]) / width
+        (_hits_mm(footprint, tiling, wide, along) - edges[0]) / width
         for footprint, edges, width in zip(footprints, edges_mm, cell_mm, strict=True)
     ]
     return PlaneRays(
@@ -192,7 +197,7 @@ def _on_stops(tiling: Tiling, along: ImageAxis, finite_width: bool) -> StopRays:
     # On a stop the pixel's image is far wider than the lenslet's: its tiles alone do not overlap.
     tile = finite_width / tiling.on_pixel
     return StopRays(
-        places_mm=_stack([_hits_mm(stop, tiling, True) for stop in stops], tiling, along),
+        places_mm=_stack([_hits_mm(stop, tiling, True, along) for stop in stops], tiling, along),
         boxes_mm=np.array([stop.pixel_width_mm * tile for stop in stops]),
         shifts_mm=_shifts(stops, 1.0, along),
         pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
@@ -259,11 +264,11 @@ def _aspect(widths: np.ndarray) -> float:
     return math.sqrt(lenslet / pixel)
 
 
-def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:
-    """Places of all rays on a plane, [view, lenslet, i]; the pixel is a point if not `wide`."""
+def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool, along: ImageAxis) -> np.ndarray:
+    """Places of all rays on a plane, [e, f, i]; the pixel is a point if not `wide`."""
     pixel_mm = footprint.pixel_width_mm * wide
     offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
-    return footprint.centres_mm[..., None] + offsets
+    return arrange(footprint.centres_mm, along.layout, along.axis)[..., None] + offsets
 
 
 def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
@@ -290,7 +295,7 @@ def _meets(
 def _shifts(footprints, unit_mm, along: ImageAxis) -> np.ndarray:
     """Shift of bundles by a rotated array, from the lenslet's place on the other axis."""
     skew_mm, views = along.optics.skew_mm(along.axis), along.optics.camera.views
-    moved = arrange(np.tile(skew_mm, (views, 1)), along.layout)
+    moved = arrange(np.tile(skew_mm, (views, 1)), along.layout, 1 - along.axis)
     gains = _gains(footprints) / unit_mm
     return moved[None] * gains[:, None, None]
 
@@ -301,12 +306,12 @@ def _gains(footprints) -> np.ndarray:
 
 
 def _stack(tables: list[np.ndarray], tiling: Tiling, along: ImageAxis) -> np.ndarray:
-    """Stack of tables [view, lenslet, i] in the order of the image; empty if there are none."""
+    """Stack of tables [e, f, i]; empty if there are none."""
     if not tables:
         camera = along.optics.camera
         shape = camera.views, camera.lenslets[along.axis], tiling.along_pixel.size
-        return arrange(np.empty(shape), along.layout)[None][:0]
-    return np.stack([arrange(table, along.layout) for table in tables])
+        return arrange(np.empty(shape), along.layout, along.axis)[None][:0]
+    return np.stack(tables)
 
 
 def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:

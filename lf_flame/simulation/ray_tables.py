@@ -25,6 +25,10 @@ class PlaneTable(NamedTuple):
         First cell of a plane, and its cells in a row, borders included.
     height, width : ndarray of int64, shape (p,)
         Rows and columns of a plane without its border.
+    down, right : ndarray of float64, shapes (p, a, c) and (p, b, d)
+        Factors of a plane's light in each pixel: of strips of a sheet that leans, else 1.
+    sheet : ndarray of int64, shape (p,)
+        Number of the sheet of which a plane is a strip, from 1 on; 0 for other planes.
     """
 
     emission: np.ndarray
@@ -33,6 +37,9 @@ class PlaneTable(NamedTuple):
     stride: np.ndarray
     height: np.ndarray
     width: np.ndarray
+    down: np.ndarray
+    right: np.ndarray
+    sheet: np.ndarray
 
 
 class RayTable(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame.simulation import _ray_kernels
 from lf_flame.simulation.exact import band_weights
-from lf_flame.simulation.layouts import arrange, seen_range
+from lf_flame.simulation.layouts import Layout, arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.ray_grid import PlaneRays, RayGrid, Tiling, ray_grid
 from lf_flame.simulation.ray_tables import (
@@ -20,7 +20,6 @@ from lf_flame.simulation.ray_tables import (
     ShiftTable,
     SquareTable,
     StopTable,
-    TiltTable,
     WeightTable,
 )
 from lf_flame.simulation.slabs import Plane
@@ -32,10 +31,9 @@ CELLS_AT_ONCE = 1 << 30
 def trace(
     planes: list[Plane],
     optics: OpticalPass,
-    layout: str,
+    layout: Layout,
     rays: int,
     out: np.ndarray,
-    lines: slice = slice(None),
     finite_width: bool = True,
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
@@ -49,48 +47,38 @@ def trace(
     planes : list of Plane
         Planes, front to back. If none attenuates another, each is traced alone, where it is seen.
     optics : OpticalPass
-    layout : {"views", "raw"}
+    layout : {"views", "raw"} or Lines
     rays : int
         Smallest number of rays along each axis; rounded up so that they tile pixel and lenslet.
     out : ndarray of float32 or float64, shape (a, b, c, d)
         Image in the order of `lf_flame.simulation.layouts`; the light is added to it.
-    lines : slice, optional
-        Range of the lines c of the whole image that `out` holds.
     finite_width : bool, optional
         Whether rays have boxes; False is the plain midpoint rule.
     """
-    dims = any(plane.transmission is not None for plane in planes)
-    for group in [planes] if dims else [[plane] for plane in planes]:
-        grids = [ray_grid(group, optics, layout, rays, axis, finite_width) for axis in (0, 1)]
-        _trace_group(group, optics, layout, grids, finite_width, out, lines)
+    front = _first_that_dims(planes)
+    for group in [*([plane] for plane in planes[:front]), planes[front:]]:
+        if not group:
+            continue
+        y, x = (ray_grid(group, optics, layout, rays, axis, finite_width) for axis in (0, 1))
+        find = _lenslet_tables if optics.every_lenslet else _own_tables
+        kernel, tables = find(group, optics, layout, y, x, finite_width)
+        seen = SeenTable(y.seen, *seen_range(x.seen))
+        share = optics.share / (y.count * x.count)
+        runs = _runs(out.shape[2], out.size * y.count * x.count * len(group))
+        for some in progress.steps(runs, "tracing rays", len(runs)):
+            kernel(*tables, _only(seen, some), share, out)
 
 
-def _trace_group(
-    planes: list[Plane],
-    optics: OpticalPass,
-    layout: str,
-    grids: list[RayGrid],
-    finite_width: bool,
-    out: np.ndarray,
-    lines: slice,
-) -> None:
-    """Trace planes that attenuate each other, or a single plane, on some lines of the image."""
-    y, x = grids
-    find = _lenslet_tables if optics.every_lenslet else _own_tables
-    kernel, tables = find(planes, optics, layout, y, x, finite_width)
-    tables = [_take_lines(table, lines) for table in tables]
-    seen = _take_lines(SeenTable(y.seen, *seen_range(x.seen)), lines)
-    share = optics.share / (y.count * x.count)
-    runs = _runs(out.shape[2], out.size * y.count * x.count * len(planes))
-    for some in progress.steps(runs, "tracing rays", len(runs)):
-        kernel(*tables, _only(seen, some), share, out)
+def _first_that_dims(planes: list[Plane]) -> int:
+    """Count the planes in front of the first that attenuates light."""
+    return next((k for k, p in enumerate(planes) if p.transmission is not None), len(planes))
 
 
-def _lenslet_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bool) -> tuple:
+def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x, finite_width: bool) -> tuple:
     """Return the kernel for light through every lenslet, and its tables."""
     stop, second = _stop_tables(optics, y, x)
     tables = LensletTables(
-        planes=_plane_table(planes, y.planes, x.planes),
+        planes=_plane_table(planes, y.planes, x.planes, optics, layout),
         rays=RayTable(y.planes.positions, x.planes.positions, y.planes.boxes, x.planes.boxes),
         shifts=_shift_table(y, x, optics),
         stop=stop,
@@ -103,9 +91,9 @@ def _lenslet_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width
     return _ray_kernels.trace_lenslets, (tables,)
 
 
-def _own_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bool) -> tuple:
+def _own_tables(planes, optics: OpticalPass, layout: Layout, y, x, finite_width: bool) -> tuple:
     """Return the kernel for light through each pixel's own lenslet, and its tables."""
-    table = _plane_table(planes, y.planes, x.planes)
+    table = _plane_table(planes, y.planes, x.planes, optics, layout)
     stop, second = _stop_tables(optics, y, x)
     falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
     # Positions become indices once, outside the ray loop.
@@ -150,12 +138,12 @@ def _runs(lines: int, cells: int) -> list[slice]:
 
 
 def _falloff_table(
-    y: Tiling, x: Tiling, optics: OpticalPass, layout: str, finite_width: bool
+    y: Tiling, x: Tiling, optics: OpticalPass, layout: Layout, finite_width: bool
 ) -> RayFalloffTable | None:
     """Tangents of all rays, or None without cos^4."""
     if not optics.falloff:
         return None
-    rows, columns = (arrange(optics.tangents(axis), layout) for axis in (0, 1))
+    rows, columns = (arrange(optics.tangents(axis), layout, axis) for axis in (0, 1))
     pixel = optics.camera.pixel_mm / optics.camera.lenslet_focal_mm
     boxes = (pixel / y.on_pixel * finite_width, pixel / x.on_pixel * finite_width)
     return RayFalloffTable(
@@ -183,12 +171,14 @@ def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:
     )
 
 
-def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable:
+def _micro_image_table(optics: OpticalPass, layout: Layout) -> MicroImageTable:
     """Places of all pixels in the micro-images of their lenslets."""
     side, turned = optics.micro_image_mm, math.atan(optics.lenslet_tangent)
-    rows, columns = (arrange(optics.offsets_mm(axis) / side, layout) for axis in (0, 1))
-    shift_rows, shift_columns = (
-        arrange(np.tile(optics.offset_skew_mm(axis) / side, (optics.camera.views, 1)), layout)
+    rows, columns = (arrange(optics.offsets_mm(axis) / side, layout, axis) for axis in (0, 1))
+    shift_rows, shift_columns = (  # by the lenslet's place on the other axis
+        arrange(
+            np.tile(optics.offset_skew_mm(axis) / side, (optics.camera.views, 1)), layout, 1 - axis
+        )
         for axis in (0, 1)
     )
     reach = (
@@ -215,7 +205,9 @@ def _square_table(
     )
 
 
-def _plane_table(planes: list[Plane], y: PlaneRays, x: PlaneRays) -> PlaneTable:
+def _plane_table(
+    planes: list[Plane], y: PlaneRays, x: PlaneRays, optics: OpticalPass, layout: Layout
+) -> PlaneTable:
     """Put the cells of all planes into one table, each on the edges of the rays' grids."""
     height, width = y.cells, x.cells
     sizes = (height + 2) * (width + 2)
@@ -226,7 +218,17 @@ def _plane_table(planes: list[Plane], y: PlaneRays, x: PlaneRays) -> PlaneTable:
         for plane, new in zip(planes, edges, strict=True)
     ]
     transmission = _transmission(planes, edges)
-    return PlaneTable(np.concatenate(emission), transmission, first, width + 2, height, width)
+    gains = []
+    for axis in (0, 1):
+        one = np.ones((optics.camera.views, optics.camera.lenslets[axis]))
+        found = [optics.strip_gain(plane, axis) for plane in planes]
+        gains.append(
+            np.stack([arrange(one if gain is None else gain, layout, axis) for gain in found])
+        )
+    return PlaneTable(
+        np.concatenate(emission), transmission, first, width + 2, height, width, gains[0], gains[1],
+        np.array([plane.sheet for plane in planes]),
+    )  # fmt: skip
 
 
 def _indices(grid: PlaneRays) -> tuple[np.ndarray, np.ndarray]:
@@ -237,32 +239,6 @@ def _indices(grid: PlaneRays) -> tuple[np.ndarray, np.ndarray]:
     index = np.where(missed, 0, start + 1).astype(np.int64)
     weight = (grid.positions + boxes / 2 - index) / np.maximum(boxes, 1e-12)
     return index, np.where(missed, 0.0, np.clip(weight, 0.0, 1.0))
-
-
-LINE_AXES = {
-    RayTable: {"rows": 2},
-    WeightTable: {"down": 2},
-    ShiftTable: {"columns": 2, "stop_columns": 2},
-    StopTable: {"rows": 1},
-    MicroImageTable: {"rows": 1, "shift_columns": 1},
-    RayFalloffTable: {"rows": 1},
-    TiltTable: {"columns": 1},
-    SeenTable: {"lines": 1},
-}
-"""Members of the tables that belong to the lines c of an image, and on which axis."""
-
-
-def _take_lines(table, lines: slice):
-    """Cut a table, or each of several, down to some lines c of the image, kept contiguous."""
-    if table is None or lines == slice(None):
-        return table
-    if isinstance(table, LensletTables):
-        return LensletTables(*(_take_lines(part, lines) for part in table))
-    cut = {
-        name: np.ascontiguousarray(getattr(table, name)[(slice(None),) * axis + (lines,)])
-        for name, axis in LINE_AXES.get(type(table), {}).items()
-    }
-    return table._replace(**cut)
 
 
 def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:

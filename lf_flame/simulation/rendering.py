@@ -18,28 +18,16 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.exact import integrate
-from lf_flame.simulation.layouts import as_views, blank_image
-from lf_flame.simulation.lenslet_blur import (
-    blur_on_sensor,
-    leaves_gaps,
-    tiled_sensor,
-)
+from lf_flame.simulation.gathering import gather, optical_passes
+from lf_flame.simulation.layouts import as_views
+from lf_flame.simulation.lenslet_blur import blur_on_sensor, leaves_gaps, tiled_sensor
 from lf_flame.simulation.main_lens_blur import blur_planes, main_lens_kernel
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.passes import optical_passes
-from lf_flame.simulation.planning import ray_counts
-from lf_flame.simulation.planning.decisions import plan_effects
-from lf_flame.simulation.planning.pixel_parts import count_pixel_parts
+from lf_flame.simulation.planning.chosen_pixels import ChosenPixels
+from lf_flame.simulation.planning.decisions import find_counts, make_plan
 from lf_flame.simulation.planning.plan import EffectPlan
-from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane, slice_scene
-
-FEW_PORTIONS = 4
-"""Portions of light that are added in float32; more are added in float64."""
-
-PIXEL_PARTS_SHARE = 0.5
-"""Share of the tolerance for the parts of pixels on which diffraction takes the light as even."""
+from lf_flame.simulation.stops import whole_views
 
 PARTS_BESIDE_GAPS = 4
 """Parts of a pixel along each axis, with a fixed number of rays, where pixels leave gaps."""
@@ -48,7 +36,7 @@ PARTS_BESIDE_GAPS = 4
 def render(
     scene: Scene,
     camera: PlenopticCamera,
-    tolerance: float = 1e-3,
+    tolerance: float | None = None,
     integrator: str = "auto",
     rays: int | None = None,
     effects: Mapping[str, bool] | None = None,
@@ -67,10 +55,11 @@ def render(
         Largest acceptable error: root mean square over the image, relative to its brightest pixel.
         Effects are left out, smallest bound first, while the sum of their bounds is within a
         quarter of it; the numbers of rays, slabs (depth steps of thick layers) and colours are
-        chosen accordingly.
+        chosen accordingly. Default: 1e-3, or a quarter of the noise of the camera's sensor, if that
+        is more.
     integrator : {"auto", "exact", "rays"}, optional
-        Method of integration: in closed form, or by rays. "auto" selects the fastest that can
-        render all effects of the plan.
+        Method of integration: in closed form, or by rays. "auto" takes the closed form unless an
+        effect needs rays: stops, a rotated array, layers that occlude or absorb.
     rays : int, optional
         Number of rays per pixel along each axis for the ray integrator. Default: by the tolerance.
         With a fixed number, diffraction by the lenslets takes light to be uniform over each pixel
@@ -87,7 +76,8 @@ def render(
     Returns
     -------
     LightField
-        ``views[v, u, t, s]``, float32, in the unit of the textures, with its ``plan``.
+        ``views[v, u, t, s]``, float32, in the unit of the textures, with its ``plan``. Views that
+        the stops cut, or that hold light of two lenslets, have weight 0, as in a decoded raw image.
 
     Raises
     ------
@@ -106,7 +96,7 @@ def render(
     """
     _check_options(integrator, rays, layout)
     with progress.stage("Looking which effects the scene calls for"):
-        plan = plan_effects(scene, camera, tolerance, effects)
+        plan = make_plan(scene, camera, tolerance, effects, rays=rays)
     return render_plan(scene, camera, plan, integrator, rays, seed, layout)
 
 
@@ -128,18 +118,45 @@ def render_plan(
     noisy = plan.kept & {"shot_noise", "read_noise"} if camera.sensor else set()
     if noisy and seed is None:
         raise InputError(f"{' and '.join(sorted(noisy))} need a seed; give one, or force them off.")
-    if integrator == "exact" and plan.only_by_rays:
+    if integrator == "exact" and plan.traced:
         raise InputError(
-            f"The exact integrator cannot do {', '.join(plan.only_by_rays)} here; "
+            f"The exact integrator cannot do {', '.join(plan.traced)} here; "
             f"use integrator='auto', or force them off."
         )
     planes = planned_planes(scene, camera, plan)
-    method = plan.integrator if integrator == "auto" else integrator
+    parts = plan.parts
+    if rays:
+        parts = PARTS_BESIDE_GAPS if leaves_gaps(camera) else 1
+    elif integrator == "rays" or plan.traced:
+        rays = plan.rays or count_rays(scene, camera, plan)
+    seen = camera
     if _diffracts(camera, plan, "lenslet"):
-        views = _gather_diffracted(planes, camera, plan, method, rays)
+        seen, layout_gathered = tiled_sensor(camera, parts), "raw"
     else:
-        views = _gather(planes, camera, plan, method, rays, layout)
-    return _record(views, camera, plan, seed, layout)
+        layout_gathered = layout
+    passes = optical_passes(seen, plan.kept, plan.traced, plan.colours)
+    _check_hexagonal(seen, passes[0], plan)
+    views = as_views(gather(planes, passes, layout_gathered, rays), seen, layout_gathered)
+    if _diffracts(camera, plan, "main_lens") and _dim(planes):
+        views = diffraction.blur_views(views, main_lens_kernel(camera))
+    if seen is not camera:
+        raw = blur_on_sensor(LightField.trusted(views).to_raw(), seen, camera)
+        views = as_views(raw, camera, "raw")
+    weights = whole_views(camera, list(passes[0].stops))
+    return _record(views, camera, plan, seed, layout, weights)
+
+
+def _check_hexagonal(camera: PlenopticCamera, optics: OpticalPass, plan: EffectPlan) -> None:
+    """Refuse what is not simulated through hexagons: light that leaves its own lenslet."""
+    if camera.layout == "hexagonal" and (
+        optics.every_lenslet or _diffracts(camera, plan, "lenslet")
+    ):
+        names = ("f_number_mismatch", "lenslet_rotation", "lenslet_pitch_error")
+        wrong = [name for name in (*names, "lenslet_diffraction") if name in plan.kept]
+        raise InputError(
+            f"Light that leaves its own lenslet is not simulated for a hexagonal array: force "
+            f"{', '.join(wrong)} off."
+        )
 
 
 def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> list[Plane]:
@@ -163,46 +180,23 @@ def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> l
 
 
 def count_rays(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> int:
-    """Find the fewest rays per pixel along each axis that meet a plan's tolerance.
+    """Find the number of rays per pixel along each axis that a plan's tolerance needs.
 
-    For many scenes alike, of which one decides for all. The layout of the views is assumed.
+    For plans without rays, and for many scenes alike, of which one decides for all.
 
     Raises
     ------
     InputError
         If a layer lies outside the field, or no number of rays is enough.
     """
-    planes = planned_planes(scene, camera, plan)
-    return ray_counts.count_rays(planes, optical_passes(camera, plan), camera, plan, "views")
+    _check_field(scene, OpticalPass(camera))
+    pixels = ChosenPixels(scene, camera)
+    counts = find_counts(pixels, {*plan.kept} - NOT_RAYS, plan.traced, plan.tolerance, by_rays=True)
+    return counts.rays or 1
 
 
-def _gather(
-    planes: list[Plane],
-    camera: PlenopticCamera,
-    plan: EffectPlan,
-    method: str,
-    rays: int | None,
-    layout: str,
-) -> np.ndarray:
-    """Gather the light of all planes as views, up to the lenslets: their diffraction is left."""
-    passes = optical_passes(camera, plan)
-    # Where light comes in many portions, float32 would round after each.
-    portions = len(planes)
-    if method == "exact":
-        portions = len(passes[0].lit_neighbours()) * (2 if plan.traced else 1)
-    many = len(passes) * portions > FEW_PORTIONS
-    image = blank_image(camera, layout, np.float64 if many else np.float32)
-    if method == "exact":
-        for optics in passes:
-            integrate(planes, optics, layout, image)
-    else:
-        rays = rays or ray_counts.count_rays(planes, passes, camera, plan, layout)
-        for optics in passes:
-            trace(planes, optics, layout, rays, image)
-    views = as_views(image.astype(np.float32, copy=False), camera, layout)
-    if _diffracts(camera, plan, "main_lens") and _dim(planes):
-        views = diffraction.blur_views(views, main_lens_kernel(camera))
-    return views
+NOT_RAYS = {"thickness", "chromatic", "lenslet_diffraction"}
+"""Effects that have numbers of their own."""
 
 
 def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
@@ -241,26 +235,7 @@ def _check_field(scene: Scene, optics: OpticalPass) -> None:
                 )
 
 
-def _gather_diffracted(
-    planes: list[Plane], camera: PlenopticCamera, plan: EffectPlan, method: str, rays: int | None
-) -> np.ndarray:
-    """Gather the light of all planes as views, and let the lenslets diffract it."""
-
-    def diffracted(planes: list[Plane], camera: PlenopticCamera, parts: int) -> np.ndarray:
-        """Raw image by the light on parts of the pixels."""
-        tiled = tiled_sensor(camera, parts)
-        tiles = LightField.trusted(_gather(planes, tiled, plan, method, rays, "raw"))
-        return blur_on_sensor(tiles.to_raw(), tiled, camera)
-
-    if rays:
-        parts = PARTS_BESIDE_GAPS if leaves_gaps(camera) else 1
-    else:
-        allowance = PIXEL_PARTS_SHARE * plan.tolerance
-        parts = count_pixel_parts(planes, camera, allowance, diffracted)
-    return as_views(diffracted(planes, camera, parts), camera, "raw")
-
-
-def _record(views: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:
+def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> LightField:
     """Let the sensor expose, and lay the views out in memory."""
     stages = plan.kept & set(STAGES)
     if camera.sensor is not None and stages:
@@ -272,4 +247,4 @@ def _record(views: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> L
         views = as_views(raw, camera, "raw")
     else:
         views = np.ascontiguousarray(views)
-    return LightField.trusted(views, plan)
+    return LightField.trusted(views, plan, weights)

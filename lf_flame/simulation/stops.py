@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame._common.arrays import centred
+from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_stop
 from lf_flame.simulation.bundle_shifts import aside_mm, true_pitch_mm
 
@@ -16,7 +17,7 @@ def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
     """Distance before the main lens and radius, in mm, of its aperture and rim, if any."""
     stops = []
     if camera.aperture_diameter_mm is not None:
-        stops.append((0.0, camera.aperture_diameter_mm / 2))
+        stops.append((camera.aperture_before_lens_mm, camera.aperture_diameter_mm / 2))
     if camera.rim_diameter_mm is not None:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
     return stops
@@ -48,6 +49,53 @@ def share_cut(
         return 0.0
     outside = np.add.outer(places[0] ** 2, places[1] ** 2) > radius_mm**2
     return float(min(1.0, outside.mean() + 4 / GRID))
+
+
+def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray | None:
+    """Weights of views that stops leave: 1 for whole ones of one lenslet, 0 for others.
+
+    A view counts if its part of each stop lies wholly inside, seen through the middle of the array,
+    and if no light of a neighbouring lenslet reaches it. Where no view is whole, those that see
+    most of the aperture count.
+
+    Returns
+    -------
+    ndarray of float32, shape (v, u), or None if all count
+    """
+    shares = np.ones((camera.views, camera.views))
+    for distance_mm, radius_mm in stops:
+        rows, columns = (trace_stop(camera, distance_mm, axis) for axis in (0, 1))
+        middle = [n // 2 for n in camera.lenslets]
+        places = [
+            footprint.centres_mm[:, lenslet, None]
+            + np.linspace(-0.5, 0.5, GRID) * footprint.pixel_width_mm
+            for footprint, lenslet in zip((rows, columns), middle, strict=True)
+        ]
+        y, x = places[0][:, None, :, None], places[1][None, :, None, :]
+        inside = np.hypot(y, x) <= radius_mm * (1 + 1e-9)
+        shares = np.minimum(shares, inside.mean(axis=(2, 3)))
+    counted = (shares == 1) & _own_light(camera, stops)
+    if not counted.any():
+        counted = shares == shares.max()
+    return None if counted.all() else counted.astype(np.float32)
+
+
+def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray:
+    """Whether no light of a neighbouring lenslet reaches a view, through an aperture too wide."""
+    own = np.ones((camera.views, camera.views), bool)
+    aperture = [radius for distance, radius in stops if distance == camera.aperture_before_lens_mm]
+    if not aperture:
+        return own
+    far = (np.abs(centred(camera.views)) + 0.5) * camera.view_step_mm
+    period = camera.micro_image_pitch_mm / camera.pixel_mm * camera.view_step_mm
+    neighbours: tuple[tuple[float, float], ...] = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
+    if camera.layout == "hexagonal":
+        neighbours = ((0.0, 1.0), (ROW_SPACING["hexagonal"], 0.5))
+    for down, right in neighbours:
+        y = np.maximum(down * period - far, 0.0) if down else 0 * far
+        x = np.maximum(right * period - far, 0.0) if right else 0 * far
+        own &= np.hypot(y[:, None], x) >= aperture[0] * (1 - 1e-9)
+    return own
 
 
 def share_crossing(
@@ -90,8 +138,9 @@ def neighbours(camera: PlenopticCamera) -> int:
     if camera.aperture_diameter_mm is None:
         return 0
     widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
-    spread = widest / 2 + camera.view_step_mm * camera.views / 2 + camera.lenslet_pitch_mm / 2
-    spread += max(aside_mm(camera)) * camera.image_distance_mm / camera.lenslet_focal_mm
-    period = camera.micro_image_pitch_mm * camera.image_distance_mm / camera.lenslet_focal_mm
+    spread = camera.on_exit_pupil(widest + camera.view_step_mm * camera.views) / 2
+    from_sensor = camera.exit_distance_mm / camera.lenslet_focal_mm
+    spread += camera.lenslet_pitch_mm / 2 + max(aside_mm(camera)) * from_sensor
+    period = camera.micro_image_pitch_mm * from_sensor
     period *= 1 + camera.lenslet_pitch_error
     return max(0, math.ceil(spread / period - 1e-9) - 1)

@@ -10,7 +10,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import align_views
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
-from lf_flame.tomography.frustum_grid import FEWEST, FrustumGrid, whole_views
+from lf_flame.tomography.frustum_grid import FEWEST, FrustumGrid
 
 Grid = TypeVar("Grid", FrustumGrid, AxisymmetricGrid)
 
@@ -66,7 +66,7 @@ def inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Lens
     if light_field.views.shape[:2] != (camera.views,) * 2:
         return light_field, camera
     counts = np.ones((camera.views,) * 2) if light_field.weights is None else light_field.weights
-    counts = counts * whole_views(camera)
+    counts = counts * camera.whole_views()
     for out in range((camera.views + 1) // 2):
         inner = slice(out, camera.views - out)
         weights = counts[inner, inner]

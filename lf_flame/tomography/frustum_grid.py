@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.lens import Lens
 from lf_flame.scenes.scene import Layer, Scene
@@ -94,7 +93,7 @@ class FrustumGrid:
         object.__setattr__(self, "counted", self._counted())
 
     def _counted(self) -> np.ndarray | None:
-        whole = whole_views(self.camera)
+        whole = self.camera.whole_views()
         counted = whole if self.counted is None else whole & np.asarray(self.counted, bool)
         counted = counted & counted[::-1, ::-1]
         spans = [int(counted.any(axis=axis).sum()) for axis in (1, 0)]
@@ -212,14 +211,6 @@ class FrustumGrid:
         down = _shares(layer.cell_edges_mm(0), self.edges_mm(plane, 0))
         across = _shares(layer.cell_edges_mm(1), self.edges_mm(plane, 1))
         return down @ layer.texture @ across.T
-
-
-def whole_views(camera: Lens) -> np.ndarray:
-    """Find the views whose square of the main lens lies wholly in its aperture, (v, u)."""
-    far = (np.abs(centred(camera.views)) + 0.5) * camera.view_step_mm
-    diameter = camera.aperture_diameter_mm
-    largest = np.inf if diameter is None else diameter / 2 * (1 + 1e-9)
-    return np.hypot(far[:, None], far) <= largest
 
 
 def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:

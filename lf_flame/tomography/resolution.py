@@ -15,8 +15,11 @@ from lf_flame.optics.lens import Lens
 
 
 def angular_width(camera: Lens) -> float:
-    """Angle that the recorded views span, seen from the focal plane, in rad."""
-    return camera.views * camera.view_step_mm / camera.focus_distance_mm
+    """Angle that the recorded views span, seen from the focal plane, in rad.
+
+    An aperture narrower than what the lenslets see limits it.
+    """
+    return camera.pupil_width_mm / camera.pupil_distance_mm
 
 
 def finest_period(camera: Lens, block: int = 1) -> float:
@@ -77,7 +80,7 @@ def depth_modes(camera: Lens, period_mm: Number, thickness_mm: float) -> Number:
     >>> round(depth_modes(PAPER_CAMERA, 1.0, 20.0), 1)  # numbers within 20 mm of depth
     5.8
     """
-    limit = 2 * camera.focus_distance_mm
+    limit = 2 * camera.pupil_distance_mm
     if not 0 <= thickness_mm < limit:
         raise InputError(
             f"thickness_mm must be from 0 to less than {limit:g}, twice the focus distance, where "

@@ -262,9 +262,8 @@ def _describe_camera(camera: PlenopticCamera | CameraLaw | None) -> dict[str, An
             "focal_plane_mm": camera.focal_plane_mm,
             "range_mm": list(camera.depth_range_mm),
         }
-    per_slope = camera.lenslet_pitch_mm / camera.view_step_mm * camera.focus_distance_mm
     return {
-        "focus_distance_mm": camera.focus_distance_mm,
-        "shift_per_slope": per_slope / camera.image_distance_mm,
+        "focus_distance_mm": camera.pupil_distance_mm,
+        "shift_per_slope": 1 / float(camera.depth_to_slope(np.inf)),
         "f_number": camera.lenslet_focal_mm / (camera.views * camera.pixel_mm),
     }

@@ -61,6 +61,20 @@ def test_resolution_is_told_as_a_table_and_a_picture(tmp_path, drawn):
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+def test_resolution_lists_what_the_camera_resolves(camera_file):
+    """Two pixels in the focal plane and more; finer detail that is asked for is refused."""
+    text = camera_file.read_text()
+    coarse = re.sub(r"lenslet_pitch_mm = .*", "lenslet_pitch_mm = 0.5", text)
+    coarse = re.sub(r"lenslet_focal_mm = .*", "lenslet_focal_mm = 2.0", coarse)
+    camera_file.write_text(re.sub(r"pixel_pitch_mm = .*", "", coarse))
+    finest = 2 * 0.5 * 326 * (1 / 150 - 1 / 326)
+    result = run("resolution", "--camera", camera_file)
+    listed = re.findall(r"^([\d.]+) +[\d.]+ +[\d.]+$", result.output, re.MULTILINE)
+    assert [float(x) for x in listed] == [float(f"{finest:.3g}"), 2, 5, 10]
+    refused = run("resolution", "--camera", camera_file, "--period", 0.5)
+    assert "--period must be at least 1.17 mm" in str(refused.exception)
+
+
 def test_half_the_views_blur_twice_as_far(camera_file):
     result = run("resolution", "--camera", camera_file, "--period", 1)
     assert "paper" not in result.output

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lf_flame import PAPER_CAMERA, InputError
+from lf_flame import PAPER_CAMERA, InputError, PlenopticCamera
 
 
 def test_paper_numbers():
@@ -163,3 +163,61 @@ def test_no_real_depth_beyond_infinity():
     assert depths[0] == 0
     assert depths[1] > 10_000
     assert np.isnan(depths[2])
+
+
+@pytest.mark.parametrize("pupil", [150.0, 277.84, 400.0, 2000.0])
+def test_an_exit_pupil_changes_slopes_as_published(pupil):
+    """slope = P (pixel / (f p)) (-d / (P + d)) for an image a distance d behind the array."""
+    camera = replace(PAPER_CAMERA, exit_pupil_mm=pupil)
+    depths = np.array([40.0, 10.0, 0.0, -25.0, 1e4])
+    image = 1 / (1 / 150 - 1 / (326 + depths))
+    behind = image - 1 / (1 / 150 - 1 / 326)
+    pixel = 0.112 * (1 + 0.4 / pupil) / 15
+    expected = pupil * pixel / (0.4 * 0.112) * (-behind / (pupil + behind))
+    np.testing.assert_allclose(camera.depth_to_slope(depths), expected, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(camera.slope_to_depth(expected)[:4], depths[:4], atol=1e-10)
+    np.testing.assert_allclose(camera.slope_to_alpha(expected), (pupil + behind) / pupil, rtol=1e-9)
+
+
+@pytest.mark.parametrize("pupil", [200.0, 600.0])
+def test_the_field_is_that_of_rays_through_the_exit_pupil(pupil):
+    """A ray from its middle to the end of the array, traced back by the lens equation."""
+    camera = replace(PAPER_CAMERA, exit_pupil_mm=pupil)
+    i0 = 1 / (1 / 150 - 1 / 326)
+    edge = 0.112 * 270 / 2
+    for depth in (0.0, 30.0, -60.0):
+        tilt = edge / pupil
+        at_lens = edge - tilt * i0
+        before = tilt + at_lens / 150
+        height = at_lens - before * (326 + depth)
+        assert camera.field_mm(depth)[0] == pytest.approx(2 * abs(height), rel=1e-12)
+    assert camera.distance_mm(0.0) == pytest.approx(camera.pupil_distance_mm)
+
+
+def test_a_hexagonal_array_has_the_depths_of_its_rows():
+    """What had to be done by hand: pitch and focal length of the lenslets times 0.866."""
+    plain = replace(PAPER_CAMERA, lenslets=(90, 180))
+    camera, row = replace(plain, layout="hexagonal"), np.sqrt(0.75)
+    by_hand = replace(
+        plain, lenslet_pitch_mm=0.112 * row, lenslet_focal_mm=0.4 * row,
+        pixel_pitch_mm=None,
+    )  # fmt: skip
+    depths = np.array([20.0, -10.0])
+    np.testing.assert_allclose(
+        camera.depth_to_slope(depths), by_hand.depth_to_slope(depths), rtol=3e-4
+    )  # the micro-images, seen from the main lens, are a little farther apart
+    assert camera.field_mm(5.0) == pytest.approx(by_hand.field_mm(5.0), rel=1e-12)
+    with pytest.raises(InputError, match="layout must be rectangular or hexagonal, got 'round'"):
+        replace(plain, layout="round")
+
+
+@pytest.mark.parametrize(("f_number", "width"), [(2.0, 50.0), (4.0, 25.0), (16.0, 6.25)])
+def test_the_pupil_is_as_wide_as_the_stated_aperture(f_number, width):
+    """Or as the lenslets see it: here 9 views of 0.12 mm lenslets at f/4, from 120 mm."""
+    camera = PlenopticCamera(
+        main_lens_focal_mm=100.0, focus_distance_mm=600.0, lenslet_focal_mm=0.48,
+        lenslet_pitch_mm=0.12, views=9, lenslets=(20, 20), f_number=f_number,
+    )  # fmt: skip
+    seen = 120 * 0.12 / 0.48 * (1 + 0.48 / 120)
+    assert seen == pytest.approx(30.12)
+    assert camera.pupil_width_mm == pytest.approx(min(seen, width), rel=1e-9)

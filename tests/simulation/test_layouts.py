@@ -30,11 +30,11 @@ def test_views_of_a_raw_image_are_its_own_pixels(small_camera):
 @pytest.mark.parametrize("more", [(), (3,), (2, 4)])
 def test_tables_follow_the_order_of_the_pixels(more, rng):
     table = rng.random((5, 7, *more))
-    raw = arrange(table, "raw")
+    raw = arrange(table, "raw", 0)
     assert raw.shape == (1, 35, *more)
     for view, lenslet in np.ndindex(5, 7):
         np.testing.assert_array_equal(raw[0, 5 * lenslet + view], table[view, lenslet])
-    assert arrange(table, "views") is table
+    assert arrange(table, "views", 0) is table
 
 
 def test_places_that_see_a_plane_are_framed():

@@ -8,9 +8,9 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.simulation import rays as rays_module
-from lf_flame.simulation.layouts import blank_image
+from lf_flame.simulation.gathering import optical_passes
+from lf_flame.simulation.layouts import Lines, blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.passes import optical_passes
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 
@@ -52,7 +52,7 @@ def test_pixels_lie_where_the_geometry_says(small_camera, error):
     camera = replace(small_camera, **error)
     plan = plan_effects(WHITE, camera, effects=dict.fromkeys(("lenslet_rotation",
                         "lenslet_pitch_error"), True))  # fmt: skip
-    (optics,) = optical_passes(camera, plan)
+    (optics,) = optical_passes(camera, plan.kept, plan.traced, plan.colours)
     ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
     lenslets = true_positions(camera)
     for axis in (0, 1):
@@ -109,18 +109,24 @@ def test_a_round_micro_image_reaches_as_far_as_its_outermost_ray(small_camera):
     assert turned.micro_image_reach_mm > expected
 
 
-def test_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, monkeypatch):
-    """As where a number of rays is looked for: every third line, from the second on."""
+def test_chosen_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, monkeypatch):
+    """As where a number of rays is looked for, with lenslets that are not where they should be."""
     scene = Scene([Layer(rng.uniform(size=(30, 30)), 5.0, (2.0, 2.0))])
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
-    whole = blank_image(small_camera, "views")
-    trace(planes, OpticalPass(small_camera), "views", 2, whole)
-    lines = slice(1, None, 3)
-    monkeypatch.setattr(rays_module, "CELLS_AT_ONCE", 1)
-    some = blank_image(small_camera, "views")[:, :, lines].copy()
-    trace(planes, OpticalPass(small_camera), "views", 2, some, lines)
-    assert np.ptp(some) > 0.1
-    np.testing.assert_array_equal(some, whole[:, :, lines])
+    turned = OpticalPass(
+        small_camera, stops=((0.0, 30.0),), lenslet_skew=0.01, every_lenslet=True, falloff=True
+    )
+    rows, columns = np.array([3, 40, 77, 100]), np.array([0, 14, 65, 149, 120])
+    lines = Lines(rows, columns)
+    for optics in (OpticalPass(small_camera), turned):
+        whole, some = blank_image(small_camera, "views"), blank_image(small_camera, lines)
+        trace(planes, optics, "views", 2, whole)
+        with monkeypatch.context() as patch:
+            patch.setattr(rays_module, "CELLS_AT_ONCE", 1)
+            trace(planes, optics, lines, 2, some)
+        (v, t), (u, s) = np.divmod(rows, 24), np.divmod(columns, 30)
+        assert np.ptp(some) > 0.1
+        np.testing.assert_array_equal(some[0, 0], whole[v[:, None], u, t[:, None], s])
 
 
 def opened(camera, rays, *stops):

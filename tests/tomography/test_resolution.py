@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import PAPER_CAMERA
+from lf_flame import PAPER_CAMERA, PlenopticCamera
 from lf_flame.tomography import (
     FrequencyGram,
     FrustumGrid,
@@ -29,6 +29,17 @@ def test_blur_and_modes_of_the_paper_camera():
     assert finest_period(PAPER_CAMERA) == pytest.approx(2 * 0.1314, rel=1e-3)
     assert depth_modes(PAPER_CAMERA, 1.0, 30.0) == pytest.approx(8.17, abs=0.01)
     assert depth_modes(PAPER_CAMERA, 10.0, 0.0) == 1
+
+
+@pytest.mark.parametrize(("f_number", "blur"), [(4.0, 12.0), (16.0, 48.0)])
+def test_a_stated_aperture_limits_the_angle(f_number, blur):
+    """Detail of 0.5 mm at 600 mm, through 25 and 6.25 mm: 0.0417 and 0.0104 rad."""
+    camera = PlenopticCamera(
+        main_lens_focal_mm=100.0, focus_distance_mm=600.0, lenslet_focal_mm=0.48,
+        lenslet_pitch_mm=0.12, views=9, lenslets=(20, 20), f_number=f_number,
+    )  # fmt: skip
+    assert angular_width(camera) == pytest.approx(100 / f_number / 600, rel=1e-12)
+    assert depth_blur(camera, 0.5) == pytest.approx(blur, rel=1e-12)
 
 
 def test_singular_values_are_those_of_the_operator(camera):

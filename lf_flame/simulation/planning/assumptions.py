@@ -13,9 +13,8 @@ from typing import Any
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor
-from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.effects import EFFECTS
-from lf_flame.simulation.planning.scene_bounds import bound_scene
+from lf_flame.simulation.planning.scene_bounds import SceneBounds, assuming
 
 TYPICAL_SENSOR = Sensor(exposure_e=8_000.0, full_well_e=10_000.0, bits=12, read_noise_e=2.0)
 """Sensor of an industrial camera: full well and noise as in EMVA 1288 data sheets of small pixels,
@@ -89,15 +88,13 @@ def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()
     return cause.unstated is not None and cause.field in stated
 
 
-def typical_bounds(
-    scene: Scene, camera: PlenopticCamera, stated: Collection[str] = ()
-) -> dict[str, float]:
+def typical_bounds(bounds: SceneBounds, stated: Collection[str] = ()) -> dict[str, float]:
     """Bound each effect whose cause a camera does not state, at a typical value of that cause.
 
     Parameters
     ----------
-    scene : Scene
-    camera : PlenopticCamera
+    bounds : SceneBounds
+        Bounds of the scene in front of its camera.
     stated : collection of str, optional
         As in `is_stated`.
 
@@ -107,15 +104,12 @@ def typical_bounds(
         Bound on the relative change of the image, as in a plan, by effect. Effects without a
         typical value are missing.
     """
-    found, known = {}, {}
+    camera, found = bounds.camera, {}
     for name, cause in CAUSES.items():
         if is_stated(camera, name, stated) or cause.typical is None:
             continue
-        value = cause.typical(camera)
-        if (cause.field, value) not in known:
-            assumed = replace(camera, **{cause.field: value})
-            known[cause.field, value] = bound_scene(scene, assumed)
-        found[name] = EFFECTS[name](known[cause.field, value]).bound
+        assumed = replace(camera, **{cause.field: cause.typical(camera)})
+        found[name] = EFFECTS[name](assuming(bounds, assumed)).bound
     return found
 
 

@@ -1,14 +1,15 @@
-"""Decisions of an effect plan: which effects are simulated, in how many parts, and by what method.
+"""Decisions of an effect plan: which effects are simulated, how finely, and by what method.
 
 All effects that are left out may change the image, together, by at most a quarter of the tolerance.
-The rest of the tolerance is for the slabs of thick layers, the colours of a chromatic lens and the
-finite number of rays. A tighter tolerance therefore never drops an effect.
+The rest is divided among the numbers that are finite: slabs of thick layers, colours of a chromatic
+lens, parts of pixels for diffraction, and rays. Each is doubled until some chosen pixels change by
+less than its share.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,27 +17,41 @@ from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.assumptions import is_stated, typical_bounds
+from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels, refine
 from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS, Estimate
-from lf_flame.simulation.planning.part_counts import count_colours, count_slabs
 from lf_flame.simulation.planning.plan import LEFT_OUT_SHARE, EffectPlan, PlannedEffect
 from lf_flame.simulation.planning.scene_bounds import SceneBounds, bound_scene
-from lf_flame.simulation.planning.time_estimates import compare_integrators, estimate_seconds
+
+TOLERANCE = 1e-3
+"""Tolerance of an image without noise, if none is stated."""
+
+OF_NOISE = 0.25
+"""Tolerance of a noisy image, if none is stated, in standard deviations of its noise: the error of
+all pixels together then grows by a thirtieth at most."""
+
+RAYS_OF_PARTS = 16
+"""Largest number of rays along each axis of a part while the number of parts is found."""
+
+MOST = {"slabs": 1024, "colours": 1024, "parts": 32, "rays": 2048}
+"""Largest numbers of slabs of a layer, colours, parts of a pixel and rays along each axis."""
 
 
 def plan_effects(
     scene: Scene,
     camera: PlenopticCamera,
-    tolerance: float = 1e-3,
+    tolerance: float | None = None,
     effects: Mapping[str, bool] | None = None,
     typical: bool = False,
     *,
     stated: Collection[str] = (),
 ) -> EffectPlan:
-    """Decide which optical effects to simulate for a scene, before anything is rendered.
+    """Decide which optical effects to simulate for a scene, and how finely.
 
     For each effect, an upper bound is computed on how much the image would change if the effect
     were left out. Effects are left out, smallest bound first, while the sum of their bounds is
-    within a quarter of the tolerance; the others are kept.
+    within a quarter of the tolerance; the others are kept. Some hundred pixels are then rendered
+    with ever more slabs, colours, parts of pixels and rays, until they change by less than the rest
+    of the tolerance.
 
     Parameters
     ----------
@@ -46,6 +61,7 @@ def plan_effects(
         Camera that records it.
     tolerance : float, optional
         Largest acceptable error of the image: root mean square, relative to its brightest pixel.
+        Default: 1e-3, or a quarter of the noise of the camera's sensor, if that is more.
     effects : mapping of str to bool, optional
         Effects to simulate (True) or to leave out (False) regardless of their bounds, by name
         (`lf_flame.simulation.planning.effects.EFFECTS`).
@@ -64,8 +80,8 @@ def plan_effects(
     Raises
     ------
     InputError
-        If the tolerance is not above 0, an effect is unknown, or the tolerance would need more
-        than 1,024 slabs (depth steps of a thick layer) or colours.
+        If the tolerance is not above 0, an effect is unknown, or the tolerance would need too many
+        slabs, colours, parts of pixels or rays.
 
     Examples
     --------
@@ -75,16 +91,32 @@ def plan_effects(
     >>> sorted(plan_effects(scene, PAPER_CAMERA).kept)
     ['defocus']
     """
+    return make_plan(scene, camera, tolerance, effects, typical, stated)
+
+
+def make_plan(
+    scene: Scene,
+    camera: PlenopticCamera,
+    tolerance: float | None,
+    effects: Mapping[str, bool] | None,
+    typical: bool = False,
+    stated: Collection[str] = (),
+    rays: int | None = None,
+) -> EffectPlan:
+    """Make a plan as `plan_effects` does, or one for a given number of rays, which is not found."""
     forced = dict(effects or {})
-    check_request(tolerance, forced)
-    chosen = _choose_effects(bound_scene(scene, camera), forced, LEFT_OUT_SHARE * tolerance)
-    bounds, estimates, kept = chosen
-    slabs = [1] * len(scene.layers)
-    if "thickness" in kept:
-        slabs = count_slabs(bounds, scene, tolerance, "self_absorption" in kept)
-    colours = count_colours(bounds, tolerance) if "chromatic" in kept else 1
+    check_request(TOLERANCE if tolerance is None else tolerance, forced)
+    bounds = bound_scene(scene, camera)
+    noise = _noise(bounds, forced)
+    by_noise = tolerance is None and OF_NOISE * noise > TOLERANCE
+    if tolerance is None:
+        tolerance = OF_NOISE * noise if by_noise else TOLERANCE
+    chosen = _choose_effects(bounds, forced, LEFT_OUT_SHARE * tolerance)
+    _, estimates, kept = chosen
     traced = _traced(chosen)
-    times = _estimate_times(scene, chosen, tolerance, slabs, colours, traced)
+    counts = find_counts(bounds.pixels, kept, traced, tolerance, rays)
+    options = {"slabs": counts.slabs, "colours": counts.colours, "rays": counts.rays}
+    seconds = counts.parts**2 * bounds.pixels.time(kept=kept, traced=traced, **options)
     planned = tuple(
         PlannedEffect(
             name,
@@ -92,7 +124,6 @@ def plan_effects(
             name in kept,
             name in forced,
             estimate.criterion,
-            times.added[name],
             stated=is_stated(camera, name, stated) or estimate.bound > 0,
         )
         for name, estimate in estimates.items()
@@ -100,13 +131,102 @@ def plan_effects(
     return EffectPlan(
         tolerance,
         planned,
-        tuple(slabs),
-        colours,
+        counts.slabs,
+        counts.colours,
         traced,
-        times.integrator,
-        typical_bounds(scene, camera, stated) if typical else {},
-        seconds=times.seconds,
+        rays=counts.rays,
+        parts=counts.parts,
+        typical=typical_bounds(bounds, stated) if typical else {},
+        seconds=seconds,
+        tolerance_by_noise=by_noise,
     )
+
+
+class Counts(NamedTuple):
+    """Numbers into which a scene is divided: fields of an `EffectPlan`."""
+
+    slabs: tuple[int, ...]
+    colours: int
+    parts: int
+    rays: int | None
+
+
+def find_counts(
+    pixels: ChosenPixels,
+    kept: Collection[str],
+    traced: Collection[str],
+    tolerance: float,
+    rays: int | None = None,
+    by_rays: bool = False,
+) -> Counts:
+    """Find the numbers of slabs, colours, parts of pixels and rays that a tolerance needs.
+
+    Parameters
+    ----------
+    pixels : ChosenPixels
+    kept, traced : collection of str
+        Effects that are kept, and those of them that need rays.
+    tolerance : float
+    rays : int, optional
+        Number of rays that is given; parts of pixels are then not counted either.
+    by_rays : bool, optional
+        Whether rays are traced although no effect needs them.
+
+    Raises
+    ------
+    InputError
+        If a number would be too large.
+    """
+    layers = pixels.scene.layers
+    thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
+    diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm is not None
+    chromatic, counted = "chromatic" in kept, rays is None and (bool(traced) or by_rays)
+    diffracts = diffracts and rays is None
+    number = len(thick) + chromatic + diffracts + counted
+    share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
+    slabs, colours, parts, few = [1] * len(layers), 1, 1, rays
+    weights = pixels.weights
+
+    def image(**options: Any) -> np.ndarray:
+        given: dict[str, Any] = {"slabs": slabs, "colours": colours, "rays": few} | options
+        return pixels.render(kept, traced, **given)
+
+    def count_rays(first: int) -> int:
+        return refine(lambda n: image(rays=n), first, MOST["rays"], share, "rays", weights)
+
+    if counted:
+        few = count_rays(FEWEST_RAYS)
+    for k in thick:
+
+        def sliced(n: int, k: int = k) -> np.ndarray:
+            return image(slabs=[*slabs[:k], n, *slabs[k + 1 :]])
+
+        slabs[k] = refine(sliced, 1, MOST["slabs"], share, "slabs", weights)
+    if chromatic:
+        many = MOST["colours"]
+        colours = refine(lambda n: image(colours=n), 1, many, share, "colours", weights)
+    if counted and (thick or chromatic):
+        few = count_rays(max(few or 1, FEWEST_RAYS))
+    if diffracts:
+
+        def diffracted(n: int) -> np.ndarray:
+            some = few and min(max(math.ceil(few / n), FEWEST_RAYS), RAYS_OF_PARTS)
+            return pixels.diffracted(kept, traced, n, some)
+
+        parts = refine(diffracted, 1, MOST["parts"], share, "parts of pixels")
+        few = few and max(math.ceil(few / parts), FEWEST_RAYS)
+    return Counts(tuple(slabs), colours, parts, few)
+
+
+def _noise(bounds: SceneBounds, forced: Mapping[str, bool]) -> float:
+    """Find the noise of the brightest pixel: standard deviation, relative to it."""
+    sensor = bounds.camera.sensor
+    if sensor is None or not bounds.peak > 0:
+        return 0.0
+    electrons = bounds.peak * sensor.exposure_e
+    shot = math.sqrt(electrons) if forced.get("shot_noise", True) else 0.0
+    read = sensor.read_noise_e if forced.get("read_noise", True) else 0.0
+    return math.hypot(shot, read) / electrons
 
 
 class _Chosen(NamedTuple):
@@ -132,24 +252,6 @@ class _Chosen(NamedTuple):
         return _changes(self.estimates)
 
 
-class _Times(NamedTuple):
-    """Estimated times in seconds on one core.
-
-    Attributes
-    ----------
-    integrator : str
-        Name of the integrator that renders the scene.
-    added : dict of str to float
-        Time that each effect adds, or would add.
-    seconds : dict of str to float
-        Time of the whole image by each integrator.
-    """
-
-    integrator: str
-    added: dict[str, float]
-    seconds: dict[str, float]
-
-
 def _choose_effects(bounds: SceneBounds, forced: dict[str, bool], allowance: float) -> _Chosen:
     """Choose the effects to simulate: those forced on, and those that the allowance calls for."""
     estimates, sharp = _estimate_changes(bounds, forced, allowance)
@@ -167,42 +269,6 @@ def _choose_effects(bounds: SceneBounds, forced: dict[str, bool], allowance: flo
 
 def _changes(estimates: Mapping[str, Estimate]) -> dict[str, float]:
     return {name: estimate.bound for name, estimate in estimates.items()}
-
-
-def _estimate_times(
-    scene: Scene,
-    chosen: _Chosen,
-    tolerance: float,
-    slabs: Sequence[int],
-    colours: int,
-    traced: tuple[str, ...],
-) -> _Times:
-    """Estimate the time of each integrator, choose one, and estimate what each effect adds."""
-    bounds, _, kept = chosen
-
-    def costs_of(names: Collection[str]) -> dict[str, float]:
-        return compare_integrators(scene, bounds.camera, tolerance, kept, slabs, names)
-
-    costs = costs_of(traced)
-    integrator = _faster(costs, traced)
-    without = {}
-    for name in traced:
-        others = [one for one in traced if one != name]
-        fewer = costs_of(others)
-        without[name] = fewer[_faster(fewer, others)]
-    added = estimate_seconds(bounds, slabs, colours, costs[integrator], without)
-    after = kept - {*MATTER, *RAYS, "thickness", "chromatic"}
-    rest = costs["blank"] + sum(time for name, time in added.items() if name in after)
-    seconds = {name: costs[name] * colours + rest for name in ("exact", "rays")}
-    return _Times(integrator, added, seconds)
-
-
-def _faster(costs: Mapping[str, float], traced: Collection[str]) -> str:
-    """Name of the faster integrator that can render the effects in `traced`."""
-    if any(name in RAYS for name in traced):
-        return "rays"
-    has_matter = any(name in MATTER for name in traced)
-    return "rays" if has_matter and costs["rays"] < costs["exact"] else "exact"
 
 
 def _estimate_changes(
@@ -273,7 +339,7 @@ def _traced(chosen: _Chosen) -> tuple[str, ...]:
     changes = chosen.changes
     # A flat layer that absorbs, with nothing behind it, only becomes darker.
     alone = all(
-        not layer.thickness_mm and not chosen.bounds.behind[layer]
+        not layer.depth_extent_mm and not chosen.bounds.behind[layer]
         for layer in chosen.bounds.layers
         if layer.optical_thickness.any()
     )

@@ -12,7 +12,9 @@ from itertools import product
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
+from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import (
+    farthest_move_mm,
     focus_spread,
     misplaced_mm,
     pitch_shifts_mm,
@@ -21,12 +23,13 @@ from lf_flame.simulation.bundle_shifts import (
 )
 from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
 from lf_flame.simulation.main_lens_blur import main_lens_share_leaving, main_lens_spread_mm
-from lf_flame.simulation.planning.probes import measured_change
 from lf_flame.simulation.planning.scene_bounds import (
     SceneBounds,
+    box_mm,
     dimmed_inside,
     displaced,
     lenslets_moved,
+    measured_change,
     smeared,
     stopped_inside,
 )
@@ -34,7 +37,7 @@ from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
 
 MEASURED = ", measured on some pixels, doubled"
-"""Note on a change that was measured, not bounded: see `lf_flame.simulation.planning.probes`."""
+"""Note on a change that was measured, not bounded: see `scene_bounds.measured_change`."""
 
 
 @dataclass(frozen=True)
@@ -109,22 +112,29 @@ def _thickness(bounds: SceneBounds) -> Estimate:
 
     The change is that of replacing the layer by its middle plane.
     """
-    change, thickest, by_pixels = 0.0, 0.0, False
-    for layer in bounds.layers:
-        if layer.thickness_mm > 0:
-            thickest = max(thickest, layer.thickness_mm)
-            moved = sum(
-                smeared(bounds, layer, axis, depth_mm=layer.thickness_mm) for axis in (0, 1)
-            )
-            measured = measured_change(bounds, layer, "thickness")
-            change, by_pixels = change + min(moved, measured), by_pixels or measured < moved
-            change += stopped_inside(bounds, layer) * layer.texture.max()
-            change += dimmed_inside(bounds, layer)
-    if not thickest:
-        return Estimate(0.0, "no layer has a thickness_mm")
-    return Estimate(
-        bounds.relative(change), f"{thickest:.3g} mm thick{MEASURED if by_pixels else ''}"
-    )
+    layers = [layer for layer in bounds.layers if layer.depth_extent_mm > 0]
+    if not layers:
+        return Estimate(0.0, "no layer has a thickness_mm or tilt_deg")
+    moved = sum(_leaning(bounds, layer, axis) for layer in layers for axis in (0, 1))
+    measured = measured_change(bounds, "thickness")
+    change = min(moved, measured)
+    for layer in layers:
+        change += stopped_inside(bounds, layer) * layer.texture.max()
+        change += dimmed_inside(bounds, layer)
+    thickest = max(layer.depth_extent_mm for layer in layers)
+    words = f"{thickest:.3g} mm thick{MEASURED if measured < moved else ''}"
+    return Estimate(bounds.relative(change), words)
+
+
+def _leaning(bounds: SceneBounds, layer: Layer, axis: int) -> float:
+    """Change of a pixel by the depths over which a layer spreads or leans."""
+    change = smeared(bounds, layer, axis, depth_mm=layer.thickness_mm)
+    if any(layer.tilt_deg):
+        ends = (layer.depth_mm + side * layer.depth_extent_mm / 2 for side in (-1, 1))
+        here = bounds.footprints[layer, axis]
+        move = max(farthest_move_mm(bounds.camera, here, axis, depth) for depth in ends)
+        change += displaced(bounds, layer, axis, move, box_mm(bounds, layer, axis))
+    return change
 
 
 def _cos4(bounds: SceneBounds) -> Estimate:
@@ -147,17 +157,19 @@ def squared_tangent(camera: PlenopticCamera) -> float:
     lens that the pixel sees. A displaced lenslet, or light from neighbouring lenslets, can come
     from anywhere in a wide aperture.
     """
-    seen, pitch_mm, farther = (camera.views - 1) * camera.view_step_mm, true_pitch_mm(camera), 0.0
+    step, pitch_mm, farther = camera.on_exit_pupil(camera.view_step_mm), true_pitch_mm(camera), 0.0
+    seen = (camera.views - 1) * step
     if max(misplaced_mm(camera)) > 0 or neighbours(camera):
-        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) + camera.view_step_mm
+        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
+        widest = camera.on_exit_pupil(widest) + step
         seen = widest * (1 + abs(camera.lenslet_pitch_error)) + 2 * pitch_mm
         farther = pitch_mm
     height = [
         ((lenslets - 1) * camera.lenslet_pitch_mm + seen) / 2 + farther
         for lenslets in camera.lenslets
     ]
-    patch = 2 * camera.view_step_mm**2 / 12
-    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.image_distance_mm**2
+    patch = 2 * step**2 / 12
+    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.exit_distance_mm**2
 
 
 def _round_aperture(bounds: SceneBounds) -> Estimate:
@@ -165,7 +177,7 @@ def _round_aperture(bounds: SceneBounds) -> Estimate:
     camera = bounds.camera
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: square and matched")
-    share = share_cut(camera, 0.0, camera.aperture_mm / 2)
+    share = share_cut(camera, camera.aperture_before_lens_mm, camera.aperture_mm / 2)
     if camera.lenslet_pitch_error < 0:  # the aperture is too wide for smaller lenslets
         share = min(1.0, share + crosstalk(camera))
     words = f"cuts up to {share:.3g} of a pixel's light"
@@ -258,13 +270,12 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     if not camera.chromatic_shift:
         return Estimate(0.0, "no chromatic_shift")
     band_mm = camera.chromatic_shift * camera.main_lens_focal_mm
-    change, by_pixels = 0.0, False
-    for layer in bounds.layers:
-        moved = sum(smeared(bounds, layer, axis, focal_mm=band_mm) for axis in (0, 1))
-        measured = measured_change(bounds, layer, "chromatic")
-        change, by_pixels = change + min(moved, measured), by_pixels or measured < moved
-    words = f"focal length +-{band_mm / 2:.3g} mm{MEASURED if by_pixels else ''}"
-    return Estimate(bounds.relative(change), words)
+    moved = sum(
+        smeared(bounds, layer, axis, focal_mm=band_mm) for layer in bounds.layers for axis in (0, 1)
+    )
+    measured = measured_change(bounds, "chromatic")
+    words = f"focal length +-{band_mm / 2:.3g} mm{MEASURED if measured < moved else ''}"
+    return Estimate(bounds.relative(min(moved, measured)), words)
 
 
 def _shot_noise(bounds: SceneBounds) -> Estimate:

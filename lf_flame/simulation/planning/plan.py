@@ -35,8 +35,6 @@ class PlannedEffect:
         Whether the user made the decision, not the bound.
     criterion : str
         Reason for the bound, with its numbers.
-    seconds : float
-        Estimated time in seconds on one core that the effect adds, or would add.
     stated : bool
         Whether the camera states the cause of the effect. If not, the bound is 0 because the cause
         is unknown, not because the effect is small.
@@ -47,7 +45,6 @@ class PlannedEffect:
     kept: bool
     forced: bool
     criterion: str
-    seconds: float
     stated: bool = True
 
 
@@ -67,18 +64,21 @@ class EffectPlan:
     colours : int
         Number of focal lengths that represent the band of light; 1 without chromatic shift.
     traced : tuple of str
-        Kept effects that treat the rays of one pixel's bundle differently.
-    integrator : str
-        Name of the fastest integrator that can render all kept effects: "exact" or "rays". Stops
-        and a rotated lenslet array need rays. Layers that occlude or absorb are rendered by rays
-        if the exact integrator would have to intersect too many polygons.
+        Kept effects that treat the rays of one pixel's bundle differently, which only the ray
+        integrator can render: stops, a rotated array, layers that occlude or absorb.
+    rays : int or None
+        Number of rays per pixel along each axis; None if the scene is integrated exactly.
+    parts : int
+        Number of parts along each axis into which pixels are cut for diffraction by the lenslets.
     typical : mapping of str to float
         Bounds of effects whose causes are not stated, each at a typical value; see
         `lf_flame.simulation.planning.assumptions.typical_bounds`. Empty unless requested.
     measured : mapping of str to float
         Measured changes of the image, see `lf_flame.simulation.measuring`. Empty unless requested.
-    seconds : mapping of str to float
-        Estimated time in seconds on one core for the whole image, by integrator.
+    seconds : float
+        Estimated time in seconds for the whole image on this machine.
+    tolerance_by_noise : bool
+        Whether the tolerance follows from the noise of the sensor, because none was stated.
     """
 
     tolerance: float
@@ -86,15 +86,17 @@ class EffectPlan:
     slabs: tuple[int, ...]
     colours: int
     traced: tuple[str, ...]
-    integrator: str
+    rays: int | None = None
+    parts: int = 1
     typical: Mapping[str, float] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
-    seconds: Mapping[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+    tolerance_by_noise: bool = False
 
     @property
-    def only_by_rays(self) -> tuple[str, ...]:
-        """Kept effects that the exact integrator cannot render."""
-        return tuple(name for name in self.traced if name in RAYS)
+    def integrator(self) -> str:
+        """Name of the integrator that renders the scene: "rays" if any effect needs rays."""
+        return "rays" if self.traced else "exact"
 
     @property
     def not_separable(self) -> dict[str, str]:
@@ -135,6 +137,8 @@ class EffectPlan:
             "integrator": self.integrator,
             "slabs": list(self.slabs),
             "colours": self.colours,
+            "rays": self.rays,
+            "parts": self.parts,
             "left_out_bound": self.left_out_bound,
             "not_separable": self.not_separable,
             "effects": lines,
@@ -148,24 +152,28 @@ class EffectPlan:
                 *([_short(self.measured.get(effect.name))] if self.measured else []),
                 ("kept" if effect.kept else "left out") + (", forced" if effect.forced else ""),
                 self._criterion(effect),
-                f"{effect.seconds:.2g}" if effect.seconds else "",
             )
             for effect in self.effects
         ]
         measured = ["measured"] if self.measured else []
-        columns = ["effect", "bound", *measured, "decision", "criterion", "adds (s)"]
+        columns = ["effect", "bound", *measured, "decision", "criterion"]
         table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
-            f"tolerance {self.tolerance:g} of the brightest pixel, {LEFT_OUT_SHARE:.0%} of it for "
+            f"tolerance {self.tolerance:.3g} of the brightest pixel"
+            f"{', a quarter of the noise' if self.tolerance_by_noise else ''}, "
+            f"{LEFT_OUT_SHARE:.0%} of it for "
             f"effects that are left out, smallest first; those that are stated change the image by "
             f"at most {self.left_out_bound:.2g}",
             *self._not_stated(),
-            f"integrator: {self.integrator}; on one core it takes about "
-            f"{self.seconds[self.integrator]:.2g} s",
+            f"integrator: {self.integrator}; it takes about {self.seconds:.2g} s on this machine",
             *self._way_to_images(),
         ]
         if max(self.slabs) > 1:
             notes.append(f"slabs of each layer: {', '.join(map(str, self.slabs))}")
+        if self.rays:
+            notes.append(f"rays of each pixel: {self.rays} x {self.rays}")
+        if self.parts > 1:
+            notes.append(f"parts of each pixel: {self.parts} x {self.parts}")
         if self.colours > 1:
             notes.append(f"colours over the band: {self.colours}")
         return f"{table}\n\n" + "\n".join(notes)

@@ -6,17 +6,23 @@ change of a pixel if its bundle of rays moves over a layer. Nothing is rendered.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.bundle_shifts import farthest_move_mm, reach_mm, true_pitch_mm
-from lf_flame.simulation.lenslet_blur import tiled_sensor
-from lf_flame.simulation.planning.peak import peak_radiance
-from lf_flame.simulation.stops import crosstalk, round_stops, share_crossing
+from lf_flame.simulation.bundle_shifts import (
+    farthest_move_mm,
+    misplaced_mm,
+    reach_mm,
+    true_pitch_mm,
+)
+from lf_flame.simulation.lenslet_blur import lenslet_share_leaving, tiled_sensor
+from lf_flame.simulation.main_lens_blur import main_lens_share_leaving
+from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels, has_matter
+from lf_flame.simulation.stops import crosstalk, neighbours, round_stops, share_crossing
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,6 @@ class SceneBounds:
     Attributes
     ----------
     camera : PlenopticCamera
-    camera : PlenopticCamera
         Camera in front of the scene.
     layers : tuple of Layer
         Layers of the scene, nearest to the main lens first.
@@ -55,8 +60,11 @@ class SceneBounds:
         Upper bound on the radiance of a pixel: the sum of the brightest cells of all layers.
     brightest_raw : float
         Upper bound on the radiance of a pixel, with light through neighbouring lenslets.
+    pixels : ChosenPixels
+        Some pixels of the image.
     peak : float
-        Lower bound on the radiance of the brightest pixel.
+        Radiance of the brightest of these, with all that the camera and the scene state; what
+        diffraction may take from it is subtracted.
     behind : mapping of Layer to float
         Upper bound on the radiance that a layer can occlude or attenuate, from layers behind it.
     steps : mapping of (Layer, int) to LightSteps
@@ -70,6 +78,7 @@ class SceneBounds:
     footprints: Mapping[tuple[Layer, int], Footprint]
     radiance: float
     brightest_raw: float
+    pixels: ChosenPixels
     peak: float
     behind: Mapping[Layer, float]
     steps: Mapping[tuple[Layer, int], LightSteps]
@@ -85,15 +94,6 @@ class SceneBounds:
 def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     """Bound the light of a scene in front of a camera.
 
-    Parameters
-    ----------
-    scene : Scene
-    camera : PlenopticCamera
-
-    Returns
-    -------
-    SceneBounds
-
     Raises
     ------
     InputError
@@ -106,17 +106,17 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
         for layer in layers
         for axis in (0, 1)
     }
-    radiance = float(sum(layer.texture.max() for layer in layers))
-    # Diffraction brings light from between the pixels.
-    lit = camera if camera.wavelength_nm is None else tiled_sensor(camera)
     behind = {layer: _light_behind(camera, layers, layer, footprints) for layer in layers}
+    radiance = float(sum(layer.texture.max() for layer in layers))
+    pixels = ChosenPixels(scene, camera)
     return SceneBounds(
         camera=camera,
         layers=layers,
         footprints=footprints,
         radiance=radiance,
-        brightest_raw=radiance * (1 + crosstalk(lit)),
-        peak=peak_radiance(camera, layers, footprints),
+        brightest_raw=_brightest_raw(camera, radiance),
+        pixels=pixels,
+        peak=_peak(pixels),
         behind=behind,
         steps={
             (layer, axis): _light_steps(layer, axis, behind[layer])
@@ -126,23 +126,85 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     )
 
 
+def assuming(bounds: SceneBounds, camera: PlenopticCamera) -> SceneBounds:
+    """Bound the light in front of the same camera with further properties."""
+    return replace(bounds, camera=camera, brightest_raw=_brightest_raw(camera, bounds.radiance))
+
+
+def _brightest_raw(camera: PlenopticCamera, radiance: float) -> float:
+    # Diffraction brings light from between the pixels.
+    lit = camera if camera.wavelength_nm is None else tiled_sensor(camera)
+    return radiance * (1 + crosstalk(lit))
+
+
+PEAK_ERROR = 0.02
+"""Largest relative error of the brightest pixel by few rays, slabs and colours."""
+
+
+def _peak(pixels: ChosenPixels) -> float:
+    """Radiance of the brightest pixel, from few rays, with every effect that is stated."""
+    camera, layers = pixels.camera, pixels.scene.layers
+    causes = {
+        "occlusion": any(layer.opaque for layer in layers),
+        "self_absorption": any(layer.optical_thickness.any() for layer in layers),
+        "round_aperture": camera.aperture_diameter_mm is not None,
+        "f_number_mismatch": camera.aperture_diameter_mm is not None,
+        "vignetting": camera.rim_diameter_mm is not None,
+        "lenslet_rotation": camera.lenslet_rotation_rad != 0,
+    }
+    traced = [name for name, stated in causes.items() if stated]
+    kept = [*traced, "defocus", "cos4", "lenslet_pitch_error"]
+    slabs = [4 if layer.depth_extent_mm else 1 for layer in layers]
+    colours = 3 if camera.chromatic_shift else 1
+    rays = 2 * FEWEST_RAYS if traced else None
+    image = pixels.render(kept, traced, slabs=slabs, colours=colours, rays=rays)
+    peak = float(image.max())
+    exact = not traced and colours == 1 and max(slabs) == 1
+    peak *= 1 - PEAK_ERROR * (0.1 if exact else 1.0)  # other effects may take a little of it
+    if camera.wavelength_nm is not None:
+        peak *= (1 - lenslet_share_leaving(camera)) * (1 - main_lens_share_leaving(camera))
+    sensor = camera.sensor
+    return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
+
+
+def measured_change(bounds: SceneBounds, effect: str) -> float:
+    """Measure the change of the chosen pixels if all light had its middle depth or colour.
+
+    Returns twice the largest change of a pixel, in the unit of the textures, as other pixels are
+    not measured; infinite where light does not only add up, or reaches a pixel through other
+    lenslets. A stop may leave a part of a bundle, in the limit a point, which blurs nothing: the
+    change is the larger one with and without that blur.
+    """
+    camera = bounds.camera
+    matter = any(has_matter(layer) for layer in bounds.layers)
+    if matter or any(misplaced_mm(camera)) or neighbours(camera):
+        return math.inf
+    slabs = [SPREAD if layer.depth_extent_mm else 1 for layer in bounds.pixels.scene.layers]
+    many = {"slabs": slabs} if effect == "thickness" else {"colours": SPREAD}
+    changes = []
+    for blurs in {bounds.defocus, bounds.defocus and not round_stops(camera)}:
+        kept = {"defocus"} if blurs else set()
+        few, fine = (bounds.pixels.render(kept, (), **options) for options in ({}, many))
+        changes.append(float(np.abs(few - fine).max()))
+    return 2 * max(changes)
+
+
+SPREAD = 16
+"""Number of slabs or colours with which the change by a single one is measured."""
+
+
 def _light_behind(camera, layers, layer: Layer, footprints) -> float:
     """Upper bound on the radiance from other layers that must cross the matter of a layer."""
-    found, front = 0.0, layer.depth_mm - layer.thickness_mm / 2
-    if not _has_matter(layer):
+    found, front = 0.0, layer.depth_mm - layer.depth_extent_mm / 2
+    if not has_matter(layer):
         return 0.0
     for other in layers:
-        reaches_behind = other.depth_mm + other.thickness_mm / 2 > front
+        reaches_behind = other.depth_mm + other.depth_extent_mm / 2 > front
         if other is layer or not reaches_behind:
             continue
         if all(_crosses(camera, layer, other, footprints, axis) for axis in (0, 1)):
             found += other.texture.max()
     return float(found)
-
-
-def _has_matter(layer: Layer) -> bool:
-    """Whether a layer can occlude or attenuate light from behind."""
-    return layer.opaque or bool(layer.optical_thickness.any())
 
 
 def _crosses(camera, front: Layer, other: Layer, footprints, axis: int) -> bool:
@@ -160,7 +222,7 @@ def _crosses(camera, front: Layer, other: Layer, footprints, axis: int) -> bool:
 def _light_steps(layer: Layer, axis: int, behind: float) -> LightSteps:
     """Largest changes of the light that a layer adds, and of the light behind that it stops."""
     whole, nearest = layer.texture.max(), _largest_step(layer.texture, axis)
-    if _has_matter(layer):
+    if has_matter(layer):
         stopped = layer.opacity + -np.expm1(-layer.optical_thickness)
         whole = whole + stopped.max() * behind
         nearest += _largest_step(stopped, axis) * behind
@@ -180,7 +242,7 @@ def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
     inside = 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
-        if other is layer or apart <= (other.thickness_mm + layer.thickness_mm) / 2:
+        if other is layer or apart <= (other.depth_extent_mm + layer.depth_extent_mm) / 2:
             inside += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
     return min(inside, 1.0)
 
@@ -192,7 +254,7 @@ def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
     inside = 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
-        if other is not layer and apart <= (other.thickness_mm + layer.thickness_mm) / 2:
+        if other is not layer and apart <= (other.depth_extent_mm + layer.depth_extent_mm) / 2:
             inside += other.texture.max()
     return float(-math.expm1(-layer.optical_thickness.max()) * inside)
 
@@ -286,6 +348,6 @@ def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float
 
 def _share_exchanged(camera: PlenopticCamera, shift_mm: float) -> float:
     """Fraction of an outermost pixel that a neighbouring micro-image covers after a shift."""
-    ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
+    ratio = 1 + camera.lenslet_focal_mm / camera.exit_distance_mm
     gap_mm = (camera.micro_image_pitch_mm - camera.views * camera.pixel_mm) / 2
     return min(1.0, max(0.0, shift_mm * ratio - gap_mm) / camera.pixel_mm)

@@ -1,0 +1,242 @@
+"""A few hundred pixels of an image, rendered to find how finely a scene must be divided.
+
+They lie where chosen rows and columns cross: those that see the brightest places, those where light
+or matter changes most from lenslet to lenslet, and some spread evenly over all views. Both
+integrators render them with every effect but diffraction.
+"""
+
+import math
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lf_flame._common import progress
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.ray_bundle import trace_footprint
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.gathering import gather, optical_passes
+from lf_flame.simulation.layouts import Lines, as_views
+from lf_flame.simulation.lenslet_blur import blur_on_sensor, tiled_sensor
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.slabs import Plane, slice_scene
+
+BRIGHTEST, CHANGING, EVEN = 4, 8, 12
+"""Number of lines along each axis: brightest, changing most, and spread evenly."""
+
+TIMED_CROSSINGS = 4_000_000
+"""Number of crossings of rays and planes that are timed: a tenth of a second."""
+
+MOST_VIEWS, MOST_LENSLETS = 15, 1024
+"""Largest numbers of views and lenslets along an axis among which lines are chosen."""
+
+FEWEST_RAYS = 4
+"""Number of rays along each axis from which they are doubled; with as many the light is found."""
+
+WINDOW = 3
+"""Number of lenslets along each side of the windows in which diffraction is measured."""
+
+
+class ChosenPixels:
+    """Pixels of a scene in front of a camera at the crossings of chosen lines.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+
+    Attributes
+    ----------
+    lines : Lines
+        Chosen rows and columns.
+    weights : ndarray of float64, shape (1, 1, rows, columns)
+        Share of the image for which each pixel stands: of the lines nearest to its own.
+    """
+
+    def __init__(self, scene: Scene, camera: PlenopticCamera):
+        self.scene, self.camera = scene, camera
+        views = _spread(camera.views, MOST_VIEWS)
+        everywhere = [
+            np.concatenate([view * n + _spread(n, MOST_LENSLETS) for view in views])
+            for n in camera.lenslets
+        ]
+        columns = self._start()
+        rows = self._choose(everywhere[0], columns, 0)
+        columns = self._choose(everywhere[1], rows, 1)
+        self.lines = Lines(rows, columns)
+        self.weights = np.multiply.outer(
+            *(_nearest(*each) for each in zip(everywhere, self.lines, strict=True))
+        )[None, None]
+
+    def _start(self) -> np.ndarray:
+        """Columns of the central view that see the brightest places and the edges of layers."""
+        count, view = self.camera.lenslets[1], self.camera.views // 2
+        lenslets = [*_spread(count, 2 * EVEN)]
+        for layer in self.scene.layers:
+            edges = layer.cell_edges_mm(1)
+            brightest = edges[np.unravel_index(layer.texture.argmax(), layer.texture.shape)[1]]
+            centres = trace_footprint(self.camera, layer.depth_mm, 1).centres_mm[view]
+            for place in (edges[0], brightest, edges[-1]):
+                lenslets.append(int(np.abs(centres - place).argmin()))
+        return view * count + np.unique(lenslets)
+
+    def _choose(self, candidates: np.ndarray, across: np.ndarray, axis: int) -> np.ndarray:
+        """Choose some of the candidates along an axis by their pixels on lines across."""
+        lines = Lines(candidates, across) if axis == 0 else Lines(across, candidates)
+        change, bright = np.zeros(candidates.size), np.zeros(candidates.size)
+        for planes in self._light_and_matter():
+            image = gather(planes, [OpticalPass(self.camera)], lines, None)[0, 0]
+            image = (image if axis == 0 else image.T) / max(float(image.max()), 1e-30)
+            steps = np.abs(np.diff(image, axis=0, prepend=image[:1])).max(axis=1)
+            steps[candidates % self.camera.lenslets[axis] == 0] = 0  # the next view begins
+            change, bright = np.maximum(change, steps), np.maximum(bright, image.max(axis=1))
+        best = [
+            *np.argsort(change, kind="stable")[-CHANGING:],
+            *np.argsort(bright, kind="stable")[-BRIGHTEST:],
+            *_spread(candidates.size, EVEN),
+        ]
+        return candidates[np.unique(best)]
+
+    def _light_and_matter(self) -> list[list[Plane]]:
+        """Planes that shine like the layers, and planes that shine where there is matter."""
+        layers = self.scene.front_to_back
+        found = [[Plane(layer.texture, None, layer.depth_mm, layer) for layer in layers]]
+        matter = [
+            Plane(layer.opacity + -np.expm1(-layer.optical_thickness), None, layer.depth_mm, layer)
+            for layer in layers
+            if has_matter(layer)
+        ]
+        return [*found, matter] if matter else found
+
+    def render(
+        self,
+        kept: Collection[str],
+        traced: Collection[str],
+        *,
+        slabs: Sequence[int] | None = None,
+        colours: int = 1,
+        rays: int | None = None,
+        lines: Lines | None = None,
+    ) -> np.ndarray:
+        """Render the chosen pixels without diffraction: float32, shape (1, 1, rows, columns).
+
+        The parameters are those of an `EffectPlan`; slabs: one for each layer by default. Other
+        lines may be given.
+        """
+        counts = [1] * len(self.scene.layers) if slabs is None else slabs
+        parts = dict(zip(self.scene.layers, counts, strict=True))
+        planes = slice_scene(self.scene, parts, "self_absorption" in kept, set(traced))
+        passes = optical_passes(self.camera, kept, traced, colours)
+        return gather(planes, passes, self.lines if lines is None else lines, rays)
+
+    def time(self, **options) -> float:
+        """Time in seconds that the whole image takes, by that of the chosen pixels.
+
+        Those timed are spread evenly. The time of one of them is subtracted: it is that of the
+        tables, not of the pixels.
+        """
+        views, found = self.camera.views, []
+        crossings = (options.get("rays") or 1) ** 2 * sum(options["slabs"])
+        for count in (1, max(16, min(256, math.isqrt(TIMED_CROSSINGS // crossings)))):
+            lines = Lines(*(_spread(views * n, count) for n in self.camera.lenslets))
+            started = time.perf_counter()
+            self.render(lines=lines, **options)
+            found.append(time.perf_counter() - started)
+        pixels = views**2 * math.prod(self.camera.lenslets)
+        return max(found[1] - found[0], 0.0) * pixels / (lines.rows.size * lines.columns.size)
+
+    def windows(self, parts: int) -> tuple[PlenopticCamera, Lines]:
+        """Sensor with pixels cut into parts, and the lines of whole windows of lenslets on it."""
+        tiled, lines = tiled_sensor(self.camera, parts), []
+        for axis, count in enumerate(self.camera.lenslets):
+            chosen = np.unique(self.lines[axis] % count)
+            size = min(WINDOW, count)
+            first = np.clip(chosen[_spread(chosen.size, WINDOW)] - size // 2, 0, count - size)
+            lenslets = (first[:, None] + np.arange(size)).ravel()
+            lines.append((np.arange(tiled.views) * count + lenslets[:, None]).ravel())
+        return tiled, Lines(*lines)
+
+    def diffracted(
+        self, kept: Collection[str], traced: Collection[str], parts: int, rays: int | None
+    ) -> np.ndarray:
+        """Middle lenslets of some windows, diffracted by the light on parts of the pixels."""
+        tiled, lines = self.windows(parts)
+        planes = slice_scene(self.scene, {}, "self_absorption" in kept, set(traced))
+        tiles = gather(planes, optical_passes(tiled, kept, traced, 1), lines, rays)[0, 0]
+        size = min(WINDOW, self.camera.lenslets[0]), min(WINDOW, self.camera.lenslets[1])
+        window, around = replace(self.camera, lenslets=size), replace(tiled, lenslets=size)
+        high, wide = (n * tiled.views for n in size)
+        found = []
+        for top in range(0, tiles.shape[0], high):
+            for left in range(0, tiles.shape[1], wide):
+                part = tiles[top : top + high, left : left + wide]
+                raw = blur_on_sensor(part, around, window)[None, None]
+                found.append(as_views(raw, window, "raw")[:, :, size[0] // 2, size[1] // 2])
+        return np.array(found)
+
+
+def refine(
+    image: Callable[[int], np.ndarray],
+    first: int,
+    most: int,
+    allowance: float,
+    what: str,
+    weights: np.ndarray | None = None,
+) -> int:
+    """Double a number of parts until the chosen pixels change by no more than an allowance.
+
+    The error falls about as one over the number or faster: with the doubled number it is at most
+    about the change.
+
+    Parameters
+    ----------
+    image : callable
+        Function that renders the pixels with a number of parts.
+    first, most : int
+        Smallest and largest number.
+    allowance : float
+        Largest root-mean-square error of the pixels, relative to the brightest of them.
+    what : str
+        Name of the parts, for the progress bar and the error.
+    weights : ndarray, shape of the image, optional
+        Share of the image for which each pixel stands. Default: equal ones.
+
+    Raises
+    ------
+    InputError
+        If the largest number is not enough.
+    """
+    counts = [first * 2**k for k in range(1, 16) if first * 2**k <= most]
+    coarse, before = image(first), first
+    for count in progress.steps(counts, f"finding the number of {what}", len(counts)):
+        fine = image(count)
+        squares = np.square(fine - coarse, dtype=np.float64)
+        change, most_light = math.sqrt(np.average(squares, weights=weights)), float(fine.max())
+        if change <= allowance * most_light:
+            # The first two may agree by chance.
+            enough = 4 * change <= allowance * most_light and before > first
+            return before if enough else count
+        coarse, before = fine, count
+    raise InputError(
+        f"The tolerance cannot be met: the number of {what} would exceed {most}; allow more, or "
+        f"force the effect that needs them off."
+    )
+
+
+def has_matter(layer: Layer) -> bool:
+    """Whether a layer can occlude or attenuate light from behind."""
+    return layer.opaque or bool(layer.optical_thickness.any())
+
+
+def _nearest(candidates: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Share of the candidates that are nearest to each of the lines, which are among them."""
+    middles = (lines[1:] + lines[:-1]) / 2
+    near = np.searchsorted(middles, candidates)
+    return np.bincount(near, minlength=lines.size) / candidates.size
+
+
+def _spread(count: int, chosen: int) -> np.ndarray:
+    """Spread indices evenly over `count`, ends included."""
+    return np.unique(np.linspace(0, count - 1, min(count, chosen)).round().astype(int))
