@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import centred
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
     Views,
@@ -17,7 +18,6 @@ from lf_flame.refocus._arguments import (
     as_weights,
     for_slopes,
     refuse_not_finite,
-    view_places,
 )
 from lf_flame.refocus.interpolation import shift_taps
 from lf_flame.refocus.unknown_pixels import of_known_pixels
@@ -86,24 +86,14 @@ def shift_and_sum(
     (3, 24, 30)
     """
     weights = as_weights(weights, light_field)
-    views, steps = as_views(light_field, placed=True), as_slopes(slopes)
-    stack = shift_views(views, steps, interpolation, weights, view_places(light_field))
-    return for_slopes(stack, slopes)
-
-
-def shift_views(
-    views: np.ndarray, slopes: np.ndarray, interpolation: str, weights: np.ndarray,
-    places: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:  # fmt: skip
-    """Refocus views at places of their own, see `plan_shifts`: float32, one image each slope."""
-    views = as_readable(views, raw=True)
+    views, steps = as_readable(as_views(light_field), raw=True), as_slopes(slopes)
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
-    stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)
-    for first in range(0, len(slopes), SLOPES_AT_ONCE):
+    stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
+    for first in range(0, len(steps), SLOPES_AT_ONCE):
         some = slice(first, first + SLOPES_AT_ONCE)
-        _shift_and_sum(lines, channels, slopes[some], interpolation, weights, places, stack[some])
-    return stack.reshape(len(slopes), *views.shape[2:])
+        _shift_and_sum(lines, channels, steps[some], interpolation, weights, stack[some])
+    return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
 
 
 class ShiftPlan(NamedTuple):
@@ -143,7 +133,7 @@ class ShiftPlan(NamedTuple):
 
 def plan_shifts(
     shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
-    weights: np.ndarray, places: tuple[np.ndarray, np.ndarray], precision: type = np.float32,
+    weights: np.ndarray, precision: type = np.float32,
 ) -> ShiftPlan:  # fmt: skip
     """Plan the shifts of all views at some slopes, without reading a pixel.
 
@@ -159,8 +149,6 @@ def plan_shifts(
         See `shift_and_sum`.
     weights : ndarray of float64, shape (v, u)
         Weights of the views, 0 or above, at least one above 0.
-    places : (ndarray, ndarray) of float64, shapes (v,) and (v, u)
-        Places of the rows of views down, and of the views to the right, in view steps.
     precision : {numpy.float32, numpy.float64}, optional
         Type of the sums along a line.
 
@@ -170,8 +158,9 @@ def plan_shifts(
     """
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
-    down, down_taps = shift_taps(view_shifts(slopes, places[0], height), interpolation)
-    across, taps = shift_taps(view_shifts(slopes, places[1], width // channels), interpolation)
+    down, down_taps = shift_taps(view_shifts(slopes, centred(rows), height), interpolation)
+    places = np.broadcast_to(centred(columns), (rows, columns))
+    across, taps = shift_taps(view_shifts(slopes, places, width // channels), interpolation)
     if not taps[1:].any():  # whole slopes
         taps = taps[:1]
     reach = max(-int(across.min()), int(across.max()) + len(taps) - 1, 0) * channels
@@ -191,10 +180,10 @@ def plan_shifts(
     )
 
 
-def _shift_and_sum(views, channels, slopes, interpolation, weights, places, out) -> None:
+def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
     """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
     precision = np.float64 if views.dtype == np.float64 else np.float32
-    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, places, precision)
+    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, precision)
     bad = np.zeros((plan.bands, plan.blocks), bool)
     _kernels.sum_bands(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
