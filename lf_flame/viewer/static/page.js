@@ -6,7 +6,7 @@ import { Viewer } from "./viewer.js";
 
 const read = (id) => document.getElementById(id)?.textContent;
 const metadata = JSON.parse(read("lf-metadata"));
-const source = ["served", "planes"].includes(metadata.coding)
+const source = metadata.coding === "served"
   ? asked(fetcher(document.baseURI), metadata)
   : embedded(read, metadata);
 const query = new URLSearchParams(location.search);
