@@ -1,11 +1,11 @@
-"""A rendered table top: bare dark things, soft shadows, highlights, and the true slope of each pixel.
+"""A rendered table top: bare dark things, soft shadows, highlights, and the true slopes.
 
 A pinhole camera stands at each place of a square of them, all turned the same way, with their
 images shifted so that a point at the distance `FOCUS` is in the same place in all. A point at the
-distance Z then moves by ``d = STEP (1 - FOCUS / Z)`` pixels from a view to the next: its slope. Each
-ray meets balls, boxes, the table and the wall behind it; light comes from a lamp of some size
-(soft shadows), from all sides, and by reflection from the lamp and from two windows (highlights
-that glide over a surface as the camera moves). Nothing is shared with the package's simulator.
+distance Z then moves by ``d = STEP (1 - FOCUS / Z)`` pixels from a view to the next: its slope.
+Each ray meets balls, boxes, the table and the wall behind it; light comes from a lamp of some size
+(soft shadows), from all sides, and by reflection (highlights that glide over a surface as the
+camera moves). Nothing is shared with the package's simulator.
 """
 
 import math
@@ -62,35 +62,35 @@ def make_tabletop(seed: int, views: int = 9) -> tuple[np.ndarray, np.ndarray]:
     The renderer's light is stored with a gamma of 2.2, with noise of 0.3 % of white.
     """
     balls, boxes = draw_scene(seed)
-    rows = SIZE[0]
-    light = np.empty((views, views, *SIZE))
-    _render(balls, boxes, LAMP, light, np.empty(SIZE))
-    distance = np.empty(SIZE)
-    _render(balls, boxes, LAMP, np.empty((1, 1, rows, SIZE[1])), distance)
+    light, distance = np.empty((views, views, *SIZE)), np.empty(SIZE)
+    lens = FOCUS, STEP, LENGTH
+    _render(balls, boxes, LAMP, lens, light, np.empty(SIZE))
+    _render(balls, boxes, LAMP, lens, np.empty((1, 1, *SIZE)), distance)
     rng = np.random.default_rng(seed)
     coded = np.clip(light, 0, 1) ** (1 / 2.2) + 0.003 * rng.standard_normal(light.shape)
     return np.uint8(np.rint(255 * np.clip(coded, 0, 1))), STEP * (1 - FOCUS / distance)
 
 
 @njit(parallel=True, cache=True)
-def _render(balls, boxes, lamp, out, distance):
+def _render(balls, boxes, lamp, lens, out, distance):
     """Radiance of views[v, u, t, s], and distance of what the middle of each pixel shows."""
     rows, columns, height, width = out.shape
+    focus, step, length = lens
     for line in prange(rows * columns * height):
         v, u, t = line // (columns * height), line // height % columns, line % height
         across, down = u - (columns - 1) / 2, v - (rows - 1) / 2
-        # The camera's place, for which a point at FOCUS moves by STEP pixels minus its parallax.
-        x, y = across * STEP * FOCUS / LENGTH, -down * STEP * FOCUS / LENGTH
+        # The camera's place: a point at `focus` moves by the shift of the images.
+        x, y = across * step * focus / length, -down * step * focus / length
         for s in range(width):
             total = 0.0
             for k in range(SAMPLES * SAMPLES):
                 i = t + (k // SAMPLES + 0.5) / SAMPLES - height / 2
                 j = s + (k % SAMPLES + 0.5) / SAMPLES - width / 2
-                way = ((j - across * STEP) / LENGTH, -(i - down * STEP) / LENGTH, 1.0)
+                way = ((j - across * step) / length, -(i - down * step) / length, 1.0)
                 total += _radiance((x, y, 0.0), way, balls, boxes, lamp, 1)
             out[v, u, t, s] = total / SAMPLES**2
             if rows * columns == 1:
-                way = ((s + 0.5 - width / 2) / LENGTH, -(t + 0.5 - height / 2) / LENGTH, 1.0)
+                way = ((s + 0.5 - width / 2) / length, -(t + 0.5 - height / 2) / length, 1.0)
                 distance[t, s] = _first((x, y, 0.0), way, balls, boxes)[0]
 
 

@@ -10,11 +10,10 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, UsablePath, pick, tell
+from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, pick, tell
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
-from lf_flame.learning.keras_loading import load_keras
 
 UNSURE = 0.3
 """Confidence below which a search is said to be uncertain."""
@@ -98,10 +97,12 @@ def refocus(source, camera, out, overwrite, **options):
         describe_job(job, folder)
         if network:
             folder.facts["network"] = network.name
-            if bool(focus.regions) != hasattr(network, "predict"):
+            from lf_flame.systems.sparse_unet import SparseUNet
+
+            if focus.regions and not isinstance(network, SparseUNet):
                 raise InputError(
                     f"{look.network} holds {network.name}; --region needs the network of "
-                    f"`train-system volumetric`, which does nothing else."
+                    f"`train-system volumetric`."
                 )
         _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
     _tell_files(folder)

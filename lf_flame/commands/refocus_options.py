@@ -82,8 +82,8 @@ SLOPES = cloup.option_group(
         type=int,
         multiple=True,
         metavar="T0 T1 S0 S1",
-        help="Bring rows T0 to T1 - 1, columns S0 to S1 - 1 into focus at their own slope, and blur "
-        "the rest; may be repeated. Where regions overlap, the last one counts.",
+        help="Bring rows T0 to T1 - 1, columns S0 to S1 - 1 into focus at their own slope, and "
+        "blur the rest; may be repeated. Where regions overlap, the last one counts.",
     ),
     cloup.option(
         "--background", type=float, help="Slope outside the regions (default: a blur of 8 pixels)."

@@ -151,7 +151,7 @@ def write_regions(job: RefocusJob, focus: Focus, out: OutputFolder) -> list[Slop
     write_image(out.path("regions_slope.tif"), surface.astype(np.float32))
     figure = regions_figure(image / job.white, surface, focus.regions)
     figures.save(figure, out.path("regions_slope.png"))
-    depths = [None] * len(found)
+    depths: list[float | None] = [None] * len(found)
     if job.camera is not None:
         depths = _depths(job, [one.slope for one in found])
     out.facts["regions"] = [

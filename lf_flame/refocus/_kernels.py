@@ -216,7 +216,7 @@ def slice_spectrum(k, spectrum, rows, row_weights, columns, column_weights, out)
 
 @parallel(lambda out: out.shape[2])
 def sum_spectra(t, spectra, down, across, out):
-    """Sums of shifted views by their spectra[field, v, u, t, part, s]: out[field, n, t, part, s].
+    """Sum shifted views by their spectra[field, v, u, t, part, s]: out[field, n, t, part, s].
 
     The parts are real and imaginary. down[part, n, v, t], across[part, n, u, s]: phase factors of
     the shifts along v and along u.

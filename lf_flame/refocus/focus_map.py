@@ -22,7 +22,6 @@ from lf_flame.refocus._arguments import (
     as_steps,
     as_views,
     as_weights,
-    refuse_not_finite,
     refuse_uncounted,
 )
 from lf_flame.refocus.interpolation import check_interpolation
@@ -170,7 +169,9 @@ def _least(costs: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     k = np.clip(costs.argmin(axis=2), 1, len(slopes) - 2)[..., None]
     before, own, after = (np.take_along_axis(costs, k + i, axis=2)[..., 0] for i in (-1, 0, 1))
     bend = np.maximum(before + after - 2 * own, np.finfo(np.float32).tiny)
-    return slopes[k[..., 0]] + (slopes[1] - slopes[0]) * np.clip((before - after) / (2 * bend), -1, 1)
+    return slopes[k[..., 0]] + (slopes[1] - slopes[0]) * np.clip(
+        (before - after) / (2 * bend), -1, 1
+    )
 
 
 def distinct_by(weights: np.ndarray) -> float:
@@ -182,7 +183,8 @@ def distinct_by(weights: np.ndarray) -> float:
 
 def _guide(picture: np.ndarray) -> np.ndarray:
     """Grey image, smooth enough that noise is no edge."""
-    return gaussian_filter(picture.mean(axis=2) if picture.ndim == 3 else picture, 1.0)  # suppresses aliasing
+    grey = picture.mean(axis=2) if picture.ndim == 3 else picture
+    return gaussian_filter(grey, 1.0)
 
 
 def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,10 +7,10 @@ Sharpness is measured by the semblance of the views' gradients g_a, refocused on
 over the lenslets of the region. h_a is the weight of a view times a taper, which falls to 0 at the
 edges of the view and moves with it. By the Cauchy-Schwarz inequality the semblance is 1 where the
 views agree and less elsewhere, whatever the region contains (Neidell and Taner, Geophysics 36, 482,
-1971, for seismic traces). Light that enters and leaves the region as the slope changes, and lenslets
-at the edges that fewer views see, are in numerator and denominator alike. Gradients are low-passed
-first, because of aliasing above the frequencies that the views resolve. All shifts are exact, by the
-spectrum: an interpolation softens all but whole ones, and whole slopes would draw the peak.
+1971, for seismic traces). Light that enters and leaves the region as the slope changes, and
+lenslets at the edges that fewer views see, are in numerator and denominator alike. Gradients are
+low-passed first, because of aliasing above the frequencies that the views resolve. All shifts are
+exact, by the spectrum: an interpolation softens all but whole ones, and would draw the peak there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ from lf_flame.refocus._arguments import (
     Region,
     Views,
     as_region,
-    as_slopes,
     as_steps,
     as_views,
     as_weights,
@@ -56,7 +55,7 @@ WIDEST_STEP, STEP_BY_VIEWS = 0.1, 0.7
 two views that far apart move by half a period or less at all frequencies that pass the low-pass."""
 
 SMOOTH = 1.06
-"""Standard deviation, in lenslets, of the Gaussian that low-passes the views before the gradient."""
+"""Standard deviation, in lenslets, of the Gaussian low-pass before the gradient."""
 
 REACH, SOFTNESS = 8, 1.5
 """Lenslets over which a view's taper falls to 0 at its edges; standard deviation of the edges of a
@@ -81,9 +80,10 @@ PARTS, SMALLEST_PART = 4, 6
 """Largest number of parts of a region along each axis, and their smallest side in lenslets."""
 
 WORST_LOSS, WORST_SPREAD = 0.1, 0.15
-"""Part of the semblance that one slope for a whole region may cost, where its parts would be sharper
-at slopes of their own; and by which all views may agree less than neighbouring ones. The confidence
-falls to 0 there. One layer in noise has up to 0.02 of either; two that have merged 0.15 and more."""
+"""Part of the semblance that one slope for a whole region may cost, where its parts would be
+sharper at slopes of their own; and by which all views may agree less than neighbouring ones. The
+confidence falls to 0 there. One layer in noise has up to 0.02 of either; two that have merged have
+0.15 and more."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -274,7 +274,8 @@ class _Curves:
         self.views = counts.sum() ** 2 / float(np.square(counts).sum())
         self._step = min(WIDEST_STEP, STEP_BY_VIEWS / max(max(views.shape[:2]) - 1, 1))
         self._make = partial(_Gradients, views, counts, self.regions)
-        self._gradients, self._farthest = None, 0.0
+        self._farthest = -1.0
+        self._gradients: _Gradients
         if slopes is not None:
             self._take(*self._between(as_steps(slopes)))
             return
@@ -285,7 +286,9 @@ class _Curves:
         self._take(self._step * np.arange(-end, end + 1), 1)
         while not self._settled() and end < last:
             start, end = end + 1, min(2 * end, last)
-            self._add(self._step * np.arange(-end, 1 - start), self._step * np.arange(start, end + 1))
+            self._add(
+                self._step * np.arange(-end, 1 - start), self._step * np.arange(start, end + 1)
+            )
 
     def _between(self, slopes: np.ndarray) -> tuple[np.ndarray, int]:
         """Add slopes so that steps are small enough; every stride-th of them was requested."""
@@ -307,7 +310,7 @@ class _Curves:
     def _measure(self, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Semblance and energy at slopes; spectra are padded for the farthest, and kept."""
         farthest = float(np.abs(slopes).max(initial=0.0))
-        if self._gradients is None or farthest > self._farthest:
+        if farthest > self._farthest:
             self._farthest = min(farthest + self._reach, self._limit)
             self._gradients = self._make(self._farthest)
         return self._gradients.measure(slopes)
@@ -350,8 +353,9 @@ class _Curves:
         if found:
             self._widen(min(found) - self._reach, max(found) + self._reach)
         return [
-            SlopeSearch(peak, *curve, *self._trust(k, peak))
+            SlopeSearch(peak, *curve, confidence, self.regions[k], doubt)
             for k, (peak, curve) in enumerate(zip(peaks, shown, strict=True))
+            for confidence, doubt in [self._trust(k, peak)]
         ]
 
     def _widen(self, low: float, high: float) -> None:
@@ -386,10 +390,10 @@ class _Curves:
         )
         return float(best.x)
 
-    def _trust(self, k: int, peak: float) -> tuple[float, Region, str]:
-        """Confidence of a peak, the region, and why it is not 1."""
+    def _trust(self, k: int, peak: float) -> tuple[float, str]:
+        """Confidence of a peak, and why it is below 0.5."""
         if not np.isfinite(peak):
-            return 0.0, self.regions[k], "too little texture"
+            return 0.0, "too little texture"
         near = np.abs(self.slopes - peak) <= self._reach + 1e-9
         curve, at = self.semblance[near, k], int(np.abs(self.slopes[near] - peak).argmin())
         top = curve[max(at - 1, 0) : at + 2].max()
@@ -407,7 +411,7 @@ class _Curves:
         doubt = max(rivals, key=lambda name: rivals[name])
         confidence = 1 - max(second, 1 / self.views, curve.min()) / top
         confidence = max(confidence, 0.0) * (1 - mixed)
-        return confidence, self.regions[k], doubt if confidence < 0.5 else ""
+        return confidence, doubt if confidence < 0.5 else ""
 
     def _mixed(self, near: np.ndarray, at: int, peak: float, top: float) -> float:
         """How far one slope does not fit all of the first region, from 0 to 1.
@@ -421,14 +425,18 @@ class _Curves:
         own = max(float(amplitude @ parts.max(axis=0)), np.finfo(float).tiny)
         lost = 1 - float(amplitude @ parts[max(at - 1, 0) : at + 2].max(axis=0)) / own
         alike = max(self._gradients.likeness(peak), np.finfo(float).tiny)
-        spread = 1 - (top - 1 / self.views) / (1 - 1 / self.views) / alike if self.views > 1 else 0.0
+        spread = (
+            1 - (top - 1 / self.views) / (1 - 1 / self.views) / alike if self.views > 1 else 0.0
+        )
         return min(max(lost / WORST_LOSS, spread / WORST_SPREAD, 0.0), 1.0)
 
 
 class _Gradients:
     """Spectra of the gradients of the low-passed views near some regions; sums over the regions."""
 
-    def __init__(self, views: np.ndarray, counts: np.ndarray, regions: list[Region], farthest: float):
+    def __init__(
+        self, views: np.ndarray, counts: np.ndarray, regions: list[Region], farthest: float
+    ):
         reach = int(farthest * (max(counts.shape) - 1) / 2)
         cuts = []
         for k in (0, 1):
@@ -472,8 +480,8 @@ class _Gradients:
             some = slopes[first : first + SLOPES_AT_ONCE]
             phases = [self._phases(k, some, frequencies[k]) for k in (0, 1)]
             mean = np.empty((3, len(some), *self._spectra.shape[3:]), np.float32)
-            parts = [np.stack([x.real, x.imag]).astype(np.float32) for x in phases]
-            _kernels.sum_spectra(self._spectra, *parts, mean)
+            split = [np.stack([x.real, x.imag]).astype(np.float32) for x in phases]
+            _kernels.sum_spectra(self._spectra, *split, mean)
             for n, slope in enumerate(some, first):
                 spectra = mean[:, n - first, :, 0] + 1j * mean[:, n - first, :, 1]
                 images = fft.irfft2(spectra, self._periods)[:, : self._size[0], : self._size[1]]
@@ -549,7 +557,7 @@ def _levels(seen: np.ndarray, views: np.ndarray) -> tuple[int, float, float]:
 
 
 def _cover(bounds: list, start: int, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coverage of lenslets by the different intervals, soft at the ends, and each region's number."""
+    """Coverage of lenslets by different intervals, soft at the ends, and the interval of each."""
     intervals, which = np.unique(np.array(bounds) - start, axis=0, return_inverse=True)
     lenslets = np.arange(length)
     covered = (intervals[:, :1] <= lenslets) & (lenslets < intervals[:, 1:])

@@ -109,11 +109,14 @@ def refocus_regions(
 
 def _find(light_field: Views, region, slopes, weights) -> SlopeSearch:
     """Find a region's slope, or say why it is not certain."""
-    found = find_sharpest_slope(light_field, slopes, region=region, weights=weights)
+    try:
+        found = find_sharpest_slope(light_field, slopes, region=region, weights=weights)
+    except InputError as error:
+        raise InputError(f"Region {' '.join(map(str, region))}: {error}") from None
     if found.confidence < CERTAIN:
         raise InputError(
             f"Region {' '.join(map(str, found.region))} has no certain slope (best "
-            f"{found.slope:+.3f}, confidence {found.confidence:.2f}, at least {CERTAIN} is needed): "
+            f"{found.slope:+.3f}, confidence {found.confidence:.2f} of the {CERTAIN} needed): "
             f"{found.doubt}."
         )
     return found

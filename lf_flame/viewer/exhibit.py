@@ -138,7 +138,7 @@ class Exhibit:
         return b"".join(x.tobytes() for x in (found.slope.astype("<f4"), certain, image))
 
     def data(self) -> dict[str, Callable[[], bytes]]:
-        """Data that a page requests, by name: pieces of views, and the slope map."""
+        """Give the data that a page requests, by name: pieces of views, and the slope map."""
         lock = Lock()
 
         def slope_map() -> bytes:

@@ -84,11 +84,9 @@ SEARCHES = [
     ({"regions": [(0, 4)]}, "region must be"),
 ]
 MAPS = [
-    (np.ones((3, 8, 8)), [0, 1], {}, "three or more in equal steps"),
-    (np.ones((3, 8, 8)), [0, 1, 3], {}, "three or more in equal steps"),
-    (np.ones((4, 8, 8)), [0, 1, 2], {}, "each of the 3 slopes"),
-    (np.ones((3, 8, 8)), [0, 1, 2], {"window": 0.0}, "window must"),
-    (np.full((3, 8, 8), NAN), [0, 1, 2], {}, "must be finite"),
+    ([0, 1], {}, "three or more in equal steps"),
+    ([0, 1, 3], {}, "three or more in equal steps"),
+    ([0, 1, 2], {"window": 0.0}, "window must"),
 ]
 SURFACES = [
     (FLAT, np.zeros((5, 4)), {}, "4 x 5 lenslets"),

@@ -15,6 +15,7 @@ from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.arrays import centred
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
+    all_in_focus,
     find_sharpest_slope,
     find_sharpest_slopes,
     fourier_refocus,
@@ -211,6 +212,21 @@ def test_confidence_tells_one_layer_from_two_and_from_noise(rng):
     assert 0 <= confidence["noise"] < 0.35
 
 
+def test_views_count_by_their_weights_in_search_and_map(rng):
+    """Light of rim views comes from a tenth nearer to the centre, as where they are partly lit."""
+    texture = band_limited(rng, (64, 72), 0.15)
+    views, inner = (planted(texture, slope, (7, 7)) for slope in (0.9 * 0.6, 0.6))
+    views[1:-1, 1:-1] = inner[1:-1, 1:-1]
+    lit = np.pad(np.ones((5, 5)), 1, constant_values=0.005)
+    slopes, middle = np.linspace(-1, 1.5, 33), np.s_[8:-8, 8:-8]
+    for weights, off in ((lit, (0.0, 0.003)), (np.ones((7, 7)), (0.02, 0.1))):
+        light_field = LightField(views, weights=weights)
+        found = find_sharpest_slope(light_field).slope
+        mapped = np.median(all_in_focus(light_field, slopes).slope[middle])
+        for slope in (found, mapped):
+            assert off[0] - 1e-3 <= 1 - slope / 0.6 <= off[1]
+
+
 @pytest.mark.parametrize("around", [0.4, 1.0, 3.0])
 def test_confidence_does_not_depend_on_the_range_of_the_search(around, rng):
     """Of a broad blob, whose curve is still high at the ends of a narrow range, and of two."""
@@ -231,7 +247,8 @@ def test_confidence_does_not_depend_on_the_range_of_the_search(around, rng):
 def test_confidence_is_low_where_two_slopes_are_sharp(how, apart, rng):
     """Beside each other, or one seen through the other, with peaks apart or merged into one."""
     near, far = (
-        planted(band_limited(rng, (64, 96), 0.1), slope, (9, 9)) for slope in (-apart / 2, apart / 2)
+        planted(band_limited(rng, (64, 96), 0.1), slope, (9, 9))
+        for slope in (-apart / 2, apart / 2)
     )
     views = near + far if how == "before" else np.concatenate([near[..., :48], far[..., 48:]], -1)
     views += rng.normal(scale=0.01, size=views.shape)

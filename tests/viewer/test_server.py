@@ -3,7 +3,6 @@
 import http.client
 from threading import Thread
 
-import numpy as np
 import pytest
 
 from lf_flame import InputError

@@ -8,6 +8,7 @@ from lf_flame.viewer import show
 
 widgets = pytest.importorskip("lf_flame.viewer.widget", reason="needs anywidget")
 
+
 @pytest.fixture
 def widget(rng):
     views = rng.uniform(size=(5, 5, 20, 30)).astype(np.float32)
