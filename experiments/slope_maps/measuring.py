@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from PIL import Image
-from scipy.ndimage import gaussian_filter, median_filter, shift
+from scipy.ndimage import gaussian_filter, median_filter
 
 from experiments.report import markdown, step_bar, write_report
 from experiments.slope_maps import scenes
@@ -120,11 +120,19 @@ def plain_differences(views: np.ndarray, slopes: np.ndarray) -> tuple:
         cost = np.zeros(middle.shape)
         for v, down in enumerate(centred(views.shape[0])):
             for u, across in enumerate(centred(views.shape[1])):
-                at = -slope * down, -slope * across
-                cost += np.abs(shift(views[v, u], at, order=1, mode="nearest") - middle)
+                cost += np.abs(_moved(views[v, u], slope * down, slope * across) - middle)
         costs.append(gaussian_filter(cost, 1.2))
     slope = _least(np.stack(costs), slopes)
     return slope, np.ones(slope.shape, bool)
+
+
+def _moved(view: np.ndarray, down: float, across: float) -> np.ndarray:
+    """View read linearly at (t + down, s + across), its edges repeated."""
+    for axis, move in ((0, down), (1, across)):
+        whole, n = int(np.floor(move)), view.shape[axis]
+        near, far = (view.take(np.clip(np.arange(n) + whole + k, 0, n - 1), axis) for k in (0, 1))
+        view = near + np.float32(move - whole) * (far - near)
+    return view
 
 
 def structure_tensor(views: np.ndarray, slopes: np.ndarray) -> tuple:

@@ -78,8 +78,8 @@ def compare_views(
     shifts_down[v], shifts_across[u]: whole shifts of the views.
     limit: largest absolute difference that counts.
     """
-    views, height = some.views, some.height
-    width = views.shape[3]
+    views = some.views
+    height, width = views.shape[2:]
     line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
     middle, row = middles[i], np.empty(TAPS, np.int64)
     middle[:] = 0.0
@@ -88,7 +88,7 @@ def compare_views(
     for turn in range(2):
         for v in range(views.shape[0]):
             for a in range(TAPS):
-                row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - some.first
+                row[a] = min(max(rows[i] + down[v] + a, 0), height - 1)
             for u in range(views.shape[1]):
                 part = 3 * some.parts_down[v] + some.parts_across[u]
                 used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]

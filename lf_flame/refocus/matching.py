@@ -102,10 +102,6 @@ class WeightedViews(NamedTuple):
 
     views: np.ndarray
     """Grey views, shape (v, u, t, s)."""
-    first: int
-    """Number of their first row: 0."""
-    height: int
-    """Number of rows."""
     parts_down: np.ndarray
     """For each row of views: 0 before the centre, 1 in it, 2 after it."""
     parts_across: np.ndarray
@@ -163,13 +159,7 @@ class ComparedViews:
                 break
 
     def find_levels(self, slope: np.ndarray, known: np.ndarray) -> bool:
-        """Find the levels of the views from the slopes of pixels in some rows, or in all.
-
-        Returns
-        -------
-        bool
-            Whether a level changed by more than `SETTLED`.
-        """
+        """Find the levels of the views from slopes in some rows, or in all; whether one changed."""
         if len(slope) != len(self._rows):
             slope, known = slope[self._rows], known[self._rows]
         if np.count_nonzero(known) < LEAST_KNOWN * known.size:
@@ -185,19 +175,10 @@ class ComparedViews:
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
     def costs(self, limit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mismatch of the views at each pixel and slope.
+        """Mismatch of the views at each pixel and slope, float32, shape (t, s, n), twice.
 
-        Parameters
-        ----------
-        limit : float
-            Largest difference that counts, see `limit`.
-
-        Returns
-        -------
-        ndarray of float32, shape (t, s, n)
-            Costs, from 0 for equal views to about 1.
-        ndarray of float32, shape (t, s, n)
-            Mean differences of all views, without a limit, under a Gaussian.
+        First costs from 0 for equal views to about 1, where no difference counts beyond `limit`;
+        then plain mean differences of all views, under a Gaussian.
         """
         slopes, (height, width) = self.slopes, self.views.shape[2:]
         shares, margins = sides(self.counts)
@@ -245,9 +226,8 @@ class ComparedViews:
         down, across = self._parts
         weights = self._weights.astype(np.float32)
         return WeightedViews(
-            self.views, 0, self.views.shape[2], down, across, weights, self._middle, self.even,
-            self._levels,
-        )  # fmt: skip
+            self.views, down, across, weights, self._middle, self.even, self._levels
+        )
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:

@@ -97,37 +97,18 @@ def shift_and_sum(
 
 
 class ShiftPlan(NamedTuple):
-    """Positions at which the kernel reads the views at some slopes, and their weights.
+    """Positions at which the kernel reads the views at n slopes, and their weights.
 
-    There are n slopes of a light field with (v, u) views; a chain is a run of views that are summed
-    together.
-
-    Attributes
-    ----------
-    used : ndarray of bool, shape (v, u)
-        Whether a view has a weight above 0; others are not read.
-    reach : int
-        Number of pixels by which each line is padded at its ends, and a block at its sides: the
-        farthest reach of any tap.
-    at : ndarray of uint64, shape (v, n, chain, link)
-        Position of tap 0 of each view in the padded lines of its row of views.
-    weights : ndarray of float32 or float64, shape (tap, v, n, chain, link)
-        Weight of the tap times that of the view, scaled row by row; 0 in links without a view.
-    down : ndarray of int64, shape (v, n)
-        Row that tap 0 of a row of views reads for row 0 of the image.
-    down_weights : ndarray of float64, shape (v, n, tap)
-        Weights of the rows' taps, which undo the scale and divide by the sum of the weights.
-    bands, blocks : int
-        Numbers of bands of rows, and of blocks of columns, of the image, made in parallel.
+    A chain is a run of views that are summed together.
     """
 
-    used: np.ndarray
-    reach: int
-    at: np.ndarray
-    weights: np.ndarray
-    down: np.ndarray
-    down_weights: np.ndarray
-    bands: int
+    used: np.ndarray  # (v, u): whether a view has a weight above 0; others are not read
+    reach: int  # pixels by which lines and blocks are padded: the farthest reach of any tap
+    at: np.ndarray  # (v, n, chain, link): position of tap 0 in the padded lines of a row of views
+    weights: np.ndarray  # (tap, v, n, chain, link), scaled row by row; 0 in links without a view
+    down: np.ndarray  # (v, n): row that tap 0 of a row of views reads for row 0 of the image
+    down_weights: np.ndarray  # (v, n, tap); undo the scale, and divide by the sum of the weights
+    bands: int  # of rows of the image, made in parallel, as are the blocks of columns
     blocks: int
 
 
@@ -135,27 +116,7 @@ def plan_shifts(
     shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
     weights: np.ndarray, precision: type = np.float32,
 ) -> ShiftPlan:  # fmt: skip
-    """Plan the shifts of all views at some slopes, without reading a pixel.
-
-    Parameters
-    ----------
-    shape : (int, int, int, int)
-        Number of views (v, u), of rows, and of pixels in a row, with channels adjacent.
-    channels : int
-        Number of channels.
-    slopes : ndarray of float64, shape (n,)
-        Slopes in lenslets per view step.
-    interpolation : str
-        See `shift_and_sum`.
-    weights : ndarray of float64, shape (v, u)
-        Weights of the views, 0 or above, at least one above 0.
-    precision : {numpy.float32, numpy.float64}, optional
-        Type of the sums along a line.
-
-    Returns
-    -------
-    ShiftPlan
-    """
+    """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent)."""
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
     down, down_taps = shift_taps(view_shifts(slopes, centred(rows), height), interpolation)
@@ -217,19 +178,7 @@ def _next_multiple(length: int, multiple: int) -> int:
 
 
 def _chain(used: np.ndarray, at: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Arrange the views above weight 0 in chains.
-
-    Parameters
-    ----------
-    used : ndarray of bool, shape (v, u)
-    at : ndarray of int, shape (v, u, n)
-    weights : ndarray of float, shape (tap, v, u, n)
-
-    Returns
-    -------
-    at : ndarray of uint64, shape (v, n, chain, link)
-    weights : ndarray of float, shape (tap, v, n, chain, link)
-    """
+    """Arrange at[v, u, n], weights[tap, v, u, n] of the views used in chains, see `ShiftPlan`."""
     rows, columns = used.shape
     taps, slopes = len(weights), at.shape[2]
     length = _next_multiple(int(used.sum(axis=1).max()), _kernels.CHAIN)
