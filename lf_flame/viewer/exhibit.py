@@ -152,16 +152,9 @@ class Exhibit:
         return found | ({"map": slope_map} if self.with_map else {})
 
     def describe(self, coded: CodedViews, pieces: Sequence[tuple[int, int]], coding: str) -> dict:
-        """Metadata for a page.
+        """Metadata for a page, which receives coded views in pieces, perhaps fewer or coarser.
 
-        Parameters
-        ----------
-        coded : CodedViews
-            Views that the page receives, perhaps fewer or coarser than the exhibit's own.
-        pieces : sequence of (int, int)
-            First view and number of views of each piece, in the order in which they are sent.
-        coding : {"served", "deflate", "jpeg"}
-            Form in which the pieces are sent.
+        The pieces are "served", or stored by "deflate" or as "jpeg".
         """
         return {
             "title": self.title,

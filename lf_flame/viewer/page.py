@@ -37,25 +37,10 @@ def served_page(exhibit: Exhibit) -> str:
 
 
 def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
-    """Make a page that contains all its data, and sends no requests.
+    """Make a page that contains all its data, and sends no requests; also say how exact it is.
 
-    Parameters
-    ----------
-    exhibit : Exhibit
-    most_bytes : int
-        Largest size of the page in bytes. Views that need more are stored less exactly, or fewer.
-
-    Returns
-    -------
-    page : str
-        HTML of the page.
-    quality : str
-        Accuracy of the stored views, as the page says too.
-
-    Raises
-    ------
-    InputError
-        If even a few coarse views would be too large.
+    Views that need more than `most_bytes` are stored less exactly, or fewer of them; if even a few
+    coarse ones are too large, that is refused.
     """
     slope_map = deflated(exhibit.map_bytes()) if exhibit.with_map else b""
     script = f'<script type="module">import "{script_url("page.js")}";</script>'
