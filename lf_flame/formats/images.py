@@ -101,11 +101,12 @@ def write_picture(path: str | Path, image: np.ndarray, *, white: float | None = 
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from lf_flame.formats import read_image, write_picture
+    >>> from lf_flame.formats import write_picture
+    >>> from lf_flame.formats.images import read_image
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_picture(f"{folder}/ramp.png", np.linspace(0, 2, 5).reshape(1, 5))
-    ...     read_image(f"{folder}/ramp.png").round(1).tolist()
-    [[0.0, 0.2, 0.5, 0.7, 1.0]]
+    ...     write_picture(f"{folder}/ramp.png", np.array([[0.0, 2.0, 4.0]]))
+    ...     (255 * read_image(f"{folder}/ramp.png")).round().tolist()
+    [[0.0, 128.0, 255.0]]
     """
     image = np.asarray(image, np.float32)
     if image.size == 0 or not np.isfinite(image).all():

@@ -250,7 +250,7 @@ def test_search_is_not_drawn_to_whole_slopes(slope, seed):
 
 def test_the_package_refocuses_when_called_and_pictures_are_written(tmp_path, rng):
     import lf_flame
-    from lf_flame.formats import read_image
+    from lf_flame.formats.images import read_image
 
     views = rng.uniform(size=(3, 3, 10, 12)).astype(np.float32)
     image = lf_flame.refocus(views, 1.0)
