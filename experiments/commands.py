@@ -123,15 +123,22 @@ def hard_cases(out: Path) -> None:
 
 
 @cloup.command("slope-maps")
+@click.option(
+    "--real",
+    type=FOLDER,
+    default=Path("../shared/lightfields"),
+    show_default=True,
+    help="Folder that holds stilllife_3x3 and lytro_2067; what is missing is left out.",
+)
 @out_option("slope_maps")
-def slope_maps(out: Path) -> None:
-    """Compare the slope map, and three plain methods, with the true slopes; about eight minutes.
+def slope_maps(real: Path, out: Path) -> None:
+    """Compare the slope map, and two plain methods, with true slopes; about ten minutes.
 
-    The scenes are photographs on surfaces; the true slopes follow from their geometry.
+    Real scenes first, then rendered table tops, then photographs on surfaces.
     """
     from experiments.slope_maps.measuring import measure, write
 
-    show(write(out, *measure()))
+    show(write(out, *measure(real)))
 
 
 @cloup.command()

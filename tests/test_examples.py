@@ -20,7 +20,7 @@ SCENE = scene_toml(9, (20, 30), depth_mm=10.0, side_mm=1.0)
 
 WITHOUT_EXAMPLE = {
     "load_system", "open_run", "predict", "read_systems_config", "train", "train_system",
-    "search_region_slope", "write_flame",
+    "write_flame",
 }  # fmt: skip
 """Names that need a trained network, or take longer than an example may."""
 

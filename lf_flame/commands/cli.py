@@ -50,7 +50,6 @@ SECTIONS = [
             info.info,
             viewer.view,
             light_fields.refocus,
-            light_fields.refocus_regions,
             light_fields.convert,
             calibration.calibrate,
             colours.calibrate_colours,

@@ -1,4 +1,4 @@
-"""The commands that read a light field from anywhere: refocus, refocus-regions and convert.
+"""The commands that read a light field from anywhere: refocus and convert.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -10,11 +10,10 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, UsablePath, pick
+from lf_flame.commands.options import FOLDER, OVERWRITE, PATH, pick
 from lf_flame.commands.reading_options import RARE, READING, Reading
 from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
-from lf_flame.learning.keras_loading import load_keras
 
 UNSURE = 0.3
 """Confidence below which a search is said to be uncertain."""
@@ -59,6 +58,7 @@ def refocus(source, camera, out, overwrite, **options):
       lf-flame refocus raw.png --white white.png           any plenoptic camera
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
+      lf-flame refocus buddha --region 100 180 60 140      a region in focus, the rest blurred
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
     from lf_flame.commands.refocus_job import RefocusJob, check_job
@@ -73,6 +73,8 @@ def refocus(source, camera, out, overwrite, **options):
     check_movie(f"sweep.{look.movie}")
     if look.network:
         look.refuse_for_network(focus.maps)
+        if focus.regions and (focus.slopes or focus.depths or focus.sweep or focus.search):
+            raise InputError("--region with --network makes no other pictures; call it twice.")
     with picture_folder(out or _default_folder(source, focus.name), source, overwrite) as folder:
         network = open_network(look.network)
         light_field, lens = reading.read_of_camera(source, lens)
@@ -83,10 +85,18 @@ def refocus(source, camera, out, overwrite, **options):
         focus = focus.with_ends(light_field)
         slopes = focus.asked_slopes(views[1], lens)
         job = RefocusJob(light_field, look.options(views, lens), network, lens, **look.brightness)
-        check_job(job, slopes, focus.sweep or (), focus.slope_map or ())
+        beyond = () if focus.background is None else (focus.background,)
+        check_job(job, [*slopes, *beyond], focus.sweep or (), focus.slope_map or ())
         describe_job(job, folder)
         if network:
             folder.facts["network"] = network.name
+            from lf_flame.systems.sparse_unet import SparseUNet
+
+            if focus.regions and not isinstance(network, SparseUNet):
+                raise InputError(
+                    f"{look.network} holds {network.name}; --region needs the network of "
+                    f"`train-system volumetric`."
+                )
         _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
     _tell_files(folder)
 
@@ -104,13 +114,20 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
         click.echo(f"sharpest at slope {sharpest}, confidence {found.confidence:.2f}")
         if found.confidence < UNSURE:
             click.echo(
-                "The slope is not certain: the picture holds several depths, or too little "
-                "texture. See which by --map auto, or by lf-flame view.",
+                f"The slope is not certain: {found.doubt}. See which by --map auto, or by "
+                f"lf-flame view.",
                 err=True,
             )
         slopes = [*slopes, found.slope]
     if slopes:
         output.write_refocused(job, slopes, folder)
+    if focus.regions:
+        for found in output.write_regions(job, focus, folder):
+            sharpest = with_depth(f"{found.slope:+.3f}", found.slope, job.camera)
+            click.echo(
+                f"region {' '.join(map(str, found.region))}: slope {sharpest}, confidence "
+                f"{found.confidence:.2f}"
+            )
     if focus.sweep:
         bar = partial(tqdm, desc="sweeping", unit="stack")
         output.write_sweep(job, focus.sweep, movie, folder, bar)
@@ -135,94 +152,6 @@ def _default_folder(source: Path, ending: str) -> Path:
     """Choose the folder of the pictures."""
     name = source.resolve().name if source.is_dir() else source.stem
     return Path("refocused") / f"{name}{ending}"
-
-
-def _refuse_other_network(path: Path | None, network) -> None:
-    """Refuse a network that does not remove the ghosts of the cross."""
-    if network is None:
-        return
-    from lf_flame.systems.sparse_unet import SparseUNet
-
-    if not isinstance(network, SparseUNet):
-        raise InputError(f"{path} holds {network.name}, not the network of `volumetric`.")
-
-
-@cloup.command("refocus-regions")
-@click.argument("source", type=PATH)
-@click.option(
-    "--region",
-    "regions",
-    nargs=4,
-    type=int,
-    multiple=True,
-    required=True,
-    metavar="T0 T1 S0 S1",
-    help="Rows from T0 to T1 - 1, columns from S0 to S1 - 1; may be repeated. Where regions "
-    "overlap, the last one counts.",
-)
-@click.option(
-    "--slopes",
-    nargs=2,
-    type=float,
-    required=True,
-    metavar="FROM TO",
-    help="Range of slopes to search; it should exceed the slopes of the scene.",
-)
-@click.option("--background", type=float, help="Slope outside the regions (default: FROM).")
-@click.option("--cross", is_flag=True, help="Use a cross of 17 views alone; less exact.")
-@click.option(
-    "--network",
-    type=UsablePath(exists=True, path_type=Path),
-    help="Run of `train-system volumetric`, a network that removes the ghosts of the cross.",
-)
-@READING
-@click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE_regions.")
-@OVERWRITE
-def refocus_regions(
-    source, regions, slopes, background, cross, network, out, overwrite, **options
-) -> None:
-    """Bring regions of a light field into focus, each at its own slope; blur the rest.
-
-    SOURCE is read as by `lf-flame refocus`. The slope of a region comes from a slope map; or, with
-    a cross of 17 views, it is the one at which the region is most like the central view (Samarakoon
-    et al., "Arbitrary Volumetric Refocusing of Dense and Sparse Light Fields", 2025). Around a
-    region the slope changes to that of the rest within 14 pixels; objects there at a slope in
-    between are sharp too.
-
-    \b
-      lf-flame refocus-regions buddha --region 100 180 60 140 --region 20 90 200 300 --slopes -1 2
-      lf-flame refocus-regions buddha --region 100 180 60 140 --slopes -1 2 --network RUN
-    """  # noqa: D301 - click reads the backspace
-    if cross or network:
-        load_keras()
-    from lf_flame.commands.refocus_job import RefocusJob, check_job
-    from lf_flame.commands.refocus_output import describe_job, picture_folder, write_regions
-    from lf_flame.systems.region_refocus import refocus_regions
-
-    out = out or _default_folder(source, "_regions")
-    with picture_folder(out, source, overwrite) as folder:
-        unet = open_network(network)
-        _refuse_other_network(network, unet)
-        cross = cross or unet is not None
-        folder.facts |= {
-            "slopes_searched": slopes,
-            "background": slopes[0] if background is None else background,
-            "views_used": "a cross of 17" if cross else "all",
-            "network": unet.name if unet else None,
-        }
-        job = RefocusJob(Reading(**options).read(source))
-        check_job(job, [*slopes, *([] if background is None else [background])])
-        describe_job(job, folder)
-        image, surface, found = refocus_regions(
-            job.views_to_white, regions, slopes, background=background, cross=cross, unet=unet
-        )
-        for region, (slope, trust) in zip(regions, found, strict=True):
-            sure = f"MS-SSIM {trust:.3f}" if cross else f"{trust:.0%} of its pixels are certain"
-            click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
-        measure = "ms_ssim" if cross else "certain"
-        facts = [{"slope": slope, measure: trust} for slope, trust in found]
-        write_regions(job, image, surface, regions, facts, folder)
-    _tell_files(folder)
 
 
 @cloup.command()

@@ -75,6 +75,20 @@ SLOPES = cloup.option_group(
         "flame before others, have no one slope: lf-flame reconstruct finds emission by depth.",
     ),
     cloup.option("--map-auto", is_flag=True, hidden=True),
+    cloup.option(
+        "--region",
+        "regions",
+        nargs=4,
+        type=int,
+        multiple=True,
+        metavar="T0 T1 S0 S1",
+        help="Bring rows T0 to T1 - 1, columns S0 to S1 - 1 into focus at their own slope, and "
+        "blur the rest; may be repeated. Where regions overlap, the last one counts.",
+    ),
+    cloup.option(
+        "--background", type=float, help="Slope outside the regions (default: a blur of 8 pixels)."
+    ),
+    cloup.option("--cross", is_flag=True, help="Regions from a cross of 17 views; less exact."),
     camera_option(),
 )
 """Options for the slopes to refocus at."""
@@ -131,7 +145,8 @@ APPEARANCE = cloup.option_group(
         "--network",
         type=UsablePath(exists=True, path_type=Path),
         help="Refocus with this run of train-system, which uses a few views, or with RefocusNet by "
-        "its authors' weights (.npz). --search still uses all views.",
+        "its authors' weights (.npz). --search still uses all views. --region takes a run of "
+        "`train-system volumetric`, which removes the ghosts of the cross.",
     ),
 )
 """Options for how refocused images are made."""
@@ -158,6 +173,13 @@ class Focus:
     sweep: tuple[float, float] | None = None
     slope_map: tuple[float, float] | None = None
     map_auto: bool = False
+    regions: tuple[tuple[int, int, int, int], ...] = ()
+    background: float | None = None
+    cross: bool = False
+
+    def __post_init__(self):
+        if not self.regions and (self.cross or self.background is not None):
+            raise InputError("--background and --cross need --region.")
 
     def with_ends(self, light_field: "LightField") -> "Focus":
         """Find the ends of the slope map if `map_auto` is set, and print them."""
@@ -178,12 +200,14 @@ class Focus:
             "slope": self.slopes, "depth": self.depths, "sweep": self.sweep, "map": self.slope_map
         }  # fmt: skip
         words = [name + "".join(f"{x:+g}" for x in some) for name, some in asked.items() if some]
-        return "_".join(["", *words, *(["map"] if self.map_auto else [])])[:80]
+        return "_".join(["", *words, *(["map"] if self.map_auto else []),
+                         *(["regions"] if self.regions else [])])[:80]  # fmt: skip
 
     @property
     def searches(self) -> bool:
         """Whether to find the sharpest slope: if requested, or if nothing else is."""
-        return self.search or not (self.slopes or self.depths or self.sweep or self.maps)
+        others = self.slopes or self.depths or self.sweep or self.maps or self.regions
+        return self.search or not others
 
     @property
     def maps(self) -> bool:

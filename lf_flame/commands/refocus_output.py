@@ -9,6 +9,7 @@ import numpy as np
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder, output_folder, recorded_path
 from lf_flame.commands.refocus_job import RefocusJob
+from lf_flame.commands.refocus_options import Focus
 from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
@@ -133,36 +134,31 @@ def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolde
     return float(np.mean(found.confidence >= TRUSTED))
 
 
-def write_regions(
-    job: RefocusJob,
-    image: np.ndarray,
-    surface: np.ndarray,
-    regions: Sequence[Sequence[int]],
-    found: Sequence[dict],
-    out: OutputFolder,
-) -> None:
-    """Write an image with some regions in focus, and the slope of each pixel.
+def write_regions(job: RefocusJob, focus: Focus, out: OutputFolder) -> list[SlopeSearch]:
+    """Write ``regions.tif`` and ``.png``, and the slope of each pixel, ``regions_slope.*``.
 
-    Parameters
-    ----------
-    job : RefocusJob
-    image : ndarray, shape (t, s) or (t, s, channels)
-        Image; 1 is the job's `white`.
-    surface : ndarray, shape (t, s)
-        Slope of each pixel.
-    regions : sequence of (int, int, int, int)
-        First row and last row + 1, first column and last column + 1 of each region.
-    found : sequence of dict
-        Facts on each region, for the record.
-    out : OutputFolder
+    With a camera, the record holds the depths of the regions too.
     """
+    from lf_flame.systems.region_refocus import refocus_regions
+
+    image, surface, found = refocus_regions(
+        job.views_to_white, focus.regions, background=focus.background, cross=focus.cross,
+        unet=job.network,
+    )  # fmt: skip
     image = image * np.float32(job.white)
     write_image(out.path("regions.tif"), image)
     write_image(out.path("regions.png"), job.preview(image))
     write_image(out.path("regions_slope.tif"), surface.astype(np.float32))
-    figure = regions_figure(image / job.white, surface, regions)
+    figure = regions_figure(image / job.white, surface, focus.regions)
     figures.save(figure, out.path("regions_slope.png"))
+    depths: list[float | None] = [None] * len(found)
+    if job.camera is not None:
+        depths = _depths(job, [one.slope for one in found])
     out.facts["regions"] = [
-        {"region": list(region), **one} for region, one in zip(regions, found, strict=True)
-    ]
+        {"region": list(one.region), "slope": one.slope, "depth_mm": depth,
+         "confidence": one.confidence}
+        for one, depth in zip(found, depths, strict=True)
+    ]  # fmt: skip
+    out.facts["views_used"] = "a cross of 17" if focus.cross or job.network else "all"
     out.facts["radiance_of_white_in_png"] = job.white
+    return found

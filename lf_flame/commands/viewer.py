@@ -13,9 +13,8 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import PATH, FiniteRange, UsablePath, camera_option, pick
+from lf_flame.commands.options import PATH, FiniteRange, camera_option, pick
 from lf_flame.commands.reading_options import READING, Reading
-from lf_flame.commands.refocus_options import open_network
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,31 +53,12 @@ SHOWING = cloup.option_group(
 )
 
 
-MAKING = cloup.option_group(
-    "How the pictures are made",
-    cloup.option(
-        "--interpolation",
-        type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
-        default="linear",
-        show_default=True,
-        help="Interpolation between pixels. Unless linear, this program computes each picture.",
-    ),
-    cloup.option(
-        "--network",
-        type=UsablePath(exists=True, path_type=Path),
-        help="Refocus with this run of train-system, or with RefocusNet by its authors' weights "
-        "(.npz), as `lf-flame refocus` does.",
-    ),
-)
-
-
 @cloup.command()
 @click.argument("source", type=PATH)
 @SHOWING
-@MAKING
 @camera_option()
 @READING
-def view(source, slopes, no_map, title, camera, interpolation, network, **options) -> None:
+def view(source, slopes, no_map, title, camera, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
 
     SOURCE is read as by `lf-flame refocus`, or is a folder of `lf-flame reconstruct`, through whose
@@ -88,7 +68,6 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
       lf-flame view buddha                             a folder of views
       lf-flame view raw.png --white white.png          any plenoptic camera
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
-      lf-flame view buddha --network RUN               each picture by a trained network
       lf-flame view results/emission                   emission, plane by plane
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
@@ -96,17 +75,15 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
 
     beside = (options[name] for name in ("white", "lenslets", "dark"))
     _check_single_file(options["single_file"], (source, camera, *beside))
-    _check_making(options["single_file"], network, interpolation)
     reading = pick(Reading, options)
     if is_emission(source):
-        _refuse_given(reading.given() | {"slopes": slopes, "camera": camera, "network": network})
+        _refuse_given(reading.given() | {"slopes": slopes, "camera": camera})
         show(emission_exhibit(source, title), **options)
         return
     lens = read_lens(camera) if camera else None
-    system = open_network(network)
     light_field, lens = reading.read_of_camera(source, lens)
     light_field = light_field if lens is None else lens.corrected(light_field)
-    chosen = _choose_slopes(light_field, slopes, system, lens)
+    chosen = _choose_slopes(light_field, slopes, lens)
     exhibit = Exhibit(
         light_field,
         title or source.resolve().name,
@@ -116,9 +93,6 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
         str(source),
         reading.given(),
         with_map=not no_map,
-        interpolation=interpolation,
-        network=system,
-        network_source=str(network) if network else None,
     )
     show(exhibit, **options)
 
@@ -161,16 +135,6 @@ def _refuse_given(options: dict) -> None:
         )
 
 
-def _check_making(single_file: Path | None, network: Path | None, interpolation: str) -> None:
-    """Refuse, before anything is read, options that exclude each other."""
-    from lf_flame.viewer.page import refuse_planes_in_one_file
-
-    if network and interpolation != "linear":
-        raise InputError("--interpolation does not apply to a network.")
-    if single_file:
-        refuse_planes_in_one_file(network is not None, interpolation)
-
-
 def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] = ()) -> None:
     """Refuse a page over an input file, or under a name that browsers do not show as a page."""
     if single_file is None:
@@ -181,10 +145,10 @@ def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] =
         raise InputError(f"--single-file must end in .html, got {single_file}.")
 
 
-def _choose_slopes(light_field, slopes: tuple[float, float] | None, network=None, camera=None):
+def _choose_slopes(light_field, slopes: tuple[float, float] | None, camera=None):
     from lf_flame.viewer.exhibit import choose_slopes
 
-    chosen = choose_slopes(light_field, slopes, network)
+    chosen = choose_slopes(light_field, slopes)
     if slopes is None:
         ends = [camera.slope_to_real_depth(end) for end in (chosen.low, chosen.high) if camera]
         known = ends and all(math.isfinite(end) for end in ends)

@@ -6,6 +6,7 @@ from .focused.views import FocusedPlan as FocusedPlan
 from .focused.virtual_depth import VirtualDepth as VirtualDepth
 from .focused.virtual_depth import find_virtual_depth as find_virtual_depth
 from .hci_files import read_true_slopes as read_true_slopes
+from .images import write_picture as write_picture
 from .lenslet_image import read_lenslet_image as read_lenslet_image
 from .lenslet_image import write_lenslet_image as write_lenslet_image
 from .lytro.metadata import LytroMetadata as LytroMetadata

@@ -8,6 +8,20 @@ constant light field keeps its value.
 Names load on first use: refocusing needs Numba, searches and surfaces need SciPy too.
 """
 
+import sys
+import types
+
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+class _CallableModule(types.ModuleType):
+    """A package that is also its main function: ``lf_flame.refocus(light_field, 1.0)``."""
+
+    def __call__(self, *args, **options):
+        """Refocus; see `lf_flame.refocus.refocus`."""
+        return self.refocus(*args, **options)
+
+
+sys.modules[__name__].__class__ = _CallableModule

@@ -7,13 +7,12 @@ from .aperture import round_aperture as round_aperture
 from .aperture import sparse_aperture as sparse_aperture
 from .focus_map import FocusMap as FocusMap
 from .focus_map import all_in_focus as all_in_focus
-from .focus_map import depth_from_focus as depth_from_focus
 from .fourier import fourier_refocus as fourier_refocus
 from .fourier import fourier_slice as fourier_slice
 from .methods import refocus as refocus
-from .sharpness import find_sharpest_slope as find_sharpest_slope
-from .sharpness import find_sharpest_slopes as find_sharpest_slopes
-from .sharpness_curves import SlopeSearch as SlopeSearch
+from .search import SlopeSearch as SlopeSearch
+from .search import find_sharpest_slope as find_sharpest_slope
+from .search import find_sharpest_slopes as find_sharpest_slopes
 from .shift import shift_and_sum as shift_and_sum
 from .slope_range import SlopeRange as SlopeRange
 from .slope_range import find_slope_range as find_slope_range

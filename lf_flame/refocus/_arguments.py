@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField, as_view_weights, in_order, refuse_placed
 
@@ -23,14 +22,12 @@ READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 """Pixel types for which kernels are compiled; other types are converted."""
 
 
-def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
+def as_views(views: Views) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; NaN and infinity are not checked.
 
-    Unknown pixels of a light field are filled. Views at positions of their own are refused unless
-    `placed` says that the caller heeds them.
+    Unknown pixels of a light field are filled. Views at positions of their own are refused.
     """
-    if not placed:
-        refuse_placed(views, "This")
+    refuse_placed(views, "Refocusing")
     views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(
@@ -42,24 +39,7 @@ def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
 
 def shape_of(views: Views) -> tuple[int, ...]:
     """Shape of the views."""
-    return as_views(views, placed=True).shape
-
-
-def view_places(views: Views) -> tuple[np.ndarray, np.ndarray]:
-    """Places of views, in view steps from their centre.
-
-    Returns
-    -------
-    ndarray of float64, shape (v,)
-        Places down of the rows of views.
-    ndarray of float64, shape (v, u)
-        Places to the right.
-    """
-    v, u = shape_of(views)[:2]
-    if not isinstance(views, LightField) or views.positions is None:
-        return centred(v), np.broadcast_to(centred(u), (v, u))
-    places = views.positions - views.positions.mean(axis=(0, 1))
-    return places[:, 0, 0], places[:, :, 1]
+    return as_views(views).shape
 
 
 def as_readable(views: np.ndarray, *, raw: bool = False) -> np.ndarray:
@@ -113,10 +93,9 @@ def farthest_slope(views: Views) -> float:
     >>> farthest_slope(np.ones((5, 5, 24, 30)))
     12.0
     """
-    lengths = shape_of(views)[2:4]
-    farthest = [float(np.abs(places).max()) for places in view_places(views)]
-    limits = [n / far for n, far in zip(lengths, farthest, strict=True) if far > 0]
-    return min(limits, default=2 * max(lengths))
+    v, u, t, s = shape_of(views)[:4]
+    limits = [2 * n / (count - 1) for n, count in ((t, v), (s, u)) if count > 1]
+    return min(limits, default=2.0 * max(t, s))
 
 
 def as_steps(slopes: ArrayLike) -> np.ndarray:

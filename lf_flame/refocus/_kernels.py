@@ -212,3 +212,30 @@ def slice_spectrum(k, spectrum, rows, row_weights, columns, column_weights, out)
                 near += column_weights[n, s, j] * spectrum[t, s, row, columns[n, s, j]]
             total += row_weights[n, t, i] * near
         out[n, t, s] = total
+
+
+@parallel(lambda out: out.shape[2])
+def sum_spectra(t, spectra, down, across, out):
+    """Sum shifted views by their spectra[field, v, u, t, part, s]: out[field, n, t, part, s].
+
+    The parts are real and imaginary. down[part, n, v, t], across[part, n, u, s]: phase factors of
+    the shifts along v and along u.
+    """
+    fields, rows, columns = spectra.shape[:3]
+    real, imaginary = np.empty(out.shape[4], np.float32), np.empty(out.shape[4], np.float32)
+    out[:, :, t] = 0.0
+    for field in range(fields):
+        for v in range(rows):
+            for n in range(out.shape[1]):
+                real[:] = 0.0
+                imaginary[:] = 0.0
+                for u in range(columns):
+                    re, im = spectra[field, v, u, t, 0], spectra[field, v, u, t, 1]
+                    c, d = across[0, n, u], across[1, n, u]
+                    for s in range(np.uint64(real.size)):
+                        real[s] += re[s] * c[s] - im[s] * d[s]
+                        imaginary[s] += re[s] * d[s] + im[s] * c[s]
+                c, d = down[0, n, v, t], down[1, n, v, t]
+                for s in range(np.uint64(real.size)):
+                    out[field, n, t, 0, s] += real[s] * c - imaginary[s] * d
+                    out[field, n, t, 1, s] += real[s] * d + imaginary[s] * c

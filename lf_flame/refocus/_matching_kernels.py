@@ -38,10 +38,12 @@ def shift_row(view, row, down_weight, start, across_weight, reach, line, out):
 
 
 @njit
-def add_differences(row, reference, count, limit, total):
-    """Add the absolute difference of two rows, at most `limit`, times a weight."""
-    for s in range(np.uint64(total.size)):
-        total[s] += count * min(abs(row[s] - reference[s]), limit)
+def add_differences(row, reference, count, limit, bounded, plain):
+    """Add the absolute difference of two rows, times a weight; also bounded by `limit`."""
+    for s in range(np.uint64(plain.size)):
+        difference = abs(row[s] - reference[s])
+        bounded[s] += count * min(difference, limit)
+        plain[s] += count * difference
 
 
 @njit
@@ -67,6 +69,7 @@ def compare_views(
 ):  # fmt: skip
     """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
 
+    Those of part 9 are the sum over all views, without a limit.
     The central view itself goes to middles[i, s].
 
     some: `lf_flame.refocus.matching.WeightedViews`.
@@ -75,8 +78,8 @@ def compare_views(
     shifts_down[v], shifts_across[u]: whole shifts of the views.
     limit: largest absolute difference that counts.
     """
-    views, height = some.views, some.height
-    width = views.shape[3]
+    views = some.views
+    height, width = views.shape[2:]
     line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
     middle, row = middles[i], np.empty(TAPS, np.int64)
     middle[:] = 0.0
@@ -85,7 +88,7 @@ def compare_views(
     for turn in range(2):
         for v in range(views.shape[0]):
             for a in range(TAPS):
-                row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - some.first
+                row[a] = min(max(rows[i] + down[v] + a, 0), height - 1)
             for u in range(views.shape[1]):
                 part = 3 * some.parts_down[v] + some.parts_across[u]
                 used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
@@ -96,7 +99,7 @@ def compare_views(
                         bring_to_level(some.levels[v, u], rows[i] + shifts_down[v],
                                        shifts_across[u], height, shifted)  # fmt: skip
                     if turn == 1:
-                        add_differences(shifted, middle, used, limit, out[i, part])
+                        add_differences(shifted, middle, used, limit, out[i, part], out[i, 9])
                     else:
                         for s in range(np.uint64(width)):
                             middle[s] += used * shifted[s]

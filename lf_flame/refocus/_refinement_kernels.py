@@ -75,7 +75,7 @@ def differentiate_views(i, some, rows, slopes, unit, limit, differences, product
     differences, at most `limit`; of the products of difference and derivative by the slope; and of
     the squares of the derivative. Views that differ by more than `limit` hardly count in these.
     """
-    views, height = some.views, some.height
+    views, height = some.views, some.views.shape[2]
     width, above, beside = views.shape[3], (views.shape[0] - 1) / 2, (views.shape[1] - 1) / 2
     taps = TAPS, width
     y, (y_weight, y_change) = np.empty(taps, np.int64), np.empty((2, *taps), np.float32)
@@ -89,7 +89,6 @@ def differentiate_views(i, some, rows, slopes, unit, limit, differences, product
     for turn in range(2):
         for v in range(views.shape[0]):
             place_taps(slopes[i], v - above, rows[i], 0, height, y, y_weight, y_change)
-            y -= some.first
             for u in range(views.shape[1]):
                 used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
                 if used == 0.0:

@@ -1,19 +1,8 @@
-"""Slope map and image with everything in focus.
+"""Slope map of a light field, and the image with everything in focus.
 
-`all_in_focus` uses the views: it finds the slope at which those that see a place match the central
-view (`lf_flame.refocus.matching`). `depth_from_focus` uses only a focal stack. Either gives a cost
-for each pixel and slope, from which slopes are chosen together with those of the surroundings,
-guided by the image (`lf_flame.refocus.semi_global`).
-
-Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994) finds at
-each pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
-stack. Sharpness is the gradient energy of the low-passed slice under a Gaussian window.
-
-The stack should come from exact shifts (`refocus` with "sinc"). With linear interpolation a slice
-is piecewise linear in the slope, with kinks where a view's shift is a whole number of lenslets, and
-the energy peaks at the kinks: slopes of known surfaces are then wrong by more than 0.02 in the
-median, with exact shifts by less than 0.01. Neither a low-pass nor the modified Laplacian nor the
-variance over the views removes this error.
+The slope of a pixel is the one at which the views that see its place match the central view
+(`lf_flame.refocus.matching`), chosen together with those of its surroundings, guided by the image
+(`lf_flame.refocus.semi_global`).
 """
 
 from __future__ import annotations
@@ -33,21 +22,13 @@ from lf_flame.refocus._arguments import (
     as_steps,
     as_views,
     as_weights,
-    refuse_not_finite,
     refuse_uncounted,
 )
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews, as_grey
 from lf_flame.refocus.refinement import refine_slopes
 from lf_flame.refocus.semi_global import choose_slopes
-from lf_flame.refocus.shift import shift_and_sum
 from lf_flame.refocus.surface import refocus_surface
-
-LOW_PASS = 1.0
-"""Standard deviation of the Gaussian before the gradient, in lenslets; it suppresses aliasing."""
-
-FLOOR = 0.1
-"""Sharpness at which the cost of the sharpest slice is a half, relative to the mean."""
 
 TRUSTED = 0.2
 """Smallest confidence of a certain slope."""
@@ -55,13 +36,17 @@ TRUSTED = 0.2
 RESOLVED = 1.0
 """Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
 
+DISAGREEING = 0.3
+"""Shift of the outermost view, in lenslets, between the slope and that of the least plain
+difference, from which the slope is not certain."""
+
 MAP_STEPS = 33
 """Number of slopes in the stack from which commands and pages make a slope map."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FocusMap:
-    """Slope map and image with everything in focus, from `depth_from_focus` or `all_in_focus`.
+    """Slope map and image with everything in focus, from `all_in_focus`.
 
     Things that one sees through, as a flame before others, have no one slope, and nothing here
     tells: for flames use `lf_flame.tomography.reconstruct`.
@@ -75,7 +60,9 @@ class FocusMap:
         Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of similar
         neighbours that agree, times their mean trust: by how much a slope's cost is below those of
         distinct slopes, how sharp the minimum is, and how low. 0 where the best slope is the first
-        or last, and where the neighbours choose another.
+        or last, where the neighbours choose another, and where the plain mean difference from the
+        central view is least elsewhere (by 0.3 lenslets in the outermost view), as beside outlines
+        and highlights and on smooth shading.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Image with every pixel refocused at its slope.
     """
@@ -84,48 +71,10 @@ class FocusMap:
     confidence: np.ndarray
     all_in_focus: np.ndarray
 
-
-def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0) -> FocusMap:
-    """Find the slope at which each pixel of a focal stack is sharpest.
-
-    Parameters
-    ----------
-    stack : array_like, shape (n, t, s) or (n, t, s, channels)
-        Refocused images, preferably from `refocus` with "sinc" interpolation.
-    slopes : sequence of float
-        Slope of each image in lenslets per view step, at least three, rising in equal steps;
-        `PlenopticCamera.slope_to_depth` turns those that are found into depths.
-    window : float, optional
-        Standard deviation, in lenslets, of the Gaussian under which sharpness is summed. A smaller
-        one shows finer outlines, a larger one needs less texture.
-
-    Returns
-    -------
-    FocusMap
-        Slope map. Its image is interpolated between the two slices next to each pixel's slope.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be used.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame import refocus
-    >>> picture = np.random.default_rng(1).uniform(size=(24, 30))
-    >>> steps = (-1, 0, 1)  # each view shows the picture one pixel farther along than the next
-    >>> views = np.array([[np.roll(picture, (-v, -u), (0, 1)) for u in steps] for v in steps])
-    >>> slopes = np.linspace(-2, 2, 9)
-    >>> stack = refocus.refocus(views, slopes, interpolation="sinc")
-    >>> float(np.median(refocus.depth_from_focus(stack, slopes).slope).round(1))
-    -1.0
-    """
-    stack, slopes = np.asarray(stack), as_steps(slopes)
-    costs = _blur(stack, slopes, window)
-    picture = _between_slices(stack, slopes, slopes[costs.argmin(axis=2)])
-    slope, confidence = choose_slopes(costs, slopes, _guide(picture), window, slopes[1] - slopes[0])
-    return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
+    def __repr__(self) -> str:
+        low, high = float(self.slope.min()), float(self.slope.max())
+        certain = float(np.mean(self.confidence >= TRUSTED))
+        return f"FocusMap(slopes {low:+.2f} to {high:+.2f}, {certain:.0%} certain)"
 
 
 def all_in_focus(
@@ -164,8 +113,7 @@ def all_in_focus(
     Returns
     -------
     FocusMap
-        Slope map, confidence and image. For views off a regular grid (`LightField.positions`) they
-        come from the focal stack, as in `depth_from_focus`.
+        Slope map, confidence and image.
 
     Raises
     ------
@@ -185,10 +133,6 @@ def all_in_focus(
     weights = as_weights(weights, light_field)
     check_interpolation(interpolation)
     _check_window(window)
-    if getattr(light_field, "positions", None) is not None:
-        slopes = as_steps(slopes)
-        stack = shift_and_sum(light_field, slopes, interpolation="cubic", weights=weights)
-        return depth_from_focus(stack, slopes, window=window)
     views, slopes = as_grey(light_field), as_steps(slopes)
     down, right = (((n - 1) // 2, n // 2) for n in views.shape[:2])
     refuse_uncounted(
@@ -212,11 +156,22 @@ def _matched(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Slopes at which compared views match best, their confidence, the guide, and the limit."""
     slopes, limit = compared.slopes, compared.limit()
-    costs = compared.costs(limit)
+    costs, plain = compared.costs(limit)
     best = slopes[costs.argmin(axis=2)]
     guide = _guide(_middle(as_views(light_field), best))
-    found = choose_slopes(costs, slopes, guide, window, distinct_by(weights))
-    return *found, guide, limit
+    slope, confidence = choose_slopes(costs, slopes, guide, window, distinct_by(weights))
+    apart = np.abs(slope - _least(plain, slopes)) > DISAGREEING * distinct_by(weights)
+    return slope, np.where(apart, 0.0, confidence), guide, limit
+
+
+def _least(costs: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Slope of the least of costs[t, s, n], by a parabola through three."""
+    k = np.clip(costs.argmin(axis=2), 1, len(slopes) - 2)[..., None]
+    before, own, after = (np.take_along_axis(costs, k + i, axis=2)[..., 0] for i in (-1, 0, 1))
+    bend = np.maximum(before + after - 2 * own, np.finfo(np.float32).tiny)
+    return slopes[k[..., 0]] + (slopes[1] - slopes[0]) * np.clip(
+        (before - after) / (2 * bend), -1, 1
+    )
 
 
 def distinct_by(weights: np.ndarray) -> float:
@@ -228,7 +183,8 @@ def distinct_by(weights: np.ndarray) -> float:
 
 def _guide(picture: np.ndarray) -> np.ndarray:
     """Grey image, smooth enough that noise is no edge."""
-    return gaussian_filter(picture.mean(axis=2) if picture.ndim == 3 else picture, LOW_PASS)
+    grey = picture.mean(axis=2) if picture.ndim == 3 else picture
+    return gaussian_filter(grey, 1.0)
 
 
 def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,40 +203,3 @@ def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
 def _check_window(window: float) -> None:
     if not 0 < window < np.inf:
         raise InputError(f"window must be a number of lenslets above 0, got {window}.")
-
-
-def _blur(stack: np.ndarray, slopes: np.ndarray, window: float) -> np.ndarray:
-    """Cost of each slice, from 0 for the sharpest to 1: float32, shape (t, s, n)."""
-    if stack.ndim not in (3, 4) or len(stack) != len(slopes) or min(stack.shape) < 1:
-        raise InputError(
-            f"A focal stack must have one image for each of the {len(slopes)} slopes, (n, t, s) or "
-            f"(n, t, s, channels), got an array of shape {stack.shape}."
-        )
-    _check_window(window)
-    refuse_not_finite(stack)
-    sharpness = np.stack([_sharpness(image, window) for image in stack], axis=-1)
-    peak = sharpness.max(axis=-1, keepdims=True)
-    floor = max(FLOOR * peak.mean(), np.finfo(float).tiny)
-    return (1 - sharpness / (peak + floor)).astype(np.float32)
-
-
-def _sharpness(image: np.ndarray, window: float) -> np.ndarray:
-    """Gradient energy around each pixel, summed over channels: shape (t, s)."""
-    energy = np.zeros(image.shape[:2])
-    for channel in np.moveaxis(np.atleast_3d(image), 2, 0):
-        smooth = gaussian_filter(channel.astype(float), LOW_PASS, mode="nearest")
-        for axis in (0, 1):
-            if smooth.shape[axis] > 1:
-                energy += np.gradient(smooth, axis=axis) ** 2
-    return gaussian_filter(energy, window, mode="nearest")
-
-
-def _between_slices(stack: np.ndarray, slopes: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Image interpolated linearly between the slices next to each pixel's slope."""
-    at = np.clip((slope - slopes[0]) / (slopes[1] - slopes[0]), 0, len(slopes) - 1)
-    below = np.minimum(at.astype(int), len(slopes) - 2)
-    height, width = slope.shape
-    rows, columns = np.indices((height, width), sparse=True)
-    weight = (at - below).reshape(*slope.shape, *(1,) * (stack.ndim - 3))
-    near, far = stack[below, rows, columns], stack[below + 1, rows, columns]
-    return ((1 - weight) * near + weight * far).astype(np.float32)

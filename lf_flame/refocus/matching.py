@@ -24,7 +24,7 @@ which pulls slopes towards them.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
@@ -63,6 +63,9 @@ LEAST_KNOWN = 0.05
 SLOPE_WINDOW = 3.0
 """Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
 
+PLAIN_WINDOW = 1.5
+"""Standard deviation of the Gaussian under which plain differences are averaged, in lenslets."""
+
 SAMPLED_ROWS = 32
 """Approximate number of rows from which noise and levels are estimated."""
 
@@ -99,10 +102,6 @@ class WeightedViews(NamedTuple):
 
     views: np.ndarray
     """Grey views, shape (v, u, t, s)."""
-    first: int
-    """Number of their first row: 0."""
-    height: int
-    """Number of rows."""
     parts_down: np.ndarray
     """For each row of views: 0 before the centre, 1 in it, 2 after it."""
     parts_across: np.ndarray
@@ -160,13 +159,7 @@ class ComparedViews:
                 break
 
     def find_levels(self, slope: np.ndarray, known: np.ndarray) -> bool:
-        """Find the levels of the views from the slopes of pixels in some rows, or in all.
-
-        Returns
-        -------
-        bool
-            Whether a level changed by more than `SETTLED`.
-        """
+        """Find the levels of the views from slopes in some rows, or in all; whether one changed."""
         if len(slope) != len(self._rows):
             slope, known = slope[self._rows], known[self._rows]
         if np.count_nonzero(known) < LEAST_KNOWN * known.size:
@@ -181,28 +174,22 @@ class ComparedViews:
         least, _, contrast = self._best()
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
-    def costs(self, limit: float) -> np.ndarray:
-        """Mismatch of the views at each pixel and slope.
+    def costs(self, limit: float) -> tuple[np.ndarray, np.ndarray]:
+        """Mismatch of the views at each pixel and slope, float32, shape (t, s, n), twice.
 
-        Parameters
-        ----------
-        limit : float
-            Largest difference that counts, see `limit`.
-
-        Returns
-        -------
-        ndarray of float32, shape (t, s, n)
-            Costs, from 0 for equal views to about 1.
+        First costs from 0 for equal views to about 1, where no difference counts beyond `limit`;
+        then plain mean differences of all views, under a Gaussian.
         """
         slopes, (height, width) = self.slopes, self.views.shape[2:]
         shares, margins = sides(self.counts)
-        costs = np.empty((height, width, len(slopes)), np.float32)
+        costs, plain = np.empty((2, height, width, len(slopes)), np.float32)
         line = np.empty((height, width), np.float32)
         for n, slope in enumerate(progress.steps(slopes, "matching views", len(slopes), "slope")):
             parts = self._differences(float(slope), np.arange(height), limit)[0]
             _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
             costs[..., n] = line
-        return costs
+            plain[..., n] = gaussian_filter(parts[:, 9], PLAIN_WINDOW) / self.counts.sum()
+        return costs, plain
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""
@@ -210,8 +197,7 @@ class ComparedViews:
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
             parts, middle = self._differences(float(slope), self._rows, np.inf)
-            total = parts.sum(axis=1)
-            total /= np.float32(self.counts.sum())
+            total = parts[:, 9] / np.float32(self.counts.sum())
             np.minimum(least, total, out=least)
             smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
             best[smooth < smoothest] = slope
@@ -221,10 +207,10 @@ class ComparedViews:
     def _differences(
         self, slope: float, rows: np.ndarray, limit: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Differences from the central view in nine parts, (rows, 9, s), and the central view."""
+        """Differences from the central view in nine parts and all, (rows, 10, s), and that view."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
-        out = np.empty((rows.size, 9, views.shape[3]), np.float32)
+        out = np.empty((rows.size, 10, views.shape[3]), np.float32)
         down, down_weights = _taps(slope, *views.shape[::2])
         across, across_weights = _taps(slope, *views.shape[1::2])
         shifts = (slope * centred(n) for n in views.shape[:2])
@@ -240,9 +226,8 @@ class ComparedViews:
         down, across = self._parts
         weights = self._weights.astype(np.float32)
         return WeightedViews(
-            self.views, 0, self.views.shape[2], down, across, weights, self._middle, self.even,
-            self._levels,
-        )  # fmt: skip
+            self.views, down, across, weights, self._middle, self.even, self._levels
+        )
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:

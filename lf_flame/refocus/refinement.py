@@ -43,19 +43,7 @@ def refine_slopes(
 ) -> np.ndarray:
     """Change each pixel's slope by the little at which the views around it agree best.
 
-    Parameters
-    ----------
-    compared : ComparedViews
-    slope : ndarray of float64, shape (t, s)
-        Slopes from the search.
-    guide : ndarray, shape (t, s)
-        Pixels of other brightness count less.
-    limit : float
-        Largest difference that counts in the search, see `ComparedViews.limit`.
-
-    Returns
-    -------
-    ndarray of float64, shape (t, s)
+    Pixels of other brightness of the guide count less; limit: see `ComparedViews.limit`.
     """
     step = compared.slopes[1] - compared.slopes[0]
     equations = set_up_equations(compared, slope, OUTLYING * limit)
@@ -69,17 +57,8 @@ def set_up_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Set up, at each pixel, the least-squares fit of a change of its slope.
 
-    Parameters
-    ----------
-    compared : ComparedViews
-    slope : ndarray of float64, shape (t, s)
-    limit : float
-        Difference from which a view hardly counts.
-
-    Returns
-    -------
-    numerator, denominator : ndarray of float64, shape (t, s)
-        The change is their ratio, of one pixel or of the sums over several.
+    The change is the ratio of the two, of one pixel or of the sums over several. A view hardly
+    counts beyond a difference of `limit`.
     """
     numerator, denominator = np.empty(slope.shape), np.empty(slope.shape)
     height = slope.shape[0]
@@ -125,22 +104,8 @@ def fit_changes(
 ) -> np.ndarray:
     """Fit the change of each pixel's slope to the equations around it.
 
-    Parameters
-    ----------
-    slope : ndarray of float64, shape (t, s)
-    equations : (ndarray, ndarray), each (t, s)
-        Numerators and denominators of the changes.
-    guide : ndarray, shape (t, s)
-        Pixels of other brightness count less.
-    step : float
-        Step of the search.
-    scatter : float
-        Usual difference of views at the right slope. Where it exceeds what a change of half a step
-        makes, the change is nearly 0.
-
-    Returns
-    -------
-    ndarray of float64, shape (t, s)
+    Where the usual difference of views at the right slope, `scatter`, exceeds what a change of half
+    a step of the search makes, the change is nearly 0.
     """
     distances = np.arange(int(np.ceil(REACH * WINDOW)) + 1)
     near = np.exp(-((distances / WINDOW) ** 2) / 2)

@@ -52,25 +52,10 @@ DIRECTIONS = [(down, across) for down, across in product((-1, 0, 1), repeat=2) i
 def choose_slopes(
     costs: np.ndarray, slopes: np.ndarray, guide: np.ndarray, window: float, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Give each pixel the slope of least cost that its surroundings agree with.
+    """Choose the slope of least costs[t, s, n] that a pixel's surroundings agree with.
 
-    Parameters
-    ----------
-    costs : ndarray of float32, shape (t, s, n)
-        Cost of each slope, from 0 to about 1.
-    slopes : ndarray of float64, shape (n,)
-        Slopes in equal rising steps.
-    guide : ndarray, shape (t, s)
-        Image whose edges stop smoothing.
-    window : float
-        Standard deviation of the Gaussian that weights the votes of neighbours, in lenslets.
-    width : float
-        Largest difference of slopes that cannot be distinguished.
-
-    Returns
-    -------
-    slope, confidence : ndarray of float64, shape (t, s)
-        Confidence is from 0 to 1; it is 0 where the best slope is the first or last.
+    Edges of guide[t, s] stop smoothing; `width` is the largest difference of slopes that cannot be
+    distinguished. Gives slope and confidence, which is 0 where the best slope is the first or last.
     """
     guide = in_deviations(guide)
     step = slopes[1] - slopes[0]
@@ -92,9 +77,9 @@ def in_deviations(guide: np.ndarray) -> np.ndarray:
 
 def sum_paths(costs: np.ndarray, guide: np.ndarray) -> np.ndarray:
     """Sum the costs along all paths: float32, shape (t, s, n)."""
-    sums, edge = np.zeros_like(costs), np.zeros(costs.shape[1:], np.float32)
+    sums = np.zeros_like(costs)
     for way in DIRECTIONS:
-        _add_paths(costs, guide, 0, *way, edge, np.empty_like(edge), sums)
+        _add_paths(costs, guide, *way, sums)
     return sums
 
 
@@ -104,38 +89,23 @@ def _count_paths(costs, down, across):
 
 
 @parallel(_count_paths)
-def _add_paths(path, costs, guide, top, down, across, entered, left, sums):
-    """Add the costs along all paths of one direction, within a band of rows: sums[t, s, n].
-
-    guide[y, s]: the whole image, whose row `top` is row 0 of the band. entered[s, n]: costs of the
-    paths in the row before the first, 0 at the edge of the image; left[s, n]: those in the last
-    row.
-    """
+def _add_paths(path, costs, guide, down, across, sums):
+    """Add the costs along all paths of one direction: sums[t, s, n]."""
     height, width, count = costs.shape
-    first = 0 if down == 0 else path if path < width else 0
-    t = path if down == 0 else 0
-    if down != 0 and path >= width:
-        t = path - width + 1
-    s = first
-    enters = down != 0 and t == 0
+    s = path if down != 0 and path < width else 0
+    t = path if down == 0 else max(path - width + 1, 0)
     if down < 0:
         t = height - 1 - t
     if across < 0:
         s = width - 1 - s
     way = np.full(count + 2, np.float32(np.inf))
     new = way.copy()
-    least, before = np.float32(0.0), guide[top + t, s]
+    least, before = np.float32(0.0), guide[t, s]
     way[1:-1] = 0.0
-    y, x = top + t - down, s - across
-    if enters and 0 <= y < guide.shape[0] and 0 <= x < width:
-        least, before = np.float32(np.inf), guide[y, x]
-        for n in range(np.uint64(count)):
-            way[n + np.uint64(1)] = entered[x, n]
-            least = min(least, entered[x, n])
     while 0 <= t < height and 0 <= s < width:
-        change = abs(guide[top + t, s] - before)
+        change = abs(guide[t, s] - before)
         jump = least + max(np.float32(JUMP) / (1 + np.float32(EDGE) * change), np.float32(STEP))
-        before = guide[top + t, s]
+        before = guide[t, s]
         for n in range(np.uint64(count)):
             beside = min(way[n], way[n + np.uint64(2)]) + np.float32(STEP)
             best = min(min(way[n + np.uint64(1)], beside), jump)
@@ -148,9 +118,6 @@ def _add_paths(path, costs, guide, top, down, across, entered, left, sums):
         way, new = new, way
         t += down
         s += across
-        if down != 0 and not 0 <= t < height:
-            for n in range(np.uint64(count)):
-                left[s - across, n] = way[n + np.uint64(1)]
 
 
 @parallel(lambda costs: len(costs))

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import centred
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
     Views,
@@ -17,7 +18,6 @@ from lf_flame.refocus._arguments import (
     as_weights,
     for_slopes,
     refuse_not_finite,
-    view_places,
 )
 from lf_flame.refocus.interpolation import shift_taps
 from lf_flame.refocus.unknown_pixels import of_known_pixels
@@ -86,92 +86,42 @@ def shift_and_sum(
     (3, 24, 30)
     """
     weights = as_weights(weights, light_field)
-    views, steps = as_views(light_field, placed=True), as_slopes(slopes)
-    stack = shift_views(views, steps, interpolation, weights, view_places(light_field))
-    return for_slopes(stack, slopes)
-
-
-def shift_views(
-    views: np.ndarray, slopes: np.ndarray, interpolation: str, weights: np.ndarray,
-    places: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:  # fmt: skip
-    """Refocus views at places of their own, see `plan_shifts`: float32, one image each slope."""
-    views = as_readable(views, raw=True)
+    views, steps = as_readable(as_views(light_field), raw=True), as_slopes(slopes)
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
-    stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)
-    for first in range(0, len(slopes), SLOPES_AT_ONCE):
+    stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
+    for first in range(0, len(steps), SLOPES_AT_ONCE):
         some = slice(first, first + SLOPES_AT_ONCE)
-        _shift_and_sum(lines, channels, slopes[some], interpolation, weights, places, stack[some])
-    return stack.reshape(len(slopes), *views.shape[2:])
+        _shift_and_sum(lines, channels, steps[some], interpolation, weights, stack[some])
+    return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
 
 
 class ShiftPlan(NamedTuple):
-    """Positions at which the kernel reads the views at some slopes, and their weights.
+    """Positions at which the kernel reads the views at n slopes, and their weights.
 
-    There are n slopes of a light field with (v, u) views; a chain is a run of views that are summed
-    together.
-
-    Attributes
-    ----------
-    used : ndarray of bool, shape (v, u)
-        Whether a view has a weight above 0; others are not read.
-    reach : int
-        Number of pixels by which each line is padded at its ends, and a block at its sides: the
-        farthest reach of any tap.
-    at : ndarray of uint64, shape (v, n, chain, link)
-        Position of tap 0 of each view in the padded lines of its row of views.
-    weights : ndarray of float32 or float64, shape (tap, v, n, chain, link)
-        Weight of the tap times that of the view, scaled row by row; 0 in links without a view.
-    down : ndarray of int64, shape (v, n)
-        Row that tap 0 of a row of views reads for row 0 of the image.
-    down_weights : ndarray of float64, shape (v, n, tap)
-        Weights of the rows' taps, which undo the scale and divide by the sum of the weights.
-    bands, blocks : int
-        Numbers of bands of rows, and of blocks of columns, of the image, made in parallel.
+    A chain is a run of views that are summed together.
     """
 
-    used: np.ndarray
-    reach: int
-    at: np.ndarray
-    weights: np.ndarray
-    down: np.ndarray
-    down_weights: np.ndarray
-    bands: int
+    used: np.ndarray  # (v, u): whether a view has a weight above 0; others are not read
+    reach: int  # pixels by which lines and blocks are padded: the farthest reach of any tap
+    at: np.ndarray  # (v, n, chain, link): position of tap 0 in the padded lines of a row of views
+    weights: np.ndarray  # (tap, v, n, chain, link), scaled row by row; 0 in links without a view
+    down: np.ndarray  # (v, n): row that tap 0 of a row of views reads for row 0 of the image
+    down_weights: np.ndarray  # (v, n, tap); undo the scale, and divide by the sum of the weights
+    bands: int  # of rows of the image, made in parallel, as are the blocks of columns
     blocks: int
 
 
 def plan_shifts(
     shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
-    weights: np.ndarray, places: tuple[np.ndarray, np.ndarray], precision: type = np.float32,
+    weights: np.ndarray, precision: type = np.float32,
 ) -> ShiftPlan:  # fmt: skip
-    """Plan the shifts of all views at some slopes, without reading a pixel.
-
-    Parameters
-    ----------
-    shape : (int, int, int, int)
-        Number of views (v, u), of rows, and of pixels in a row, with channels adjacent.
-    channels : int
-        Number of channels.
-    slopes : ndarray of float64, shape (n,)
-        Slopes in lenslets per view step.
-    interpolation : str
-        See `shift_and_sum`.
-    weights : ndarray of float64, shape (v, u)
-        Weights of the views, 0 or above, at least one above 0.
-    places : (ndarray, ndarray) of float64, shapes (v,) and (v, u)
-        Places of the rows of views down, and of the views to the right, in view steps.
-    precision : {numpy.float32, numpy.float64}, optional
-        Type of the sums along a line.
-
-    Returns
-    -------
-    ShiftPlan
-    """
+    """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent)."""
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
-    down, down_taps = shift_taps(view_shifts(slopes, places[0], height), interpolation)
-    across, taps = shift_taps(view_shifts(slopes, places[1], width // channels), interpolation)
+    down, down_taps = shift_taps(view_shifts(slopes, centred(rows), height), interpolation)
+    places = np.broadcast_to(centred(columns), (rows, columns))
+    across, taps = shift_taps(view_shifts(slopes, places, width // channels), interpolation)
     if not taps[1:].any():  # whole slopes
         taps = taps[:1]
     reach = max(-int(across.min()), int(across.max()) + len(taps) - 1, 0) * channels
@@ -191,10 +141,10 @@ def plan_shifts(
     )
 
 
-def _shift_and_sum(views, channels, slopes, interpolation, weights, places, out) -> None:
+def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
     """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
     precision = np.float64 if views.dtype == np.float64 else np.float32
-    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, places, precision)
+    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, precision)
     bad = np.zeros((plan.bands, plan.blocks), bool)
     _kernels.sum_bands(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
@@ -228,19 +178,7 @@ def _next_multiple(length: int, multiple: int) -> int:
 
 
 def _chain(used: np.ndarray, at: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Arrange the views above weight 0 in chains.
-
-    Parameters
-    ----------
-    used : ndarray of bool, shape (v, u)
-    at : ndarray of int, shape (v, u, n)
-    weights : ndarray of float, shape (tap, v, u, n)
-
-    Returns
-    -------
-    at : ndarray of uint64, shape (v, n, chain, link)
-    weights : ndarray of float, shape (tap, v, n, chain, link)
-    """
+    """Arrange at[v, u, n], weights[tap, v, u, n] of the views used in chains, see `ShiftPlan`."""
     rows, columns = used.shape
     taps, slopes = len(weights), at.shape[2]
     length = _next_multiple(int(used.sum(axis=1).max()), _kernels.CHAIN)

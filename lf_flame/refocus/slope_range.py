@@ -12,7 +12,7 @@ from lf_flame.refocus._arguments import (
     farthest_slope,
 )
 from lf_flame.refocus.focus_map import distinct_by
-from lf_flame.refocus.sharpness import find_sharpest_slopes
+from lf_flame.refocus.search import find_sharpest_slopes
 
 SIDE = 192
 """Approximate longer side of the reduced views in lenslets; the range needs no more."""

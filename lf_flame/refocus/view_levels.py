@@ -60,23 +60,8 @@ def find_levels(
 ) -> np.ndarray:
     """Find the factor, over the image, that makes each view as bright as the central one.
 
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-        Grey views.
-    slope : ndarray of float64, shape (rows, s)
-        Approximate slopes of the pixels in some rows.
-    rows : ndarray of int
-        Indices of these rows.
-    weights : ndarray of float64, shape (v, u)
-        Weights of the views; views of weight 0 get level 1.
-    known : ndarray of bool, shape of `slope`
-        Whether to use each pixel.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, 6)
-        Coefficients of `POWERS`; 1 and zeros if views differ by no more than `EVEN`.
+    Uses pixels `known` of some rows, with their approximate slopes; views of weight 0 get level 1.
+    Gives coefficients of `POWERS`, (v, u, 6): 1 and zeros if views differ by at most `EVEN`.
     """
     levels = even_levels(views.shape[:2])
     down, across = (centred(n) for n in views.shape[:2])

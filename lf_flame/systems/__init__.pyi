@@ -9,7 +9,6 @@ from .refnet import build_refnet as build_refnet
 from .refocusnet import RefocusNet as RefocusNet
 from .refocusnet import build_refocusnet as build_refocusnet
 from .region_refocus import refocus_regions as refocus_regions
-from .region_refocus import search_region_slope as search_region_slope
 from .resnet50 import ResNet50 as ResNet50
 from .sparse_unet import SparseUNet as SparseUNet
 from .sparse_unet import build_unet as build_unet

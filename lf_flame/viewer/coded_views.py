@@ -23,28 +23,14 @@ DARKEST = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class CodedViews:
-    """Views as codes: ``radiance = low + (high - low) codes / levels``.
+    """Views as codes: ``radiance = low + (high - low) codes / levels``."""
 
-    Attributes
-    ----------
-    codes : ndarray of uint8 or uint16, shape (v, u, t, s, channels)
-        Codes of the pixels.
-    low, high : float
-        Radiance of code 0 and of the highest code.
-    white : float
-        Radiance shown as white.
-    positions : tuple of two ndarray
-        Positions of the rows and of the columns of views, in view steps from the centre.
-    weights : ndarray of float64, shape (v, u)
-        Weights of views; the aperture's weights multiply them.
-    """
-
-    codes: np.ndarray
-    low: float
-    high: float
-    white: float
-    positions: tuple[np.ndarray, ...]
-    weights: np.ndarray
+    codes: np.ndarray  # uint8 or uint16, (v, u, t, s, channels)
+    low: float  # radiance of code 0
+    high: float  # radiance of the highest code
+    white: float  # radiance shown as white
+    positions: tuple[np.ndarray, ...]  # of rows and columns of views, in steps from the centre
+    weights: np.ndarray  # of views, (v, u); the aperture's weights multiply them
 
     @property
     def levels(self) -> int:
@@ -71,27 +57,10 @@ def shown_white(light_field: LightField) -> float:
 def encode_views(
     light_field: LightField, most_bytes: int | None = None, *, white: float | None = None
 ) -> CodedViews:
-    """Encode views with 8 bits if that is exact, else with 16 bits.
+    """Encode views with 8 bits if that is exact or 16 would exceed `most_bytes`, else with 16 bits.
 
-    Parameters
-    ----------
-    light_field : LightField
-        Grey light field, or one of three channels.
-    most_bytes : int, optional
-        Largest size of the codes in bytes. Default: `MOST_BYTES`.
-    white : float, optional
-        Radiance that is shown as white, and the highest that has a code. Default: that of the
-        pictures that the program writes.
-
-    Returns
-    -------
-    CodedViews
-        Codes of 8 or 16 bits; always 8 bits if 16 would exceed `most_bytes`.
-
-    Raises
-    ------
-    InputError
-        If the light field has another number of channels, or more pixels than `most_bytes`.
+    `white` is the radiance that is shown as white, and the highest that has a code. Refuses more
+    pixels than `most_bytes`, and other numbers of channels than 1 and 3.
     """
     most = MOST_BYTES if most_bytes is None else most_bytes
     check_channels(light_field)
@@ -121,16 +90,7 @@ def _codes(views: np.ndarray, low: float, high: float, kind: type) -> np.ndarray
 def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tuple[int, int]]:
     """Cut views, counted row by row, into runs of bounded size, the central view first.
 
-    Parameters
-    ----------
-    coded : CodedViews
-    most_bytes : int, optional
-        Largest size of a piece in bytes; a single view may exceed it.
-
-    Returns
-    -------
-    list of (int, int)
-        First view and number of views of each run, nearer runs first.
+    Gives first view and number of views of each run, nearer runs first; a view is never cut.
     """
     rows, columns = coded.codes.shape[:2]
     middle = (rows - 1) // 2 * columns + (columns - 1) // 2

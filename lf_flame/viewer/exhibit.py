@@ -1,8 +1,9 @@
 """Content of a viewer: coded views in pieces, a slope map, and the metadata of its page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from lf_flame.refocus import (
     find_slope_range,
 )
 from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
-from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.viewer.coded_views import (
     DARKEST,
     MOST_BYTES,
@@ -28,9 +28,9 @@ from lf_flame.viewer.coded_views import (
     check_channels,
     cut_into_pieces,
     encode_views,
+    piece_bytes,
     shown_white,
 )
-from lf_flame.viewer.planes import PlaneMaker
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +55,8 @@ class Exhibit:
         Options for reading the source: views, order, white, pitch, dark and so on.
     with_map : bool, optional
         Whether there is a slope map.
-    interpolation : {"linear", "nearest", "cubic", "sinc"}
-        Interpolation. Pages sum views linearly; with another one the program refocuses for them.
-    network : lf_flame.systems.base.RefocusingSystem, optional
-        System that refocuses instead.
-    network_source : str, optional
-        Path of the network in a copied command.
     most_bytes : int
-        Largest size of a page's views in bytes; for a larger light field the program refocuses.
+        Largest number of pixels of a page.
     depths_mm : sequence of float, optional
         Depths of planes that stand in the place of views, shape (1, planes, t, s): the slider moves
         through them, `slopes` and `slope` are depths in mm, and there is no slope map.
@@ -72,9 +66,8 @@ class Exhibit:
     InputError
         If planes are not as many as their depths, rising and two or more, or too large for a page;
         if the slopes are not two finite numbers that rise, or shift a view by more than the image;
-        if the light field is neither grey nor of three channels, or its views are not the
-        camera's; if the interpolation is unknown, or the network cannot take the light field or
-        the slopes.
+        if the light field is neither grey nor of three channels, has more pixels than a page holds,
+        or its views are not the camera's.
     """
 
     light_field: LightField
@@ -85,31 +78,28 @@ class Exhibit:
     source: str | None = None
     reading: Mapping[str, Any] = field(default_factory=dict)
     with_map: bool = True
-    interpolation: str = "linear"
-    network: Any = None
-    network_source: str | None = None
     most_bytes: int = MOST_BYTES
     depths_mm: Sequence[float] | None = None
 
     def __post_init__(self):
         refuse_placed(self.light_field, "A viewer")
         check_channels(self.light_field)
+        if self.light_field.views.size > self.most_bytes:
+            raise InputError(
+                f"A page holds {self.most_bytes:,} pixels at most, but this light field has "
+                f"{self.light_field.views.size:,}; `lf-flame refocus` takes it."
+            )
         if self.depths_mm is not None:
             self._check_planes(self.depths_mm)
             return
         if self.camera is not None:
             self.camera.check_views(self.light_field.views.shape)
-        check_interpolation(self.interpolation, (*INTERPOLATIONS, "sinc"))
         limit = farthest_slope(self.light_field.views)
         if not -limit <= self.slopes[0] < self.slopes[1] <= limit:
             raise InputError(
                 f"A viewer needs two slopes, the lower one first, from {-limit:g} to {limit:g}, "
                 f"got {self.slopes[0]:g} and {self.slopes[1]:g}."
             )
-        if self.network is not None:
-            if self.interpolation != "linear":
-                raise InputError("An interpolation does not apply to a network.")
-            self.network.check(self.light_field, self.slopes)
 
     def _check_planes(self, depths_mm: Sequence[float]) -> None:
         shape = self.light_field.views.shape
@@ -118,32 +108,11 @@ class Exhibit:
                 f"A stack of planes needs two or more, and a depth for each, rising; got "
                 f"{shape[:2]} planes and depths {list(depths_mm)}."
             )
-        if self.light_field.views.size > self.most_bytes:
-            raise InputError(
-                f"A page holds {self.most_bytes:,} cells at most, but these planes have "
-                f"{self.light_field.views.size:,}."
-            )
 
     @cached_property
     def coded(self) -> CodedViews:
         """Views as codes."""
         return encode_views(self.light_field, self.most_bytes, white=self.white)
-
-    @property
-    def why_planes(self) -> str:
-        """Reason why the program refocuses instead of the page; empty if the page sums views."""
-        if self.network is not None:
-            return f"refocused by {self.network.name}"
-        if self.interpolation != "linear":
-            return f"{self.interpolation} interpolation"
-        if self.light_field.views.size > self.most_bytes:
-            return "too large for a page, which asks for each picture"
-        return ""
-
-    @cached_property
-    def planes(self) -> PlaneMaker:
-        """Maker of refocused images, for pages that do not sum views."""
-        return PlaneMaker(self.light_field, self.slopes, self.interpolation, self.network)
 
     @cached_property
     def white(self) -> float:
@@ -168,20 +137,39 @@ class Exhibit:
         image = to_preview(found.all_in_focus, self.white)
         return b"".join(x.tobytes() for x in (found.slope.astype("<f4"), certain, image))
 
-    def describe(self, coded: CodedViews, pieces: Sequence[tuple[int, int]], coding: str) -> dict:
-        """Metadata for a page that receives views.
+    def data(self) -> dict[str, Callable[[], bytes]]:
+        """Give the data that a page requests, by name: pieces of views, and the slope map."""
+        lock = Lock()
 
-        Parameters
-        ----------
-        coded : CodedViews
-            Views that the page receives, perhaps fewer or coarser than the exhibit's own.
-        pieces : sequence of (int, int)
-            First view and number of views of each piece, in the order in which they are sent.
-        coding : {"served", "deflate", "jpeg"}
-            Form in which the pieces are sent.
+        def slope_map() -> bytes:
+            with lock:  # computed once, however many pages request it
+                return self.map_bytes()
+
+        found = {
+            f"views/{number}": partial(lambda piece: piece_bytes(self.coded, piece), piece)
+            for number, piece in enumerate(cut_into_pieces(self.coded))
+        }
+        return found | ({"map": slope_map} if self.with_map else {})
+
+    def describe(self, coded: CodedViews, pieces: Sequence[tuple[int, int]], coding: str) -> dict:
+        """Metadata for a page, which receives coded views in pieces, perhaps fewer or coarser.
+
+        The pieces are "served", or stored by "deflate" or as "jpeg".
         """
-        views, size = coded.codes.shape[:2], coded.codes.shape[2:4]
-        return self._describe(views, size, coded.codes.shape[4]) | {
+        return {
+            "title": self.title,
+            "views": list(coded.codes.shape[:2]),
+            "size": list(coded.codes.shape[2:4]),
+            "channels": coded.codes.shape[4],
+            "slopes": list(map(float, self.slopes)),
+            "slope": float(self.slope),
+            "map_steps": MAP_STEPS,
+            "camera": _describe_camera(self.camera),
+            "source": self.source,
+            "reading": dict(self.reading),
+            "has_map": self.with_map,
+            "depths_mm": None if self.depths_mm is None else list(map(float, self.depths_mm)),
+            "colours": "grey" if self.depths_mm is None else "inferno",
             "weights": coded.weights.ravel().tolist(),
             "positions": [list(map(float, at)) for at in coded.positions],
             "levels": coded.levels,
@@ -193,57 +181,15 @@ class Exhibit:
         }
 
     def describe_served(self) -> dict:
-        """Metadata for a page that a program serves, with views or with refocused images."""
-        if not self.why_planes:
-            return self.describe(self.coded, cut_into_pieces(self.coded), "served")
-        shape = self.light_field.views.shape
-        return self._describe(shape[:2], shape[2:4], self.planes.channels) | {
-            "levels": 1,
-            "low": 0.0,
-            "high": 1.0,
-            "white": self.white,
-            "pieces": [],
-            "coding": "planes",
-            "coarse": self.planes.coarse,
-            "own_aperture": self.network is not None,
-        }
-
-    def _describe(self, views: tuple, size: tuple, channels: int) -> dict:
-        """Metadata that do not depend on how a page receives its data."""
-        making = {"network": self.network_source, "interpolation": self.interpolation}
-        return {
-            "title": self.title,
-            "views": list(views),
-            "size": list(size),
-            "channels": channels,
-            "slopes": list(map(float, self.slopes)),
-            "slope": float(self.slope),
-            "map_steps": MAP_STEPS,
-            "camera": _describe_camera(self.camera),
-            "source": self.source,
-            "reading": dict(self.reading),
-            "making": {name: x for name, x in making.items() if x not in (None, "linear")},
-            "has_map": self.with_map,
-            "depths_mm": None if self.depths_mm is None else list(map(float, self.depths_mm)),
-            "colours": "grey" if self.depths_mm is None else "inferno",
-        }
+        """Metadata for a page that a program serves."""
+        return self.describe(self.coded, cut_into_pieces(self.coded), "served")
 
 
-def choose_slopes(
-    light_field: LightField, slopes: tuple[float, float] | None, network: Any = None
-) -> SlopeRange:
-    """Choose the ends of the slider and its initial position: as given, or from the light field.
-
-    A range from the light field is cut to the slopes that a network accepts.
-    """
+def choose_slopes(light_field: LightField, slopes: tuple[float, float] | None) -> SlopeRange:
+    """Choose the ends of the slider and its initial position: as given, or from the light field."""
     if slopes is not None:
         return SlopeRange(*slopes, sum(slopes) / 2, certain=True)
-    found = find_slope_range(light_field)
-    if network is None:
-        return found
-    can = network.slope_range(*light_field.views.shape[:2])
-    low, high, slope = (float(np.clip(x, *can)) for x in (found.low, found.high, found.slope))
-    return SlopeRange(low, high, slope, found.certain)
+    return find_slope_range(light_field)
 
 
 def _describe_camera(camera: PlenopticCamera | CameraLaw | None) -> dict[str, Any] | None:

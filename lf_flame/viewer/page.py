@@ -4,7 +4,6 @@ import base64
 import html
 import json
 
-from lf_flame.errors import InputError
 from lf_flame.viewer.coded_views import deflated
 from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.preview import shrink
@@ -25,11 +24,11 @@ FILE_POLICY = (
 
 
 def served_page(exhibit: Exhibit) -> str:
-    """Make the page that requests views, or refocused images, from the program that serves it."""
+    """Make the page that requests views from the program that serves it."""
     metadata = exhibit.describe_served()
     return page_frame().substitute(
         title=html.escape(exhibit.title),
-        description=html.escape(describe(metadata, exhibit.why_planes)),
+        description=html.escape(describe(metadata)),
         policy="",
         style='<link rel="stylesheet" href="static/viewer.css">',
         data=_json_block(metadata),
@@ -38,27 +37,11 @@ def served_page(exhibit: Exhibit) -> str:
 
 
 def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
-    """Make a page that contains all its data, and sends no requests.
+    """Make a page that contains all its data, and sends no requests; also say how exact it is.
 
-    Parameters
-    ----------
-    exhibit : Exhibit
-    most_bytes : int
-        Largest size of the page in bytes. Views that need more are stored less exactly, or fewer.
-
-    Returns
-    -------
-    page : str
-        HTML of the page.
-    quality : str
-        Accuracy of the stored views, as the page says too.
-
-    Raises
-    ------
-    InputError
-        If even a few coarse views would be too large, or a program would have to refocus.
+    Views that need more than `most_bytes` are stored less exactly, or fewer of them; if even a few
+    coarse ones are too large, that is refused.
     """
-    refuse_planes_in_one_file(exhibit.network is not None, exhibit.interpolation)
     slope_map = deflated(exhibit.map_bytes()) if exhibit.with_map else b""
     script = f'<script type="module">import "{script_url("page.js")}";</script>'
     style = read_static("viewer.css")
@@ -81,23 +64,7 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
     return page, shrunk.quality
 
 
-def refuse_planes_in_one_file(network: bool, interpolation: str) -> None:
-    """Refuse options that need a program.
-
-    Raises
-    ------
-    InputError
-        If there is a network, or the interpolation is not linear.
-    """
-    if network or interpolation != "linear":
-        what = "A network" if network else f"Interpolation {interpolation!r}"
-        raise InputError(
-            f"{what} needs the program, and a single file asks none; leave out --single-file, or "
-            f"this."
-        )
-
-
-def describe(metadata: dict, quality: str) -> str:
+def describe(metadata: dict, quality: str = "") -> str:
     """Describe the views in one line."""
     (v, u), (t, s) = metadata["views"], metadata["size"]
     if metadata["depths_mm"]:

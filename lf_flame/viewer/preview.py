@@ -18,27 +18,13 @@ JPEG_QUALITIES = (92, 85, 75)
 
 @dataclass(frozen=True, eq=False)
 class ShrunkViews:
-    """Views as stored in a page.
+    """Views as stored in a page."""
 
-    Attributes
-    ----------
-    coded : CodedViews
-        Views that the page unpacks, apart from JPEG errors.
-    pieces : list of (int, int)
-        First view and number of views of each piece.
-    data : list of bytes
-        Packed pieces.
-    coding : {"deflate", "jpeg"}
-        Form of the packed pieces.
-    quality : str
-        Accuracy of the views, in words.
-    """
-
-    coded: CodedViews
-    pieces: list[tuple[int, int]]
-    data: list[bytes]
-    coding: str
-    quality: str
+    coded: CodedViews  # what the page unpacks, apart from JPEG errors
+    pieces: list[tuple[int, int]]  # first view and number of views of each
+    data: list[bytes]  # packed pieces
+    coding: str  # "deflate" or "jpeg"
+    quality: str  # accuracy of the views, in words
 
     @property
     def length(self) -> int:
@@ -47,26 +33,9 @@ class ShrunkViews:
 
 
 def shrink(coded: CodedViews, most_bytes: int, carried: int, *, exact: bool = False) -> ShrunkViews:
-    """Pack views as exactly as there is room for.
+    """Pack views as exactly as a page of `most_bytes`, `carried` without them, has room for.
 
-    Parameters
-    ----------
-    coded : CodedViews
-    most_bytes : int
-        Largest size of the page in bytes.
-    carried : int
-        Size of the page in bytes without the views.
-    exact : bool, optional
-        Whether nothing may be lost.
-
-    Returns
-    -------
-    ShrunkViews
-
-    Raises
-    ------
-    InputError
-        If no form is small enough.
+    Refuses what no form makes small enough; with `exact`, nothing may be lost.
     """
     for shrunk in islice(_ways(coded), 1 if exact else None):
         if shrunk.length <= most_bytes - carried:

@@ -12,7 +12,6 @@ from typing import Any
 from lf_flame.errors import InputError
 from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.page import SERVED_POLICY, served_page
-from lf_flame.viewer.page_data import PageData
 from lf_flame.viewer.scripts import MEDIA_TYPES, read_static, static_names
 
 HOST = "127.0.0.1"
@@ -51,10 +50,11 @@ class ViewerServer(ThreadingHTTPServer):
             raise InputError(f"Port {port} cannot be opened: {error.strerror}.") from None
         self.token = secrets.token_urlsafe(16)
         self._exhibit = exhibit
-        self._data = PageData(exhibit)
         self._answers: dict[str, Callable[[], _Answer]] = {"": partial(_page, exhibit)}
         for name in static_names():
             self._answers[f"static/{name}"] = partial(_static, name)
+        for name, make in exhibit.data().items():
+            self._answers[name] = partial(_made, make)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore pages that were closed before their answer; report other errors."""
@@ -73,25 +73,22 @@ class ViewerServer(ThreadingHTTPServer):
 
     def answer(self, path: str) -> _Answer | None:
         """Answer for a path; None without the token, or for an unknown name."""
-        named, _, query = path.partition("?")
-        start, _, name = named.removeprefix("/").partition("/")
+        start, _, name = path.partition("?")[0].removeprefix("/").partition("/")
         if not secrets.compare_digest(start.encode(), self.token.encode()):
             return None
-        if name in self._answers:
-            return self._answers[name]()
-        make = self._data.find(name, query)
-        if make is None:
-            return None
-        try:
-            return _Answer(make())
-        except InputError as error:
-            asked = name in self._data.questions
-            status = HTTPStatus.BAD_REQUEST if asked else HTTPStatus.INTERNAL_SERVER_ERROR
-            return _Answer(str(error).encode(), "text/plain; charset=utf-8", status)
+        return self._answers[name]() if name in self._answers else None
 
 
 def _page(exhibit: Exhibit) -> _Answer:
     return _Answer(served_page(exhibit).encode(), "text/html; charset=utf-8")
+
+
+def _made(make: Callable[[], bytes]) -> _Answer:
+    try:
+        return _Answer(make())
+    except InputError as error:
+        status = HTTPStatus.INTERNAL_SERVER_ERROR
+        return _Answer(str(error).encode(), "text/plain; charset=utf-8", status)
 
 
 def _static(name: str) -> _Answer:

@@ -10,7 +10,6 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.viewer.exhibit import Exhibit, choose_slopes
-from lf_flame.viewer.page_data import PageData
 from lf_flame.viewer.scripts import linked_script, read_static
 
 
@@ -43,16 +42,14 @@ class LightFieldWidget(anywidget.AnyWidget):
     )
 
     def __init__(self, exhibit: Exhibit):
-        self._exhibit = exhibit
-        self._data = PageData(exhibit)
+        self._data = exhibit.data()
         super().__init__(metadata=exhibit.describe_served(), slope=exhibit.slope)
         self.on_msg(self._answer)
 
     def _answer(self, _widget: Any, content: Any, _buffers: Any) -> None:
         """Send the data that the page requests, which it can only name."""
         asked = str(content.get("ask")) if isinstance(content, dict) else ""
-        name, _, query = asked.partition("?")
-        make = self._data.find(name, query)
+        make = self._data.get(asked)
         if make is None:
             return
         try:
@@ -67,8 +64,6 @@ def show(
     camera: PlenopticCamera | CameraLaw | None = None,
     title: str = "Light field",
     with_map: bool = True,
-    interpolation: str = "linear",
-    network: Any = None,
 ) -> LightFieldWidget:
     """Show a light field in a notebook, with interactive refocusing.
 
@@ -85,11 +80,6 @@ def show(
         Title of the viewer.
     with_map : bool, optional
         Whether there is a slope map, which takes some seconds.
-    interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
-        Interpolation, as for `lf_flame.refocus.refocus`. Unless it is "linear", Python makes each
-        image.
-    network : lf_flame.systems.base.RefocusingSystem, optional
-        System that makes each image, in Python, from `lf_flame.systems.training.load_system`.
 
     Returns
     -------
@@ -99,8 +89,7 @@ def show(
     Raises
     ------
     InputError
-        If the light field cannot be shown, or the slopes, the interpolation or the network cannot
-        be used.
+        If the light field cannot be shown, or the slopes cannot be used.
 
     Examples
     --------
@@ -110,15 +99,7 @@ def show(
     >>> widget = viewer.show(light_field, slopes=(-1, 1), with_map=False)
     >>> widget.slope = 0.5  # moves the picture
     """
-    chosen = choose_slopes(light_field, slopes, network)
-    exhibit = Exhibit(
-        light_field,
-        title,
-        (chosen.low, chosen.high),
-        chosen.slope,
-        camera,
-        with_map=with_map,
-        interpolation=interpolation,
-        network=network,
-    )
+    chosen = choose_slopes(light_field, slopes)
+    ends = chosen.low, chosen.high
+    exhibit = Exhibit(light_field, title, ends, chosen.slope, camera, with_map=with_map)
     return LightFieldWidget(exhibit)

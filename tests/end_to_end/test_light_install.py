@@ -75,7 +75,7 @@ def test_simulation_and_refocusing_work(light):
         ["plan", "scene.toml"],
         ["simulate", "scene.toml"],
         ["refocus", field, "--search", "--map", "-2", "2"],
-        ["refocus-regions", field, "--region", "8", "30", "8", "30", "--slopes", "-2", "2"],
+        ["refocus", field, "--region", "8", "30", "8", "30", "--out", "regions"],
         ["convert", field, "views"],
         ["view", field, "--single-file", "page.html"],
     )

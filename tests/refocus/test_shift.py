@@ -246,3 +246,15 @@ def test_search_is_not_drawn_to_whole_slopes(slope, seed):
             views[v, u] = np.fft.irfft2(spectrum * np.exp(phase), (n, n))
     found = find_sharpest_slope(views, np.arange(-40, 41) * 0.05, region=(16, 56, 16, 56))
     assert found.slope == pytest.approx(slope, abs=0.02)
+
+
+def test_the_package_refocuses_when_called_and_pictures_are_written(tmp_path, rng):
+    import lf_flame
+    from lf_flame.formats.images import read_image
+
+    views = rng.uniform(size=(3, 3, 10, 12)).astype(np.float32)
+    image = lf_flame.refocus(views, 1.0)
+    np.testing.assert_array_equal(image, lf_flame.refocus.refocus(views, 1.0))
+    lf_flame.write_picture(tmp_path / "focus.png", image)
+    np.testing.assert_allclose(read_image(tmp_path / "focus.png"), image, atol=0.5 / 255 + 1e-6)
+    assert repr(lf_flame.all_in_focus(views, [-1, 0, 1])).startswith("FocusMap(slopes ")

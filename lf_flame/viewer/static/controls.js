@@ -10,10 +10,10 @@ export class Controls {
     this.form = viewer.find(".lf-controls");
     this.ranges = {};
     this.count = 0;
-    const { views, channels, slopes, source, own_aperture, depths_mm } = viewer.metadata;
+    const { views, channels, slopes, source, depths_mm } = viewer.metadata;
     const focus = this.group(depths_mm ? "Plane" : "Focus");
     this.range(focus, depths_mm ? "Depth" : "Slope", "slope", slopes[0], slopes[1], 0.01);
-    if (!depths_mm) this.offerAperture(views, own_aperture);
+    if (!depths_mm) this.offerAperture(views);
     const shown = (this.shown = this.group("Display"));
     this.range(shown, "Gain", "gain", 0.1, 8, 0.05);
     this.range(shown, "Gamma", "gamma", 0.2, 5, 0.05);
@@ -28,7 +28,7 @@ export class Controls {
     this.form.addEventListener("submit", (event) => event.preventDefault());
   }
 
-  offerAperture(views, own_aperture) {
+  offerAperture(views) {
     const least = 1 / Math.max(...views);
     const aperture = this.group("Aperture");
     this.choice(aperture, "Shape", "shape", { square: "square", round: "round" });
@@ -39,11 +39,6 @@ export class Controls {
       const name = ["Up and down", "Left and right"][axis];
       this.range(viewpoint, name, `centre ${axis}`, -(n - 1) / 2, (n - 1) / 2, 0.05);
     });
-    if (own_aperture) {
-      for (const group of [aperture, viewpoint]) group.disabled = true;
-      const why = aperture.appendChild(document.createElement("p"));
-      why.textContent = "The network has an aperture and a viewpoint of its own.";
-    }
   }
 
   offerOverlays() {

@@ -23,12 +23,6 @@ export function slicesOf(codes, { views, size, channels }, row, column) {
   return [beside, above];
 }
 
-export function readSlices(buffer, { views, size, channels }) {
-  const values = new Float32Array(buffer);
-  const cut = views[1] * size[1] * channels;
-  return [values.subarray(0, cut), values.subarray(cut)];
-}
-
 export function drawSlices(canvases, slices, { views, size, channels }, show) {
   const sizes = [[views[1], size[1]], [views[0], size[0]]];
   canvases.forEach((canvas, i) => paint(canvas, slices[i], sizes[i], channels, show));

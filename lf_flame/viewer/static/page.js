@@ -6,7 +6,7 @@ import { Viewer } from "./viewer.js";
 
 const read = (id) => document.getElementById(id)?.textContent;
 const metadata = JSON.parse(read("lf-metadata"));
-const source = ["served", "planes"].includes(metadata.coding)
+const source = metadata.coding === "served"
   ? asked(fetcher(document.baseURI), metadata)
   : embedded(read, metadata);
 const query = new URLSearchParams(location.search);
@@ -25,29 +25,4 @@ function keepInAddress(state) {
 if (location.protocol !== "about:") viewer.listeners.push(keepInAddress);
 addEventListener("hashchange", () => viewer.set(fromAddress(location.hash, viewer.first, metadata)));
 
-/** Frames a second of this browser, with all views. */
-async function benchmark() {
-  await viewer.ready;
-  const { renderer, state } = viewer;
-  const [low, high] = metadata.slopes;
-  let frames = 0;
-  const begin = performance.now();
-  while (performance.now() - begin < 3000) {
-    const slope = low + ((high - low) * (frames % 50)) / 49;
-    await new Promise((resolve) => {
-      viewer.onDrawn = resolve;
-      viewer.state = { ...state, slope };
-      viewer.draw(true);
-    });
-    renderer.wait?.();
-    frames += 1;
-  }
-  viewer.onDrawn = undefined;
-  viewer.set(state);
-  const rate = (1000 * frames) / (performance.now() - begin);
-  viewer.say(`${rate.toFixed(1)} frames a second, drawn by ${renderer.name}`);
-  return rate;
-}
-
 globalThis.lfViewer = viewer;
-if (query.has("bench")) viewer.benchmark = benchmark();

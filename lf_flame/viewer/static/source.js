@@ -39,9 +39,6 @@ export function asked(get, { has_map }) {
   return {
     piece: (number) => get(`views/${number}`),
     slopeMap: has_map && (() => get("map")),
-    middle: () => get("middle"),
-    plane: (query) => get(`plane?${query}`),
-    slices: (row, column) => get(`slices?row=${row}&column=${column}`),
   };
 }
 

@@ -13,8 +13,7 @@ export function initialState({ slope, colours }) {
 
 /** Bring each value into its range; what is no number becomes what it was before. */
 export function checked(state, before, metadata) {
-  const { views, size, slopes, own_aperture } = metadata;
-  if (own_aperture) state = { ...state, ...WHOLE };
+  const { views, size, slopes } = metadata;
   const least = 1 / Math.max(...views);
   const within = (name, low, high) => {
     const value = Number(state[name]);

@@ -4,10 +4,8 @@ import { apertureWeights } from "./aperture.js";
 import { filterOf, gradient, INFERNO, VIRIDIS } from "./colours.js";
 import { Controls } from "./controls.js";
 import { display } from "./display.js";
-import { drawSlices, readSlices, slicesOf } from "./epi.js";
-import { Latest } from "./latest.js";
+import { drawSlices, slicesOf } from "./epi.js";
 import { drawOverlay, readMap, slopeOfRegion } from "./overlay.js";
-import { PlaneRenderer } from "./planes.js";
 import { Pointing } from "./pointing.js";
 import { SoftwareRenderer } from "./software.js";
 import { load } from "./source.js";
@@ -80,13 +78,10 @@ export class Viewer {
     this.ready = this.load();
   }
 
-  /** What draws; where the program makes the planes, no view is kept here. */
   chooseRenderer(asked) {
-    const { views, positions, size, channels, levels, coding, coarse } = this.metadata;
+    const { views, positions, size, channels, levels } = this.metadata;
     const shape = { views, positions, size, channels, levels };
     const canvas = this.find(".lf-image");
-    this.loaded = [];
-    if (coding === "planes") return new PlaneRenderer(canvas, shape, this.source, coarse);
     const length = views[0] * views[1] * size[0] * size[1] * channels;
     this.codes = new (levels > 255 ? Uint16Array : Uint8Array)(length);
     this.loaded = Array(views[0] * views[1]).fill(false);
@@ -127,7 +122,7 @@ export class Viewer {
   async load() {
     const { metadata, source } = this;
     try {
-      await (this.codes ? this.loadViews() : this.renderer.begin(this.displayed()));
+      await this.loadViews();
       this.draw();
       this.find(".lf-progress").hidden = true;
       this.say("");
@@ -214,7 +209,7 @@ export class Viewer {
 
   async drawn() {
     do await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
-    while (this.frame !== undefined || this.renderer.busy || this.slices?.busy);
+    while (this.frame !== undefined || this.renderer.busy);
   }
 
   focusAt(...place) {
@@ -241,15 +236,9 @@ export class Viewer {
 
   slicesAt(row, column) {
     this.find(".lf-slices").hidden = false;
-    const { codes, metadata, source } = this;
     const canvases = [".lf-row", ".lf-column"].map((name) => this.find(name));
-    const draw = (slices) => drawSlices(canvases, slices, metadata, this.displayed());
-    if (codes) return draw(slicesOf(codes, metadata, row, column));
-    this.slices ??= new Latest(
-      async (place) => draw(readSlices(await source.slices(...place), metadata)),
-      (words) => this.say(words, true),
-    );
-    this.slices.ask([row, column]);
+    const { codes, metadata } = this;
+    drawSlices(canvases, slicesOf(codes, metadata, row, column), metadata, this.displayed());
   }
 
   close() {

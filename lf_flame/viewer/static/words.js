@@ -13,7 +13,7 @@ const asPath = (text) => shellQuoted(text.startsWith("-") ? `./${text}` : text);
 export function command(metadata, state) {
   const words = ["lf-flame refocus", asPath(metadata.source)];
   const all = state.overlay === "focus"; // made from all views, whatever the aperture
-  for (const [name, value] of Object.entries({ ...metadata.reading, ...(all ? {} : metadata.making) })) {
+  for (const [name, value] of Object.entries(metadata.reading)) {
     words.push(`--${name.replace("_", "-")}=${shellQuoted(String(value))}`);
   }
   words.push(all ? `--map ${metadata.slopes.join(" ")}` : `--slope ${short(state.slope)}`);
@@ -52,22 +52,11 @@ export function python(metadata, state) {
     );
     weights = ", weights=weights";
   }
-  const slope = `[${short(state.slope)}]`;
-  const { network, interpolation } = metadata.making;
   if (all) {
     lines[1] = "import numpy as np\nfrom lf_flame.refocus import all_in_focus";
     lines.push(`slopes = np.linspace(${metadata.slopes.join(", ")}, ${metadata.map_steps})`);
     lines.push("image = all_in_focus(light_field, slopes).all_in_focus");
-  } else if (network) {
-    const { white } = metadata;
-    const [views, times] = white === 1 ? ["", ""] : [`.views / ${white}`, `${white} * `];
-    lines[1] = "from lf_flame.systems.training import load_system";
-    lines.push(`network = load_system(${JSON.stringify(network)})`);
-    lines.push(`image = ${times}network.refocus(light_field${views}, ${slope})[0]`);
-  } else {
-    const options = interpolation ? `, interpolation="${interpolation}"` : "";
-    lines.push(`image = refocus(light_field, ${slope}${options}${weights})[0]`);
-  }
+  } else lines.push(`image = refocus(light_field, ${short(state.slope)}${weights})`);
   if (state.gain !== 1 || state.gamma !== 1) {
     const [factor, gamma] = [short(state.gain / metadata.white), short(state.gamma)];
     lines.push(`image = (image * ${factor}).clip(0, 1) ** (1 / ${gamma})`);

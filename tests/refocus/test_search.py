@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +15,10 @@ from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.arrays import centred
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
-    _semblance_kernels,
+    all_in_focus,
     find_sharpest_slope,
     find_sharpest_slopes,
     fourier_refocus,
-    semblance_sums,
     shift_and_sum,
 )
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture
@@ -214,6 +212,62 @@ def test_confidence_tells_one_layer_from_two_and_from_noise(rng):
     assert 0 <= confidence["noise"] < 0.35
 
 
+def test_views_count_by_their_weights_in_search_and_map(rng):
+    """Light of rim views comes from a tenth nearer to the centre, as where they are partly lit."""
+    texture = band_limited(rng, (64, 72), 0.15)
+    views, inner = (planted(texture, slope, (7, 7)) for slope in (0.9 * 0.6, 0.6))
+    views[1:-1, 1:-1] = inner[1:-1, 1:-1]
+    lit = np.pad(np.ones((5, 5)), 1, constant_values=0.005)
+    slopes, middle = np.linspace(-1, 1.5, 33), np.s_[8:-8, 8:-8]
+    for weights, off in ((lit, (0.0, 0.003)), (np.ones((7, 7)), (0.02, 0.1))):
+        light_field = LightField(views, weights=weights)
+        found = find_sharpest_slope(light_field).slope
+        mapped = np.median(all_in_focus(light_field, slopes).slope[middle])
+        for slope in (found, mapped):
+            assert off[0] - 1e-3 <= 1 - slope / 0.6 <= off[1]
+
+
+@pytest.mark.parametrize("around", [0.4, 1.0, 3.0])
+def test_confidence_does_not_depend_on_the_range_of_the_search(around, rng):
+    """Of a broad blob, whose curve is still high at the ends of a narrow range, and of two."""
+    broad = planted(blob(rng, (96, 96)), 0.5, (5, 5))
+    two = np.concatenate([planted(band_limited(rng, (64, 64), 0.1), slope, (5, 5))[..., :32]
+                          for slope in (0.8, -0.9)], axis=-1)  # fmt: skip
+    for views, low, high in ((broad, 0.3, 0.8), (two, 0.0, 0.1)):
+        slope = find_sharpest_slope(views).slope
+        narrow = find_sharpest_slope(views, slope + around * np.linspace(-1, 1, 21))
+        assert low <= narrow.confidence <= high
+        assert narrow.confidence == pytest.approx(
+            find_sharpest_slope(views, slope + np.linspace(-2, 2, 41)).confidence, abs=0.03
+        )
+
+
+@pytest.mark.parametrize("apart", [0.6, 2.0, 4.5])
+@pytest.mark.parametrize("how", ["beside", "before"])
+def test_confidence_is_low_where_two_slopes_are_sharp(how, apart, rng):
+    """Beside each other, or one seen through the other, with peaks apart or merged into one."""
+    near, far = (
+        planted(band_limited(rng, (64, 96), 0.1), slope, (9, 9))
+        for slope in (-apart / 2, apart / 2)
+    )
+    views = near + far if how == "before" else np.concatenate([near[..., :48], far[..., 48:]], -1)
+    views += rng.normal(scale=0.01, size=views.shape)
+    found = find_sharpest_slope(views)
+    assert (found.confidence < 0.1, found.doubt) == (True, "several slopes are sharp")
+    assert find_sharpest_slope(near).confidence > 0.9
+
+
+def test_a_texture_that_repeats_fits_several_slopes():
+    """Of a period of 5 lenslets: slopes 5 apart show the same."""
+    t, s = np.indices((80, 90))
+    pattern = np.sin(2 * np.pi * t / 5) + np.sin(2 * np.pi * s / 5)
+    found = find_sharpest_slope(planted(pattern, 0.3, (5, 5)), np.linspace(-1, 1, 21))
+    assert found.slope == pytest.approx(0.3, abs=0.005)
+    assert (found.confidence < 0.1, found.doubt) == (True, "the texture repeats")
+    with_rim = find_sharpest_slope(planted(pattern, 0.3, (5, 5))[:, :, 3:-3, 3:-3])
+    assert with_rim.doubt == "the texture repeats"
+
+
 @pytest.mark.parametrize("halves", [(0.3, 0.3), (0.35, 0.25), (0.5, -0.5), (1.0, 0.0)])
 def test_confidence_falls_where_halves_have_merged_into_one_peak(halves, rng):
     """Two depths side by side have one peak between them if their parallax is small."""
@@ -233,24 +287,8 @@ def test_confidence_is_low_without_parallax(rng):
     broad = np.exp(-(t[:, None] ** 2 + s**2) / (2 * 12.0**2))
     found = find_sharpest_slope(planted(broad, 0.4, (3, 3)), np.linspace(-2, 2, 41))
     assert found.slope == pytest.approx(0.4, abs=0.001)
-    assert found.confidence < 0.2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("columns", [3, 512, 1100])
-def test_the_compiled_product_adds_that_of_matrices(compiled, columns, rng):
-    """And its Python, which minds the ends of arrays."""
-    left, right = rng.normal(size=(2, 3)), rng.normal(size=(3, columns)).astype(np.float32)
-    before = rng.normal(size=(2, columns))
-    out = before.copy()
-    add_product = _semblance_kernels.add_product
-    if compiled:
-        add_product(left, right, out)
-    else:
-        for block in range(add_product.count(out)):
-            add_product.body(block, left, right, out)
-    np.testing.assert_allclose(out - before, left @ right, rtol=1e-12, atol=1e-12)
+    assert found.confidence < 0.3
+    assert found.doubt == "less than one pixel of parallax between the outer views"
 
 
 def test_the_sharpness_of_a_wave_is_its_mean_squared_gradient():
@@ -290,7 +328,7 @@ def test_regions_together_find_what_each_finds_alone(rng):
     for region, found in zip(regions, together, strict=True):
         alone = find_sharpest_slope(views, slopes, region=region)
         assert found.slope == pytest.approx(alone.slope, abs=2e-3)
-        assert found.confidence == pytest.approx(alone.confidence, abs=0.02)
+        assert found.confidence > 0.9
         np.testing.assert_allclose(found.sharpness.max(), alone.sharpness.max(), rtol=0.02)
 
 
@@ -395,30 +433,3 @@ def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_pat
         command = [sys.executable, "-c", code]
         found.add(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
     assert len(found) == 1
-
-
-def test_more_slopes_than_have_room_give_the_same_bits(rng, monkeypatch):
-    views, slopes = side_by_side(rng), np.linspace(-2, 2, 21)
-    at_once = find_sharpest_slopes(views, slopes, tiles=(2, 2))
-    monkeypatch.setattr(semblance_sums, "MEMORY", 0.0)
-    monkeypatch.setattr(semblance_sums, "SHARE", 0.0)
-    assert len(slopes) > 2 * semblance_sums.SLOPES_AT_ONCE  # three passes
-    in_passes = find_sharpest_slopes(views, slopes, tiles=(2, 2))
-    for one, other in zip(at_once, in_passes, strict=True):
-        np.testing.assert_array_equal(one.sharpness, other.sharpness)
-
-
-@pytest.mark.parametrize(
-    ("tiles", "count"), [((1, 1), 21), pytest.param((9, 18), 11, marks=pytest.mark.slow)]
-)
-def test_a_search_needs_no_more_memory_than_the_light_field(tiles, count, rng, monkeypatch):
-    monkeypatch.setattr(semblance_sums, "MEMORY", 0.0)  # so that a small one will do
-    views = planted(rng.uniform(size=(90, 180)), 0.0, (15, 15)).astype(np.float32)
-    find_sharpest_slope(views[:2, :2, :40, :40], np.linspace(-1, 1, 5))  # whatever is kept
-    tracemalloc.start()
-    try:
-        find_sharpest_slopes(views, np.linspace(-1, 1, count), tiles=tiles)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < views.nbytes
