@@ -130,7 +130,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
 
 def is_emission(source: Path) -> bool:
     """Whether a path is a folder of `lf-flame reconstruct`."""
-    from lf_flame.tomography.emission_folder import RECORD
+    from lf_flame.tomography.emission import RECORD
 
     return (source / RECORD).is_file()
 
@@ -144,8 +144,10 @@ def emission_exhibit(source: Path, title: str | None) -> "Exhibit":
     from lf_flame.viewer.exhibit import Exhibit
 
     folder = EmissionFolder(source)
+    if folder.is_section:
+        raise InputError(f"{source} is a half section of `lf-flame abel`, which has one plane.")
     order = np.argsort(folder.depths_mm)
-    depths, emission = np.array(folder.depths_mm)[order], folder.emission()[order]
+    depths, emission = np.array(folder.depths_mm)[order], folder.emission[order]
     brightest = depths[np.argmax(emission.sum(axis=(1, 2)))]
     return Exhibit(
         LightField(emission[None]),

@@ -10,8 +10,7 @@ from scipy.special import erf
 
 from experiments.emission.truth import Lens, Sheet, cells, record, slabs
 from lf_flame import PAPER_CAMERA, InputError, LightField
-from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.two_colours import two_colour_temperature
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct, two_colour_temperature
 
 LENS = Lens(lenslets=(40, 48))
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))
@@ -157,7 +156,7 @@ def test_error_bars_hold_the_truth(record_noise):
         off = np.abs(found[-1].emission - TRUTH)
         held.append((off <= TIMES * found[-1].sigma)[lit])
         total = np.abs(np.sum(found[-1].emission - TRUTH, axis=(1, 2)))
-        sums.append(total / found[-1].light_sigma)
+        sums.append(total / (found[-1].light[1] / np.square([GRID.cell_mm(z) for z in GRID.depths_mm])))
         assert (total < 0.012 * np.sum(TRUTH, axis=(1, 2))).all()
         errors.append([np.mean(np.square(x[lit])) for x in (off, found[-1].sigma)])
     # Rather too wide than too narrow; by less than three.

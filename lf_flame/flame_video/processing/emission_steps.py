@@ -14,7 +14,8 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 
 if TYPE_CHECKING:
-    from lf_flame.tomography import ColourCalibration, Reconstruction, ReconstructionPlan
+    from lf_flame.tomography import ColourCalibration, ReconstructionPlan
+    from lf_flame.tomography import Emission as Reconstruction
 
 ALIKE = 2.0
 """Largest ratio of the light of two frames of which one takes the strength of the penalty, and the
@@ -46,7 +47,7 @@ class Emission:
     block: int = 1
     noise: float | None = None
     strength: float | None = None
-    background: str | None = None
+    background: str = "fit"
     colours: tuple[str, ...] = ()
 
     def __getstate__(self):
@@ -66,7 +67,7 @@ class Emission:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
-        from lf_flame.tomography.soot_rounds import split_colours
+        from lf_flame.tomography.soot import split_colours
 
         light_field = frame.light_field
         lights = split_colours(light_field, self.colours) if self.colours else [light_field]

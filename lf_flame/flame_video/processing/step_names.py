@@ -32,7 +32,7 @@ def find_steps(
     block: int = 1,
     noise: float | None = None,
     strength: float | None = None,
-    background: str | None = None,
+    background: str = "fit",
     colours: "ColourCalibration | None" = None,
     soot_exponent: float = 1.0,
     level: float = 0.5,

@@ -24,7 +24,7 @@ from lf_flame.lightfield import AXES, LightField
 from lf_flame.refocus import farthest_slope, shift_and_sum
 
 if TYPE_CHECKING:
-    from lf_flame.tomography import Reconstruction
+    from lf_flame.tomography import Emission as Reconstruction
 
 DOUBTS = {"dark": DARK, "speck": SPECK, "cut": CUT, "ceiling": CEILING, "apart": APART,
           "spark": SPARK, "bright_dark": BRIGHT_DARK}  # fmt: skip
