@@ -36,6 +36,9 @@ BEYOND, PART = 1.8, 4
 """Factor, below 2, by which a change of unknown rays is exceeded, because rays that no other ray
 crosses change slowly; and the part of the iterations that a repeated fit takes."""
 
+WEAK = 1e-5
+"""Strength of the penalty with which the error of straight lines between nodes is estimated."""
+
 DARKER = (3.0, 1.5, 0.75)
 """Thresholds, as multiples of the largest value that noise alone produces; a cell below is dark.
 They are tried in turn. Larger ones lose dim light of phantoms; smaller ones gain little."""
@@ -269,7 +272,7 @@ class Fit:
             # The draws of the prior include the penalty's effect. Little is seen of the two rows
             # beside the field's edges and the burner.
             again = known.cells.copy()
-            again[2:-2] = seen.unpenalised()[2:-2]
+            again[2:-2] = seen.linear(WEAK)[2:-2]
         return np.maximum(known.cells - again, -known.cells)
 
     def redraw(

@@ -123,6 +123,11 @@ class SectionProblem:
         """Emission of the unpenalised fit, which explains as much light as any half section."""
         return (self._plain * self.gram.unit).reshape(self.gram.grid.shape)
 
+    def linear(self, strength: float) -> np.ndarray:
+        """Emission of the linear fit with a penalty, which may be negative."""
+        scaled = self.gram.inverted(RIDGE, strength, self._linear)
+        return (scaled * self.gram.unit).reshape(self.gram.grid.shape)
+
     def count_modes(self, strength: float) -> float:
         """Degrees of freedom of a linear fit with a penalty."""
         return self.gram.trace(strength)
