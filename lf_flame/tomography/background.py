@@ -67,7 +67,7 @@ def measure_edge(views: np.ndarray) -> Edge:
     scatter = 1.4826 * float(np.median(np.abs(means - level)))
     error = 1.2533 * scatter / np.sqrt(means.size)
     light = float(views.mean(dtype=np.float64)) - level
-    adds = level / light if light > 0 else np.inf * np.sign(level)
+    adds = level / light if light > 0 else (np.inf if level else 0.0)
     zeros = float(np.mean(pixels == 0))
     above = pixels[pixels > 0].astype(np.float64)
     cut = SOME_ZEROS < zeros < MOST_ZEROS and pixels.min() >= 0

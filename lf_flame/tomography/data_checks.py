@@ -157,12 +157,13 @@ def data_checks(
             f"The light field {said} (means over the views from {darkest:.3g} to {brightest:.3g}): "
             f"check the exposure, and what was subtracted."
         )
-        return [Check("light", 5 * error / max(brightest, 1e-30), 0, sentence)]
+        return [Check("light", 5 * (error + 1e-30) / max(brightest, 1e-30), 1, sentence)]
     checks = [
         Check(
             "noise", found.measured / noise if stated and noise else 0.0, 1.1,
             f"The light field holds {found.measured / max(noise, 1e-30):.3g} times the stated "
-            f"noise of what no emission explains: depths, alignment, gains or a background may be wrong.",
+            f"noise of what no emission explains: depths, alignment, gains or a background may be "
+            f"wrong.",
         ),
         *_misfit(views, residual, chi_squared, found),
         *_edge(views, error, fitted_background),

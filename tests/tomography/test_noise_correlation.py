@@ -78,7 +78,7 @@ def test_bars_of_a_section_are_wider_by_the_factor(rng):
     )
     height, radius = np.meshgrid(grid.heights_mm, grid.radii_mm, indexing="ij")
     glow = np.exp(-((height / 0.6) ** 2) - (radius / 0.4) ** 2)
-    views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.view_shape)
+    views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.data_shape)
     bars = []
     for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
         lit = LightField((views + 0.02 * views.max() * noise).astype(np.float32))

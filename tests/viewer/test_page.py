@@ -138,7 +138,7 @@ def reconstructed(tmp_path):
     emission = np.zeros((3, 20, 30), np.float32)
     emission[:, 4, 5], emission[:, 12, 20] = (0.02, 0.01, 0), (0.001, 0.002, 0.004)
     folder = tmp_path / "results"
-    with output_folder(folder, "reconstruct.json") as out:
+    with output_folder(folder, "emission.json") as out:
         tifffile.imwrite(out.path("emission.tif"), emission, photometric="minisblack")
         out.facts |= {"depths_mm": [4, 0, -4], "cell_mm": [0.1] * 3}
     return folder
