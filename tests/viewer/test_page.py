@@ -140,7 +140,7 @@ def reconstructed(tmp_path):
     folder = tmp_path / "results"
     with output_folder(folder, "emission.json") as out:
         tifffile.imwrite(out.path("emission.tif"), emission, photometric="minisblack")
-        out.facts |= {"depths_mm": [4, 0, -4], "cell_mm": [0.1] * 3}
+        out.facts |= {"geometry": "planes", "depths_mm": [4, 0, -4], "cell_mm": [0.1] * 3}
     return folder
 
 
