@@ -233,9 +233,7 @@ def soot(rng: np.random.Generator) -> Iterator[dict]:
         sensor = Sensor(light, noise, rng)
         light_field, calibration = sensor.record(light), sensor.calibration
         together, thin = (
-            reconstruct_soot(
-                light_field, GRID, calibration, absorbing=absorbing, bootstrap=draws
-            )
+            reconstruct_soot(light_field, GRID, calibration, absorbing=absorbing, bootstrap=draws)
             for absorbing, draws in ((True, DRAWS), (False, DRAWS // 4))  # its bars mean nothing
         )
         peaks = SpectralResponses.single(PEAKS[:, 0])

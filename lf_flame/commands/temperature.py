@@ -94,7 +94,7 @@ def temperature(
     found = soot_temperature(
         [one.emission for one in every],
         colours.responses,
-        sigmas=[one.sigma for one in every],
+        sigmas=[one.sigma for one in every],  # type: ignore[misc]
         draws=[one.draws for one in every] if drawn else None,
         gains=colours.gains,
         soot_exponent=soot_exponent,

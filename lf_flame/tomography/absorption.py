@@ -203,6 +203,7 @@ def spread_thickness(
         central view get the value of its nearest pixel. At nodes: absorption per mm.
     """
     given = np.asarray(thickness)
+    shapes: tuple[tuple[int, ...], ...]
     if isinstance(grid, AxisymmetricGrid):
         shapes, names = (grid.shape,), f"numbers for {grid.shape[0]} x {grid.shape[1]} nodes"
     else:

@@ -80,7 +80,7 @@ def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> 
             f"{every - views} of the {every} views are fitted: the others have weight 0, or the "
             f"round aperture cuts them."
         )
-    if lost:
+    if valid is not None and lost:
         said.append(
             f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
             f"emission that hardly another ray sees is a guess from its neighbours, and its error "

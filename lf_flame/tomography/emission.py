@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tifffile
@@ -19,7 +19,6 @@ from lf_flame._common.images import read_tiff
 from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import LONGEST, SHORTEST
-from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
 if TYPE_CHECKING:
@@ -92,7 +91,7 @@ class Emission:
         Fit of the light that leaves the cells, from which the next frame of a video starts.
     """
 
-    grid: FrustumGrid | AxisymmetricGrid
+    grid: Any
     emission: np.ndarray
     correction: np.ndarray
     draws: np.ndarray
@@ -393,8 +392,10 @@ class EmissionFolder:
             )
         self.record = record = load_record(_Record, folder / RECORD)
         self.is_section = record.geometry == "section"
-        self.depths_mm = [record.axis_depth_mm] if self.is_section else record.depths_mm
-        self.cell_mm = [record.step_mm] if self.is_section else record.cell_mm
+        self.depths_mm: list[Any] = record.depths_mm
+        self.cell_mm: list[Any] = record.cell_mm
+        if self.is_section:
+            self.depths_mm, self.cell_mm = [record.axis_depth_mm], [record.step_mm]
         self.emission = self._read(EMISSION)[0]
         stacks = {name: self._read(name, self.emission) for name in (SIGMA, DRAWS, CORRECTION)}
         self.sigma = stacks[SIGMA][0] if len(stacks[SIGMA]) else None

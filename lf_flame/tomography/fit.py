@@ -7,6 +7,7 @@ no negative light. Noise is what no emission explains.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -265,7 +266,7 @@ class Fit:
             Correction to add; it makes no cell negative.
         """
         back = backproject(self.operator, self.geometry.smooth_views(known.cells))
-        seen = self.geometry.problem(back)
+        seen: Any = self.geometry.problem(back)
         if self.on_planes:
             again = self.again(seen, known, self.few).cells
         else:
@@ -373,7 +374,9 @@ class Fit:
             # Of a draw that always has the same seed. Noise holds no light behind other light, for
             # which the long steps are.
             noise = np.random.default_rng(0).standard_normal(draft.uneven.shape, dtype=np.float32)
-            alone = self.geometry.problem(backproject(self.operator, draft.pixel_noise * noise))
+            alone: Any = self.geometry.problem(
+                backproject(self.operator, draft.pixel_noise * noise)
+            )
             cells = alone.solve(draft.strength, TRIAL, long=0.0).cells
             brightest = float(ndimage.uniform_filter(cells, NEIGHBOURS.shape).max())
             brightest /= max(draft.summed_noise, 1e-30)
@@ -384,7 +387,7 @@ class Fit:
 
         draft = replace(draft, brightest=brightest)
         together = ndimage.uniform_filter(draft.cells, NEIGHBOURS.shape)
-        before = risk(Solution(draft.cells, problem.misfit(draft.cells), draft.state))
+        before = risk(Solution(draft.cells, problem.misfit(draft.cells), draft.cells))
         for factor in DARKER:
             lit = together > factor * brightest * draft.summed_noise
             foreground = ndimage.binary_dilation(lit, NEIGHBOURS)

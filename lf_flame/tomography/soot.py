@@ -196,7 +196,7 @@ def _temperatures(
     return soot_temperature(
         [one.emission for one in colours],
         calibration.responses,
-        sigmas=[one.sigma for one in colours] if bars else None,
+        sigmas=[one.sigma for one in colours] if bars else None,  # type: ignore[misc]
         draws=[one.draws for one in colours] if bars else None,
         gains=calibration.gains,
         soot_exponent=soot_exponent,

@@ -75,7 +75,13 @@ def write_planes(folder, name="", content=None):
 def write_section(folder, emission=SECTION, sigma=SECTION, **facts):
     """A folder of `lf-flame abel`."""
     folder.mkdir()
-    record = {"geometry": "section", "axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0, "burner_mm": -12.5}
+    record = {
+        "geometry": "section",
+        "axis_mm": 0.25,
+        "axis_depth_mm": -3.0,
+        "radius_mm": 4.0,
+        "burner_mm": -12.5,
+    }
     files = {"emission.tif": emission} | ({} if sigma is None else {"sigma.tif": sigma})
     write_folder(folder, "emission.json", record | {"step_mm": 0.5, "notes": []} | facts, files)
 

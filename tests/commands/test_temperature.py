@@ -38,7 +38,13 @@ def write_section(folder, emission, sigma=None, **facts):
         stacks["sigma.tif"] = sigma
     for name, stack in stacks.items():
         tifffile.imwrite(folder / name, np.asarray(stack, np.float32))
-    record = {"geometry": "section", "axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0, "burner_mm": -12.5}
+    record = {
+        "geometry": "section",
+        "axis_mm": 0.25,
+        "axis_depth_mm": -3.0,
+        "radius_mm": 4.0,
+        "burner_mm": -12.5,
+    }
     record |= {"step_mm": 0.5, "notes": [], **facts}
     (folder / "emission.json").write_text(json.dumps(record))
     return folder

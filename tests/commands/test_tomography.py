@@ -121,9 +121,7 @@ def test_absorption_is_given_back(source, camera_file, tmp_path):
         lights[name] = tifffile.imread(tmp_path / name / "emission.tif").sum(axis=(1, 2))
     own = 0.2 / -np.expm1(-0.2)
     assert lights["planes"] / lights["plain"] == pytest.approx([own * np.exp(0.2), own], rel=1e-3)
-    records = {
-        name: json.loads((tmp_path / name / "emission.json").read_text()) for name in runs
-    }
+    records = {name: json.loads((tmp_path / name / "emission.json").read_text()) for name in runs}
     assert records["plain"]["optical_thickness"] is None
     assert records["planes"]["optical_thickness"].endswith("tau.tif")
     assert records["planes"]["greatest_optical_thickness"] == pytest.approx(0.4)

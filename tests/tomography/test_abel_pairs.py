@@ -272,7 +272,7 @@ def gaussian_ring(middle, width):
 @pytest.mark.parametrize("noise", [0.01, 0.03])
 @pytest.mark.parametrize("ring", [(0.4, 1.7), (0.6, 1.7), (0.5, 2.5)])
 def test_bars_of_thin_rings_cover_the_truth(ring, noise):
-    """Rings hardly four nodes wide, in six draws of the noise; bars of broader ones are too wide."""
+    """Rings hardly four nodes wide, six draws of the noise; bars of broader ones are too wide."""
     base, transform = camera("f/4"), gaussian_ring(*ring)
     pitch, focal = (one * 120 / 140 for one in (base.lenslet_pitch_mm, base.lenslet_focal_mm))
     lens = replace(base, lenslets=(24, 141), lenslet_pitch_mm=pitch, lenslet_focal_mm=focal)
