@@ -410,7 +410,7 @@ class _Job:
     def find(self, light_field: "LightField", grid: "FrustumGrid | AxisymmetricGrid") -> None:
         """Find the emission, write its folder or one for each colour, and say what was found."""
         from lf_flame._common.output_folders import output_folder
-        from lf_flame.tomography import ReconstructionPlan
+        from lf_flame.tomography import AxisymmetricGrid, ReconstructionPlan
         from lf_flame.tomography.emission import RECORD
 
         if self.calibration is not None:
@@ -422,7 +422,7 @@ class _Job:
             found = plan.reconstruct(light_field, bootstrap=bootstrap, rng=self.facts["seed"])
             self._write(found, light_field, folder, {})
         place = ""
-        if not found.on_planes:
+        if isinstance(grid, AxisymmetricGrid):
             place = f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; "
         click.echo(
             f"{place}noise {found.noise:.3g} a pixel, background {found.background:.3g} +- "

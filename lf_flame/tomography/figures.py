@@ -1,6 +1,9 @@
 """Figures of emission on planes and in a half section, of profiles, and of resolution."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -13,9 +16,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.emission import Emission, Place
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
-from lf_flame.tomography.profiles import Profile
 from lf_flame.tomography.resolution import (
     angular_width,
     depth_blur,
@@ -23,6 +24,10 @@ from lf_flame.tomography.resolution import (
     depth_singular_values,
     finest_period,
 )
+
+if TYPE_CHECKING:
+    from lf_flame.tomography.emission import Emission, Place
+    from lf_flame.tomography.profiles import Profile
 
 MOST_SHOWN = 8
 """Largest number of depth planes that a figure shows side by side."""

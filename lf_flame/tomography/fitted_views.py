@@ -43,8 +43,8 @@ def fitted_views(light_field: LightField, grid: Grid) -> tuple[Grid, np.ndarray,
     views = grid.pick(_average_blocks(light_field, camera, grid.block))
     if light_field.valid is None:
         return grid, views, None
-    weights = LightField.trusted(light_field.valid.astype(np.float32))
-    known = _average_blocks(weights, camera, grid.block) > 1 - 1 / (2 * grid.block**2)
+    one = LightField.trusted(light_field.valid.astype(np.float32))
+    known = _average_blocks(one, camera, grid.block) > 1 - 1 / (2 * grid.block**2)
     return grid, views, grid.pick(known)
 
 

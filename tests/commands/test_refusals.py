@@ -288,7 +288,7 @@ REFUSED = [
         }.items()
     ),
     ("profiles planes --across 9 --out out", "must lie within"),
-    ("profiles empty", "is no folder of `lf-flame reconstruct` or `lf-flame abel`: there is no emission.json"),
+    ("profiles empty", "or `lf-flame abel`: there is no emission.json"),
     ("profiles green", "has written its profiles: axial.csv and radial.csv"),
     *each(
         RECONSTRUCT,

@@ -260,7 +260,7 @@ def test_single_view_says_what_it_cannot_see():
 
 
 def gaussian_ring(middle, width):
-    """Emission and its transform, by quadrature along lines, of a ring of a width at half height."""
+    """Emission and its transform, by quadrature along lines, of a ring by its width."""
     width /= RADIUS * 2 * np.sqrt(np.log(2))
     along, places = np.linspace(0, 1.2, 2001), np.linspace(1e-9, 1, 2001)
     far = np.hypot(places[:, None], along)
