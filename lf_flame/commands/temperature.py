@@ -71,7 +71,7 @@ def temperature(
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.tomography.emission import read_colours_of
+    from lf_flame.tomography.emission_folder import read_colours_of
     from lf_flame.tomography.pyrometry import soot_temperature
     from lf_flame.tomography.temperature_output import (
         RECORD,

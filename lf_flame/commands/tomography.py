@@ -381,7 +381,7 @@ class _Job:
         """Check the options and folders, as reading and compiling are slow; print first notes."""
         from lf_flame._common.output_folders import refuse_folder
         from lf_flame.formats.coding import notes_on_coding
-        from lf_flame.tomography.emission import RECORD
+        from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.fit import FitOptions, check_bootstrap
 
         FitOptions(options["noise"], options["strength"])
@@ -411,7 +411,7 @@ class _Job:
         """Find the emission, write its folder or one for each colour, and say what was found."""
         from lf_flame._common.output_folders import output_folder
         from lf_flame.tomography import AxisymmetricGrid, ReconstructionPlan
-        from lf_flame.tomography.emission import RECORD
+        from lf_flame.tomography.emission_folder import RECORD
 
         if self.calibration is not None:
             self._find_soot(light_field, grid)
@@ -437,7 +437,7 @@ class _Job:
         """
         from lf_flame._common.output_folders import output_folder
         from lf_flame.tomography import reconstruct_soot
-        from lf_flame.tomography.emission import RECORD
+        from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.soot import split_colours
 
         calibration, call = self.calibration, secrets.token_hex(8)

@@ -130,7 +130,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
 
 def is_emission(source: Path) -> bool:
     """Whether a path is a folder of `lf-flame reconstruct`."""
-    from lf_flame.tomography.emission import RECORD
+    from lf_flame.tomography.emission_folder import RECORD
 
     return (source / RECORD).is_file()
 

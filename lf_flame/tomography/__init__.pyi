@@ -9,8 +9,8 @@ from .colour_calibration import measure_source as measure_source
 from .colour_calibration import read_colours as read_colours
 from .data_checks import Check as Check
 from .emission import Emission as Emission
-from .emission import EmissionFolder as EmissionFolder
-from .emission import write_emission as write_emission
+from .emission_folder import EmissionFolder as EmissionFolder
+from .emission_folder import write_emission as write_emission
 from .frustum_grid import FrustumGrid as FrustumGrid
 from .projection_operator import AxisymmetricOperator as AxisymmetricOperator
 from .projection_operator import ProjectionOperator as ProjectionOperator

@@ -27,7 +27,6 @@ from lf_flame.tomography.resolution import (
 
 if TYPE_CHECKING:
     from lf_flame.tomography.emission import Emission, Place
-    from lf_flame.tomography.profiles import Profile
 
 MOST_SHOWN = 8
 """Largest number of depth planes that a figure shows side by side."""
@@ -115,7 +114,7 @@ def _slices_figure(found: Emission, light_field: LightField):
     (rows, columns), block = grid.pixels, grid.block
     stack = shift_and_sum(grid.camera.corrected(light_field), grid.slopes)
     stack = stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))
-    shown = _shown_planes(len(found.emission))
+    shown = shown_planes(len(found.emission))
     width = min(3.2, 14 / len(shown))
     size = (width * len(shown), 2 * width * rows / columns + 1.2)
     figure, axes = subplots(2, len(shown), figsize=size, layout="constrained", squeeze=False)
@@ -176,28 +175,6 @@ def _section_figure(found: Emission):
     return figure
 
 
-def profiles_figure(found: dict[str, list[Profile]], depths_mm: Sequence[float]):
-    """Draw profiles up and across each depth plane with their bands, or one standard deviation."""
-    shown = _shown_planes(len(depths_mm))
-    figure, axes = subplots(1, 2, figsize=(11, 4.2), layout="constrained")
-    places = (("axial", "height (mm)"), ("radial", "across (mm)"))
-    for axis, (name, label) in zip(axes, places, strict=True):
-        for colour, plane in enumerate(shown):
-            profile = found[name][plane]
-            style = {"color": f"C{colour}"}
-            depth = f"{depths_mm[plane]:+g} mm"
-            axis.plot(profile.places_mm, profile.values, linewidth=1.2, label=depth, **style)
-            if profile.band is not None:
-                low, high = profile.values - profile.band, profile.values + profile.band
-                axis.fill_between(profile.places_mm, low, high, alpha=0.3, linewidth=0, **style)
-        axis.set(xlabel=label, ylabel="emission")
-        axis.set_title(f"{name} profiles, band of 95 %", fontsize=10)
-        axis.set_ylim(bottom=0)
-        axis.grid(alpha=0.3)
-    axes[1].legend(fontsize=8, title="depth", title_fontsize=8)
-    return figure
-
-
 def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
     """Depth blur against lateral period, and the decay of singular values.
 
@@ -236,7 +213,7 @@ def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[fl
     return figure
 
 
-def _shown_planes(count: int) -> np.ndarray:
+def shown_planes(count: int) -> np.ndarray:
     """Choose at most `MOST_SHOWN` of so many planes, spread evenly."""
     return np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
 
@@ -252,7 +229,7 @@ def temperature_figure(
     kelvin, sigma : temperatures and their standard deviations in K, NaN where there is none, and
     emission : emission in one colour, all (planes, rows, columns); places : place of each plane
     """
-    shown = _shown_planes(len(kelvin))
+    shown = shown_planes(len(kelvin))
     columns = (
         ("emission", "relative to the peak", emission / max(float(np.max(emission)), 1e-30)),
         ("temperature", "K", kelvin),

@@ -9,8 +9,9 @@ from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography.colour_calibration import ColourCalibration
-from lf_flame.tomography.emission import RECORD as SOURCE
-from lf_flame.tomography.emission import EmissionFolder, Place
+from lf_flame.tomography.emission import Place
+from lf_flame.tomography.emission_folder import RECORD as SOURCE
+from lf_flame.tomography.emission_folder import EmissionFolder
 from lf_flame.tomography.figures import temperature_figure
 from lf_flame.tomography.pyrometry import (
     LEAST_K,

@@ -10,7 +10,8 @@ from programs import run
 
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
-from lf_flame.tomography.emission import EmissionFolder, Place
+from lf_flame.tomography.emission import Place
+from lf_flame.tomography.emission_folder import EmissionFolder
 from lf_flame.tomography.figures import temperature_figure
 from lf_flame.tomography.temperature_output import temperature_warnings
 
