@@ -66,7 +66,7 @@ dataset: $(DATA)/flames.zarr/zarr.json $(DATA)/shapes.zarr/zarr.json  ## simulat
 # Whether the network's weights can be had is said before the minutes of a simulation.
 TRAINS := $(filter train-shapes train-flame tables results/%,$(MAKECMDGOALS))
 $(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(VENV)/installed
-	$(if $(TRAINS),$(LF) weights experiments/$*.toml --preset $(PRESET) $(BACKBONE))
+	$(if $(TRAINS),$(LF) train experiments/$*.toml --preset $(PRESET) $(BACKBONE))
 	$(LF) dataset $< --preset $(PRESET) --route $(ROUTE) --workers $(WORKERS) --out $(DATA)/$*.zarr
 slopes: $(RESULTS)/slopes.csv  ## print the slopes of sharpest focus beside geometry and paper
 	@cat $(RESULTS)/slopes.md

@@ -1,10 +1,12 @@
 """Scores on the test split, with and without a network, and the slopes of sharpest focus."""
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from skimage.metrics import structural_similarity
 from tqdm import tqdm
 
 from experiments.paper.figures import result_figure, setup_figure, sharpness_figure
@@ -20,9 +22,16 @@ from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import render_sample, search_slopes
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning.run_folders import open_run, predict_test_split
-from lf_flame.learning.scores import WINDOWS, score
+from lf_flame.learning.run_folders import open_run
+from lf_flame.learning.scores import score, ssim
 from lf_flame.learning.training_config import TrainingConfig
+
+WINDOWS = {
+    "Gaussian, 1.5 pixels (the table's)": ssim,
+    "7 x 7, scikit-image's default": partial(structural_similarity, data_range=1.0, win_size=7),
+    "11 x 11": partial(structural_similarity, data_range=1.0, win_size=11),
+}
+"""Windows of the structural similarity by name."""
 
 
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> dict[str, list[float]]:
@@ -78,7 +87,7 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     record = dict(open_run(run).record)
     paper = read_paper_values(table)
     tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
-    dataset, indices, predictions = predict_test_split(run)
+    dataset, indices, predictions = open_run(run).predict_test_split()
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)
     # The model's own entry says which weights were asked for; the record's, which were used.

@@ -37,7 +37,7 @@ from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.decoder import AVERAGES
-from lf_flame.learning.run_folders import open_run, predict_test_split
+from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score
 from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
@@ -207,7 +207,7 @@ def run_trial(
             training = replace(training, model=model)
         keras.utils.clear_session()  # frees the networks of the variants before
         train(training, trial.preset, data, folder)
-        images = {"network": predict_test_split(folder)[2], **images}
+        images = {"network": open_run(folder).predict_test_split()[2], **images}
         (folder / "checkpoint.npz").unlink(missing_ok=True)  # hundreds of megabytes
         kept = ("epochs", "best_epoch", "backbone_weights", "machine", "git_revision", "versions")
         run = open_run(folder).record

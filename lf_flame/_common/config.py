@@ -9,6 +9,7 @@ import difflib
 import json
 import reprlib
 import typing
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,7 +18,7 @@ from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-    from pydantic import ValidationError
+    from pydantic import TypeAdapter, ValidationError
 
 T = TypeVar("T")
 
@@ -27,10 +28,8 @@ Place = tuple[int | str, ...]
 """Place of a value: the keys, and numbers in lists, that lead to it."""
 
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
-"""Pydantic's error types for an unknown key."""
-
 MISSING = ("missing", "missing_argument", "missing_keyword_only_argument")
-"""Pydantic's error types for a key that is missing."""
+"""Pydantic's error types for a key that is unknown, or missing."""
 
 MOST_NAMED, MOST_LISTED = 5, 12
 """Largest number of unknown keys that a message names, and of known keys that it lists."""
@@ -48,12 +47,14 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
     The error names all unknown keys (of `strict` classes) with similar known ones, and all missing
     ones; else the first other fault.
     """
-    from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
+    return _validated(lambda adapter: adapter.validate_python(values), kind, source)
 
-    try:
-        return TypeAdapter(kind).validate_python(values)
-    except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
+
+def build_record(kind: type[T], values: Any, source: str | Path) -> T:
+    """Make a dataclass from parsed JSON, as `build`; a number in quotes is refused."""
+    # As JSON, a list may become a tuple; a strict check of Python values refuses that.
+    text = json.dumps(values)
+    return _validated(lambda adapter: adapter.validate_json(text, strict=True), kind, source)
 
 
 def load_record(kind: type[T], path: str | Path) -> T:
@@ -61,32 +62,28 @@ def load_record(kind: type[T], path: str | Path) -> T:
     return build_record(kind, read_record(path), path)
 
 
-def build_record(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a dataclass from parsed JSON, as `build`; a number in quotes is refused."""
-    from pydantic import TypeAdapter, ValidationError
-
-    try:
-        # As JSON, a list may become a tuple; a strict check of Python values refuses that.
-        return TypeAdapter(kind).validate_json(json.dumps(values), strict=True)
-    except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
-
-
 def to_json(config: "DataclassInstance") -> dict[str, Any]:
     """Turn a configuration dataclass into plain JSON values: the form in which it is stored."""
     return json.loads(json.dumps(dataclasses.asdict(config)))
 
 
+def _validated(validate: "Callable[[TypeAdapter], T]", kind: type, source: str | Path) -> T:
+    from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
+
+    try:
+        return validate(TypeAdapter(kind))
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
+
+
 def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
-    unknown = [one["loc"] for one in problems if one["type"] in UNKNOWN]
+    unknown = [_unknown_key(one["loc"], kind) for one in problems if one["type"] in UNKNOWN]
     missing = [_shown(one["loc"]) for one in problems if one["type"] in MISSING]
     if unknown or missing:
-        said = [_unknown_key(place, kind) for place in unknown[:MOST_NAMED]] + _more(unknown)
-        if missing:
-            names = ", ".join(missing[:MOST_NAMED] + _more(missing))
-            said.append(f"{names} {'is' if len(missing) == 1 else 'are'} missing")
-        return f"{'; '.join(said)}."
+        names = ", ".join(_first_few(missing))
+        verb = "is" if len(missing) == 1 else "are"
+        return "; ".join(_first_few(unknown) + [f"{names} {verb} missing"] * bool(missing)) + "."
     problem = problems[0]
     key = _shown(problem["loc"])
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
@@ -95,8 +92,9 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     return f"{key}: {text}, got {reprlib.repr(problem['input'])}."
 
 
-def _more(places: list) -> list[str]:
-    return [f"and {len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
+def _first_few(names: list[str]) -> list[str]:
+    rest = len(names) - MOST_NAMED
+    return names[:MOST_NAMED] + ([f"and {rest} more"] if rest > 0 else [])
 
 
 def _shown(place: Place) -> str:
@@ -124,6 +122,4 @@ def _known_keys(kind: Any, place: Place) -> list[str]:
     if not dataclasses.is_dataclass(kind):
         return []
     hints = typing.get_type_hints(kind)
-    if not place:
-        return list(hints)
-    return _known_keys(hints.get(str(place[0])), place[1:])
+    return _known_keys(hints.get(str(place[0])), place[1:]) if place else list(hints)

@@ -17,16 +17,15 @@ from lf_flame.errors import InputError
 
 @dataclass
 class OutputFolder:
-    """A folder that a command fills; made by `output_folder`."""
+    """A folder that a command fills in `aside`; made by `output_folder`, which puts it in place.
+
+    `facts` go into the record; `files` are the names of all others, known at the end.
+    """
 
     folder: Path
-    """Final place of the files."""
     aside: Path
-    """Temporary folder in which they are written."""
     facts: dict[str, Any] = field(default_factory=dict)
-    """Content of the record, beside the names of the files and the program's versions."""
     files: list[str] = field(default_factory=list)
-    """Names of the files, known when all are written."""
 
     def path(self, name: str) -> Path:
         """Path at which to write a file."""
@@ -82,19 +81,14 @@ def refuse_folder(folder: str | Path, record: str, *, overwrite: bool = False) -
     names = sorted(path.name for path in folder.iterdir())
     if names and not overwrite:
         raise InputError(f"{folder} exists; name another folder, or replace it with --overwrite.")
-    if names:
-        _refuse_foreign_files(folder, names, record)
-    return names
-
-
-def _refuse_foreign_files(folder: Path, names: list[str], record: str) -> None:
-    """Refuse to replace a folder without our record, or with anything that it does not list."""
+    if not names:
+        return names
     try:
         found = read_record(folder / record)
     except InputError as error:
         raise InputError(f"{folder} is not replaced, as it is no result: {error}") from None
-    listed = found.get("files")  # of older versions, a dict
-    if not isinstance(listed, list | dict) or not isinstance(found.get("versions"), dict):
+    listed = found.get("files")
+    if not isinstance(listed, list) or not isinstance(found.get("versions"), dict):
         raise InputError(f"{folder} is not replaced: {record} in it lists no files of a result.")
     for name in names:
         is_folder = (folder / name).is_dir() and not (folder / name).is_symlink()
@@ -103,6 +97,7 @@ def _refuse_foreign_files(folder: Path, names: list[str], record: str) -> None:
                 f"{folder} is not replaced: {record} does not list {name} in it; move that away, "
                 f"or name another folder."
             )
+    return names
 
 
 def recorded_path(path: str | Path, folder: str | Path) -> str:

@@ -5,6 +5,7 @@ takes longer than `PATIENCE`, and go when it ends: bars of quick work would hide
 """
 
 import logging
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
@@ -55,9 +56,9 @@ def steps(
 
 
 def tell(line: str) -> None:
-    """Print a line above the bars, if progress is shown."""
+    """Print a line above the bars on standard error, if progress is shown."""
     if _program["shows"]:
-        tqdm.write(line)
+        tqdm.write(line, file=sys.stderr)
 
 
 @contextmanager
@@ -81,8 +82,3 @@ def _after(act) -> Iterator[None]:
 def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
     """Progress bar over samples, with the time that remains; `done` of them already exist."""
     return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
-
-
-def frame_bar(frames: Iterable[T], total: int, done: int = 0) -> Iterable[T]:
-    """Progress bar over the frames of a video; `done` of them are measured already."""
-    return tqdm(frames, "measuring", total, initial=done, unit="frame", smoothing=0.1)

@@ -14,22 +14,21 @@ pupil; a lens whose two centres differ keeps both.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import map_coordinates
 
-from lf_flame._common.arrays import Number, number_or_array
-from lf_flame._common.config import strict
-from lf_flame.calibration.brightness import even_out
-from lf_flame.calibration.distortion import undistort
+from lf_flame._common.arrays import Number, centred, number_or_array
+from lf_flame._common.config import build, strict
+from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import LONGEST, SHORTEST
+from lf_flame.optics.camera import LONGEST, SHORTEST, PlenopticCamera
 from lf_flame.optics.lens import Lens
-
-LARGEST_LEVEL = 100.0
-"""Largest brightness of a view relative to the central one; a larger one is a mistake."""
+from lf_flame.scenes.scene_files import read_camera
 
 TABLE = "law"
 """Name of the table in a TOML file."""
@@ -129,32 +128,19 @@ class CameraLaw(Lens):
             raise InputError(
                 f"views and lenslets must be 1 or more, got {self.views} and {self.lenslets}."
             )
-
         if self.fall_off is not None:
-            self._check_fall_off()
-
-    def _check_fall_off(self) -> None:
-        """Refuse a fall-off of other views, or of none that counts."""
-        try:
-            levels = np.array(self.fall_off, float)
-        except ValueError:
-            levels = np.empty(0)
-        if levels.shape != (self.views, self.views) or not (
-            np.all((levels >= 0) & (levels < LARGEST_LEVEL)) and levels.any()
-        ):
-            raise InputError(
-                f"fall_off must be {self.views} rows of {self.views} numbers from 0 to "
-                f"{LARGEST_LEVEL:g}, not all 0."
-            )
+            size = (self.views, self.views)
+            rows = {len(row) for row in self.fall_off}
+            levels = np.array(self.fall_off if rows == {self.views} else [0.0], float)
+            known = levels.shape == size and np.all((levels >= 0) & (levels < 100)) and levels.any()
+            if not known:
+                raise InputError(
+                    f"fall_off must be {self.views} rows of {self.views} numbers from 0 to 100, "
+                    f"not all 0."
+                )
 
     def depth_to_slope(self, depth_mm: Number) -> Number:
-        """Slope at which a layer is in focus, in lenslets per view step.
-
-        Raises
-        ------
-        InputError
-            If a depth is outside `depth_range_mm`.
-        """
+        """Slope at which a layer is in focus, in lenslets per view step."""
         self.check_depths(depth_mm)
         depth = np.asarray(depth_mm, float)
         return number_or_array(
@@ -162,13 +148,7 @@ class CameraLaw(Lens):
         )
 
     def slope_to_depth(self, slope: Number) -> Number:
-        """Depth in mm of the layer in focus at a slope.
-
-        Raises
-        ------
-        InputError
-            If a slope's depth is outside `depth_range_mm`.
-        """
+        """Depth in mm of the layer in focus at a slope; outside `depth_range_mm` it is refused."""
         depth = self._depth(slope)
         self.check_depths(depth)
         return number_or_array(depth)
@@ -184,13 +164,7 @@ class CameraLaw(Lens):
         return self.slope_centre_mm + beyond
 
     def mm_per_lenslet(self, depth_mm: Number) -> Number:
-        """Size in mm at a depth of what one lenslet covers, at the centre of the image.
-
-        Raises
-        ------
-        InputError
-            If a depth is outside `depth_range_mm`.
-        """
+        """Size in mm at a depth of what one lenslet covers, at the centre of the image."""
         self.check_depths(depth_mm)
         return number_or_array(self.scale * (np.asarray(depth_mm, float) - self.scale_centre_mm))
 
@@ -229,17 +203,19 @@ class CameraLaw(Lens):
     def corrected(self, light_field: LightField) -> LightField:
         """Bring views to one brightness, and undo the lens's distortion, as far as it is measured.
 
-        Raises
-        ------
-        InputError
-            If there is distortion, and the views are no whole pictures of the camera.
+        Views that are darker than half of the central one get weight 0.
         """
         if light_field.shape[:2] != (self.views, self.views):
             return light_field  # refused where its views matter
-        if self.fall_off is None and not self.distortion:
-            return light_field
         if self.fall_off is not None:
-            light_field = even_out(light_field, self.fall_off)
+            levels = np.array(self.fall_off, np.float32)
+            lit = levels >= 0.5
+            weights = light_field.weights
+            if not lit.all():
+                weights = lit * (1.0 if weights is None else weights)
+            shape = levels.shape + (1,) * (light_field.views.ndim - 2)
+            views = light_field.views / np.where(lit, levels, 1).reshape(shape)
+            light_field = replace(light_field, views=views, weights=weights)
         if not self.distortion:
             return light_field
         if light_field.views.shape[2:4] != tuple(self.lenslets):
@@ -248,16 +224,10 @@ class CameraLaw(Lens):
                 f"{self.lenslets[1]} pixels about their middle, got views of "
                 f"{light_field.views.shape[2]} x {light_field.views.shape[3]}."
             )
-        return undistort(light_field, self.distortion)
+        return _undistorted(light_field, self.distortion)
 
     def check_depths(self, depths_mm: ArrayLike) -> None:
-        """Refuse depths outside the range in which the law was measured.
-
-        Raises
-        ------
-        InputError
-            If there is such a depth; the message names the first.
-        """
+        """Refuse depths outside the range in which the law was measured; name the first."""
         low, high = self.depth_range_mm
         for depth in np.ravel(np.asarray(depths_mm, float)):
             if not low <= depth <= high:
@@ -283,3 +253,162 @@ def _toml(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_toml, value))}]"
     return str(value) if isinstance(value, int) else repr(float(value))
+
+
+def _undistorted(light_field: LightField, distortion: float) -> LightField:
+    """Resample views so that they are free of radial distortion, by cubic splines.
+
+    A distance r in pixels from the middle of a view becomes ``r (1 + k r^2)``. Beyond the picture
+    its edges repeat.
+    """
+    size = light_field.views.shape[2:4]
+    down, right = np.meshgrid(*(centred(n) for n in size), indexing="ij")
+    free = np.hypot(down, right)
+    if not 1 + 3 * distortion * float(free.max()) ** 2 > 0.1:
+        raise InputError(
+            f"A distortion of {distortion:g} per pixel squared folds the corners of views of "
+            f"{size[0]} x {size[1]} pixels over."
+        )
+    seen = free.copy()
+    for _ in range(20):  # Newton steps, which converge in fewer
+        seen -= (seen * (1 + distortion * seen**2) - free) / (1 + 3 * distortion * seen**2)
+    shrunk = np.divide(seen, free, out=np.ones_like(free), where=free > 0)
+    at = np.stack([down * shrunk + (size[0] - 1) / 2, right * shrunk + (size[1] - 1) / 2])
+    views = light_field.filled.reshape(-1, *size, light_field.channels)
+    new = np.empty_like(views)
+    for view, free_view in zip(views, new, strict=True):
+        for channel in range(light_field.channels):
+            one = view[..., channel]
+            free_view[..., channel] = map_coordinates(one, at, order=3, mode="nearest")
+    valid = light_field.valid
+    if valid is not None:  # a pixel is known if all four are that it lies between
+        known = [
+            map_coordinates(one.astype(np.float32), at, order=1, mode="nearest") > 0.999
+            for one in valid.reshape(-1, *size)
+        ]
+        valid = np.reshape(known, valid.shape)
+    return replace(light_field, views=new.reshape(light_field.views.shape), valid=valid)
+
+
+def read_law(path: str | Path) -> CameraLaw:
+    """Read a law from the table ``[law]`` of a TOML file, as `lf-flame calibrate` writes it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no such table, or a value cannot be used.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lf_flame.calibration import CameraLaw, read_law
+    >>> law = CameraLaw(
+    ...     slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
+    ...     scale_centre_mm=-400.0, depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
+    ... )
+    >>> _ = Path("calibration.toml").write_text(law.to_toml())
+    >>> read_law("calibration.toml") == law
+    True
+    """
+    values = read_toml(path)
+    if TABLE not in values:
+        raise InputError(f"{path} has no table [{TABLE}]: it is not a calibration.")
+    return build(CameraLaw, values[TABLE], f"{path}: {TABLE}")
+
+
+def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
+    """Read a camera from a file: its table ``[law]``, or else its table ``[camera]``.
+
+    Parameters
+    ----------
+    path : str or Path
+        Calibration, camera or scene file (.toml), or the ``simulation.json`` of a simulation.
+
+    Returns
+    -------
+    CameraLaw or PlenopticCamera
+        The law of a calibration, else the thin-lens camera.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has neither, or a value cannot be used.
+
+    Examples
+    --------
+    >>> from lf_flame.calibration import read_lens
+    >>> read_lens("scene.toml").views
+    9
+    """
+    if Path(path).suffix != ".json" and TABLE in read_toml(path):
+        return read_law(path)
+    return read_camera(path)
+
+
+def thin_lens(
+    law: CameraLaw, lenslet_mm: float, *, focal_mm: float | None = None
+) -> PlenopticCamera:
+    """Make the camera that has a law, for simulations and reconstructions.
+
+    Its depths are from the focal plane, at `CameraLaw.focal_plane_mm` of the law. The views divide
+    a micro-image evenly, as those of decoded pictures do.
+
+    Parameters
+    ----------
+    law : CameraLaw
+        Law with equal centres of slope and scale.
+    lenslet_mm : float
+        Distance between the centres of neighbouring lenslets, by their maker.
+    focal_mm : float, optional
+        Focal length of the main lens, as engraved, which fixes its distances: the exit pupil is
+        then where the aperture must be seen for the views to meet where the law says. Default: the
+        aperture is in the lens, and its focal length follows.
+
+    Raises
+    ------
+    InputError
+        If no such lens has this law.
+
+    Examples
+    --------
+    >>> from lf_flame.calibration import CameraLaw, thin_lens
+    >>> law = CameraLaw(
+    ...     slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
+    ...     scale_centre_mm=-400.0, depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
+    ... )
+    >>> round(thin_lens(law, 0.1).image_distance_mm, 6)
+    50.0
+    """
+    if not law.slope_mm < 0:
+        raise InputError(
+            "No thin lens has this law: its slopes fall with depth, so the order of the views is "
+            "reversed."
+        )
+    if law.scale_centre_mm != law.slope_centre_mm:
+        raise InputError("No thin lens has this law: slope and scale have different centres.")
+    width = -law.slope_mm * law.scale * law.views  # of the pupil: B d is the step of a view
+    if not width > lenslet_mm:
+        raise InputError(
+            f"No thin lens has this law with lenslets of {lenslet_mm:g} mm: its pupil would be "
+            f"{width:.3g} mm wide."
+        )
+    pupil, shrunk = law.focus_distance_mm, lenslet_mm / law.lenslet_in_focus_mm
+    # Distances of the focal plane and of its image from the lens; their ratio is the scale.
+    focus = pupil if focal_mm is None else focal_mm * (1 + 1 / shrunk)
+    image = focus * shrunk
+    exit_mm = image / (1 - (focus**2 / pupil - focus) / image)
+    if not exit_mm > 0:
+        raise InputError(
+            f"No lens of {focal_mm:g} mm has this law: its exit pupil would be behind the array."
+        )
+    stated: dict[str, Any] = {} if focal_mm is None else {"exit_pupil_mm": exit_mm}
+    return PlenopticCamera(
+        main_lens_focal_mm=focus * image / (focus + image),
+        focus_distance_mm=focus,
+        lenslet_focal_mm=1 / (width / (lenslet_mm * shrunk * pupil) - 1 / exit_mm),
+        lenslet_pitch_mm=lenslet_mm,
+        views=law.views,
+        lenslets=law.lenslets,
+        aperture_diameter_mm=law.aperture_diameter_mm,
+        **stated,
+    )

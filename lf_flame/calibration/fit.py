@@ -1,16 +1,15 @@
 """Least-squares fit of a camera's law to targets at known distances, with its uncertainty."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq, least_squares
 from scipy.stats import f, t
 
-from lf_flame.calibration.brightness import common_fall_off
 from lf_flame.calibration.camera_law import CameraLaw
-from lf_flame.calibration.law_fit import LawFit, Measurements, notes_on
-from lf_flame.calibration.plane import inverse
-from lf_flame.calibration.targets import Target
+from lf_flame.calibration.targets import Target, inverse
 from lf_flame.errors import InputError
 
 LEAST_DISTANCES = 3
@@ -25,13 +24,82 @@ WORST_SHARE = 0.02
 SURE = 0.999
 """Probability above which more than noise, or a second centre, is taken to be there."""
 
-LEAST_ERROR = 1e-7
-"""Smallest error of a slope, and relative one of a scale: float32 pictures hold no more."""
-
-FAR = 1e12
-"""Residual, in standard errors, of a trial law that has no value at a target."""
-
 NAMES = ("slope_at_infinity", "slope_mm", "slope_centre_mm", "scale", "scale_centre_mm")
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Slopes and scales of targets at known depths, each of shape (n,).
+
+    Attributes
+    ----------
+    depths : ndarray
+        Depths in mm, increasing away from the camera, from any zero.
+    slopes, slope_errors : ndarray
+        Slopes in lenslets per view step, and their standard errors.
+    scales, scale_errors : ndarray
+        Sizes in mm of a lenslet's image at the target, and their standard errors.
+    """
+
+    depths: np.ndarray
+    slopes: np.ndarray
+    slope_errors: np.ndarray
+    scales: np.ndarray
+    scale_errors: np.ndarray
+
+    def without(self, number: int) -> "Measurements":
+        """Leave one target out."""
+        return Measurements(*(np.delete(x, number) for x in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """A law, fitted to targets, and how well it holds.
+
+    Attributes
+    ----------
+    law : CameraLaw
+    covariance : ndarray, shape (5, 5)
+        Covariance of a, b, c, d and e of the law.
+    freedom : int
+        Number of degrees of freedom.
+    position_error_mm : float
+        Error of a target's position that explains what noise does not, in mm; 0 if noise explains
+        the residuals.
+    depth_residuals_mm, scale_residuals : ndarray, shape (n,)
+        Depth by the law minus the known one, and relative error of the law's scale.
+    left_out_mm, left_out_scale : ndarray, shape (n,)
+        The same by the law of the other targets; NaN for three targets.
+    notes : list of str
+        Sentences for the user.
+    """
+
+    law: CameraLaw
+    covariance: np.ndarray
+    freedom: int
+    position_error_mm: float
+    depth_residuals_mm: np.ndarray
+    scale_residuals: np.ndarray
+    left_out_mm: np.ndarray
+    left_out_scale: np.ndarray
+    notes: list[str]
+
+    @property
+    def coverage(self) -> float:
+        """Number of standard deviations within which the truth is with 95 % (Student's t)."""
+        return float(t.ppf(0.975, self.freedom))
+
+    def depth_error_mm(self, depth_mm: float) -> float:
+        """Find the standard deviation in mm of the law's depth for a slope known exactly."""
+        b, c = self.law.slope_mm, self.law.slope_centre_mm
+        apart = depth_mm - c
+        gradient = np.array([1, 1 / apart, b / apart**2, 0, 0]) * apart**2 / b
+        return float(np.sqrt(gradient @ self.covariance @ gradient))
+
+    def scale_error(self, depth_mm: float) -> float:
+        """Find the standard deviation in mm of the size of a lenslet's image at a depth."""
+        gradient = np.array([0, 0, 0, depth_mm - self.law.scale_centre_mm, -self.law.scale])
+        return float(np.sqrt(gradient @ self.covariance @ gradient))
 
 
 def fit_targets(
@@ -77,7 +145,7 @@ def fit_targets(
     """
     if not 0 < square_mm < np.inf:
         raise InputError(f"square_mm must be above 0, got {square_mm}.")
-    shapes = {(one.views, one.lenslets) for one in targets}
+    shapes = {(one.levels.shape, one.lenslets) for one in targets}
     if len(shapes) > 1:
         raise InputError(
             "All targets must be pictures of one camera, got views of different numbers or sizes."
@@ -105,8 +173,19 @@ def fit_targets(
         lenslets=lenslets,
         distortion=distortion,
         scale_error=float(np.mean(np.abs(ratios))),
-        fall_off=common_fall_off([one.levels for one in targets]),
+        fall_off=_fall_off([one.levels for one in targets]),
     )
+
+
+def _fall_off(levels: Sequence[np.ndarray]) -> tuple[tuple[float, ...], ...] | None:
+    """Brightness of each view over three targets or more; None unless it surely differs by 1 %."""
+    seen = np.array([one for one in levels if np.isfinite(one).any()])
+    if len(seen) < 3:
+        return None
+    middle, errors = np.median(seen, axis=0), np.std(seen, axis=0, ddof=1) / np.sqrt(len(seen))
+    if not (np.abs(middle - 1) > np.maximum(0.01, 4 * errors)).any():
+        return None
+    return tuple(map(tuple, np.round(np.nan_to_num(middle), 4).tolist()))
 
 
 def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
@@ -121,7 +200,7 @@ def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
     return (mean, error) if abs(mean) > sure * error else (0.0, 0.0)
 
 
-def refuse_few_depths(depths_mm: Sequence[float] | np.ndarray) -> None:
+def refuse_few_depths(depths_mm: ArrayLike) -> None:
     """Refuse fewer than three different depths, or depths that are not finite."""
     depths = np.asarray(depths_mm, float)
     different = len(np.unique(depths))
@@ -180,11 +259,12 @@ def fit_law(
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2
     values = dict(zip(NAMES, map(float, solved.x[numbers]), strict=True))
     deviations = dict(zip(NAMES, map(float, np.sqrt(np.diag(covariance))), strict=True))
+    low, high = float(measured.depths.min()), float(measured.depths.max())
+    centre = float(max(solved.x[numbers[2]], solved.x[numbers[4]]))
     law = CameraLaw(
         **values,
-        depth_range_mm=_depth_range(
-            measured, span, max(solved.x[numbers[2]], solved.x[numbers[4]])
-        ),
+        # The law holds a little beyond the targets, before the lens.
+        depth_range_mm=(max(low - BEYOND * span, (low + centre) / 2), high + BEYOND * span),
         views=views,
         lenslets=lenslets,
         distortion=distortion,
@@ -193,7 +273,7 @@ def fit_law(
     )
     freedom = 2 * len(measured.depths) - len(solved.x)
     off, left = _residuals(measured, solved.x), _left_out(measured, solved.x, position)
-    notes = notes_on(position, solved.x)
+    notes = _notes(position, solved.x)
     return LawFit(law, covariance, freedom, position, *off, left[0], left[1], notes)
 
 
@@ -217,16 +297,19 @@ def _start(measured: Measurements) -> np.ndarray:
 
 
 def _solve(measured: Measurements, start: np.ndarray, position: float):
-    """Fit with the errors of measurement, and an error of position in mm on top."""
+    """Fit with the errors of measurement, and an error of position in mm on top.
+
+    A slope, and a scale relative to itself, is never better than 1e-7, as pictures are float32.
+    """
     apart = measured.depths - start[2]
-    slope_errors = np.hypot(measured.slope_errors, position * start[1] / apart**2) + LEAST_ERROR
+    slope_errors = np.hypot(measured.slope_errors, position * start[1] / apart**2) + 1e-7
     scale_errors = np.hypot(measured.scale_errors, position * start[3])
-    scale_errors += LEAST_ERROR * np.abs(measured.scales)
+    scale_errors += 1e-7 * np.abs(measured.scales)
 
     def residuals(p: np.ndarray) -> np.ndarray:
         slopes, scales = _model(p, measured.depths)
         off = [(slopes - measured.slopes) / slope_errors, (scales - measured.scales) / scale_errors]
-        return np.nan_to_num(np.concatenate(off), nan=FAR, posinf=FAR, neginf=-FAR)
+        return np.nan_to_num(np.concatenate(off), nan=1e12, posinf=1e12, neginf=-1e12)
 
     return least_squares(residuals, start, method="lm", x_scale="jac", xtol=1e-14, ftol=1e-14)
 
@@ -287,7 +370,24 @@ def _refuse_misfit(measured: Measurements, solved, position: float, span: float)
         )
 
 
-def _depth_range(measured: Measurements, span: float, centre: float) -> tuple[float, float]:
-    """Range in which the law holds: that of the targets and a little more, before the lens."""
-    low, high = float(measured.depths.min()), float(measured.depths.max())
-    return max(low - BEYOND * span, (low + float(centre)) / 2), high + BEYOND * span
+def _notes(position: float, p: np.ndarray) -> list[str]:
+    """Sentences on reversed views, errors of the targets' positions in mm, and a second centre."""
+    notes = []
+    if p[1] > 0:
+        notes.append(
+            "Slopes fall with depth, and those of a camera rise: the views are stored turned "
+            "round, in both axes; state the turned order (--order=-row,-col instead of row,col) "
+            "here and for every picture, or the signs of all slopes stay reversed."
+        )
+    if position > 0:
+        notes.append(
+            f"The noise of the pictures alone does not explain the residuals: errors of "
+            f"{position:.2g} mm in the positions of the targets would, and the standard deviations "
+            f"allow for them."
+        )
+    if len(p) == 5:
+        notes.append(
+            f"Slope and scale have different centres ({p[2]:.4g} and {p[4]:.4g} mm): "
+            f"the camera is no thin lens, and only its law is written."
+        )
+    return notes

@@ -8,8 +8,8 @@ from tabulate import tabulate
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame.calibration.law_files import thin_lens
-from lf_flame.calibration.law_fit import LawFit
+from lf_flame.calibration.camera_law import thin_lens
+from lf_flame.calibration.fit import LawFit
 from lf_flame.calibration.targets import Target
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
@@ -18,10 +18,6 @@ RECORD = "calibration.json"
 LAW = "calibration.toml"
 CAMERA = "camera.toml"
 PICTURE = "calibration.png"
-
-CAMERA_KEYS = (
-    "main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm", "views",
-)  # fmt: skip
 
 LARGEST_TILT = 1.5
 """Largest tilt of a target in degrees without a note: it raises the scale by 0.02 %."""
@@ -47,6 +43,7 @@ def table(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> st
     rows = []
     for number, (depth, target) in enumerate(zip(depths, targets, strict=True)):
         slope, error, _ = target.slope_at_centre(fit.law.distortion)
+        left_out = (fit.left_out_mm[number], 100 * fit.left_out_scale[number])
         rows.append(
             [
                 f"{depth:g}",
@@ -56,16 +53,11 @@ def table(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> st
                 f"{fit.law.mm_per_lenslet(depth):.5f}",
                 f"{fit.depth_residuals_mm[number]:+.4f}",
                 f"{100 * fit.scale_residuals[number]:+.4f}",
-                _known(fit.left_out_mm[number], 4),
-                _known(100 * fit.left_out_scale[number], 4),
+                *(f"{x:+.4f}" if np.isfinite(x) else "-" for x in left_out),
                 "{:.1f} +- {:.1f}".format(*tilt_deg(target, fit, depth)),
             ]
         )
     return tabulate(rows, headers, disable_numparse=True, colalign=["right"] * len(headers))
-
-
-def _known(value: float, digits: int) -> str:
-    return f"{value:+.{digits}f}" if np.isfinite(value) else "-"
 
 
 def summary(fit: LawFit) -> str:
@@ -117,10 +109,12 @@ def notes(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> li
     return said
 
 
-def try_thin_lens(fit: LawFit, lenslet_mm: float) -> tuple[PlenopticCamera | None, str]:
+def try_thin_lens(
+    fit: LawFit, lenslet_mm: float, focal_mm: float | None = None
+) -> tuple[PlenopticCamera | None, str]:
     """Make the thin-lens camera of a law; None, and the reason, where there is none."""
     try:
-        return thin_lens(fit.law, lenslet_mm), ""
+        return thin_lens(fit.law, lenslet_mm, focal_mm=focal_mm), ""
     except InputError as error:
         return None, f"{error} {CAMERA} is not written."
 
@@ -181,12 +175,15 @@ def _facts(fit: LawFit, number: int, target: Target, depth: float, source: str) 
 
 
 def _camera_toml(camera: PlenopticCamera, focal_plane_mm: float) -> str:
-    lines = [f"{name} = {getattr(camera, name)!r}" for name in CAMERA_KEYS]
+    names = ("main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm",
+             "views", "lenslets", "exit_pupil_mm")  # fmt: skip
+    values = {name: getattr(camera, name, None) for name in names}
+    lines = [f"{x} = {list(y) if x == 'lenslets' else y!r}" for x, y in values.items() if y]
     return (
         f"# Thin-lens camera by lf-flame calibrate. Its depths are from the focal plane, which is "
         f"at\n# {focal_plane_mm:.4f} mm by the depths of {LAW}.\n[camera]\n"
         + "\n".join(lines)
-        + f"\nlenslets = {list(camera.lenslets)}\n"
+        + "\n"
     )
 
 
@@ -204,24 +201,17 @@ def law_figure(fit: LawFit, targets: Sequence[Target], depths: Sequence[float]):
         axis.plot(fine, curve, color="0.4", label="law")
         axis.plot(placed, points, "o", label="targets")
         axis.set_ylabel(title)
-        axis.legend()
-    errors = fit.coverage * np.array([fit.depth_error_mm(z) for z in fine])
-    sizes = law.mm_per_lenslet(fine)
-    shares = fit.coverage * np.array([fit.scale_error(z) for z in fine]) / sizes
-    for axis, band, own, left, title in (
-        (axes[1, 0], errors, fit.depth_residuals_mm, fit.left_out_mm, "depth error in mm"),
-        (
-            axes[1, 1],
-            100 * shares,
-            100 * fit.scale_residuals,
-            100 * fit.left_out_scale,
-            "scale error in %",
-        ),
-    ):
+    depth_errors = np.array([fit.depth_error_mm(z) for z in fine])
+    scale_errors = np.array([fit.scale_error(z) for z in fine]) / law.mm_per_lenslet(fine)
+    for axis, unit, errors, residuals, left_out, title in (
+        (axes[1, 0], 1, depth_errors, fit.depth_residuals_mm, fit.left_out_mm, "depth error in mm"),
+        (axes[1, 1], 100, scale_errors, fit.scale_residuals, fit.left_out_scale, "scale error in %")
+    ):  # fmt: skip
+        band = unit * fit.coverage * errors
         axis.fill_between(fine, -band, band, color="0.85", label="law, 95 %")
-        axis.plot(placed, own, "o", label="targets")
-        axis.plot(placed, left, "x", color="C3", label="left out of the fit")
-        axis.set_ylabel(title)
-        axis.set_xlabel("depth in mm")
+        axis.plot(placed, unit * residuals, "o", label="targets")
+        axis.plot(placed, unit * left_out, "x", color="C3", label="left out of the fit")
+        axis.set(xlabel="depth in mm", ylabel=title)
+    for axis in axes.flat:
         axis.legend()
     return figure

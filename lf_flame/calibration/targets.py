@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import map_coordinates
+from scipy.optimize import least_squares
 
 from lf_flame._common.arrays import centred
-from lf_flame.calibration.brightness import brightness
-from lf_flame.calibration.lattice import find_lattice, spacing
-from lf_flame.calibration.plane import LatticeFit, fit_lattice, fit_slopes
-from lf_flame.calibration.symmetry import centres
+from lf_flame.calibration.corners import centres, find_lattice, lattice_steps
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.refocus import align_views
 
 RADIUS = 0.5
 """Radius of the disc around a corner, in squares: the four squares that meet there, or one dot."""
@@ -23,22 +22,31 @@ RADIUS = 0.5
 LEAST_SHARE = 0.5
 """Smallest share of the counted views in which a corner must be found."""
 
-OUTLIER = 5.0
-"""Distance of an outlier from the regression, in standard deviations."""
-
-WORST_RESIDUAL = 0.1
-"""Largest residual of the corners, in squares, root mean square."""
-
-
 MOIRE = 0.003
 """Error in lenslets that neighbouring corners share, where sharp squares are seen by pixels that do
 not overlap: measured on pinhole pictures of boards at all angles, root mean square."""
 
-LEAST_MEAN = 0.2
-"""Smallest mean of a picture, in its standard deviations, with which brightness is measured."""
-
 MOST_UNEVEN = 0.15
 """Largest difference of the motions down and right, and largest rotation in rad."""
+
+
+@dataclass(frozen=True)
+class LatticeFit:
+    """Scale of a lattice at the centre of the image, and its radial distortion.
+
+    Attributes
+    ----------
+    scale, scale_error : float
+        Number of squares per lenslet, and its standard error.
+    distortion, distortion_error : float
+        Coefficient k of ``r (1 + k r^2)``, by which a distance r in lenslets from the centre is
+        multiplied to be free of distortion, per lenslet squared, and its standard error.
+    """
+
+    scale: float
+    scale_error: float
+    distortion: float
+    distortion_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +66,12 @@ class Target:
     anisotropy, rotation_rad : float
         Relative difference of the slopes down and right, and rotation of the views' directions
         against the image; both are about 0 where lenslets and pixels are square and aligned. NaN
-        for a target so near the focal plane that they cannot be told.
-    views, lenslets : (int, int)
-        Number of views, and of pixels of a view.
+        for a target so near the focal plane that they are unknown.
+    lenslets : (int, int)
+        Number of pixels of a view.
     levels : ndarray, shape (v, u)
-        Brightness of the target in each view, relative to the central one; NaN of views that do not
-        count, and of a picture without a level.
+        Brightness of the target in each view, relative to the central one; NaN of views that are
+        left out, and of a picture around a mean of 0.
     """
 
     indices: np.ndarray
@@ -72,7 +80,6 @@ class Target:
     residual: float
     anisotropy: float
     rotation_rad: float
-    views: tuple[int, int]
     lenslets: tuple[int, int]
     levels: np.ndarray
 
@@ -82,29 +89,74 @@ class Target:
         return self.slope_at_centre()[0]
 
     def slope_at_centre(self, distortion: float = 0.0) -> tuple[float, float, np.ndarray]:
-        """Slope at the centre of the image, its standard error, and its change per lenslet.
+        """Fit a plane to the slopes of corners, which is exact for a plane in space, tilted or not.
 
-        Parameters
-        ----------
-        distortion : float, optional
-            Radial distortion per lenslet squared.
+        Distortion lowers the slope of a corner as it lowers the image's scale there, by
+        ``1 / (1 + k r^2)`` across the radius and ``1 / (1 + 3 k r^2)`` along it.
+
+        Returns
+        -------
+        slope, error : float
+            Slope at the centre of the image, and its standard error: from the spread over the
+            corners, which includes noise and each corner's own bias.
+        gradient : ndarray, shape (2,)
+            Change of the slope per lenslet down and right.
         """
-        return fit_slopes(self.points, self.slopes, distortion)
+        bent = distortion * np.sum(self.points**2, axis=1)
+        slopes = self.slopes / (0.5 / (1 + bent) + 0.5 / (1 + 3 * bent))
+        design = np.column_stack([np.ones(len(slopes)), self.points])
+        plane, *_ = np.linalg.lstsq(design, slopes, rcond=None)
+        variance = np.sum((slopes - design @ plane) ** 2) / max(len(slopes) - 3, 1)
+        error = float(np.sqrt(variance * inverse(design.T @ design)[0, 0]))
+        return float(plane[0]), error, plane[1:]
 
     def squares_per_lenslet(self, distortion: float | None = 0.0) -> LatticeFit:
-        """Fit the lattice: its scale at the centre of the image, in squares per lenslet.
+        """Fit ``index = i0 + A x' / (1 + g x')``, a plane in perspective, ``x' = x (1 + k x^2)``.
 
-        Parameters
-        ----------
-        distortion : float or None, optional
-            Radial distortion per lenslet squared; None fits it too.
+        The root of the determinant of A is the scale at the centre of the image, where x = 0. With
+        a distortion k of None it is fitted as well.
         """
-        found = fit_lattice(self.indices, self.points, distortion)
+        points, free = self.points, distortion is None
+        size = float(np.abs(points).max())
+        ones = np.ones(len(points))
+        affine, *_ = np.linalg.lstsq(np.column_stack([ones, points]), self.indices, rcond=None)
+
+        def residuals(p: np.ndarray) -> np.ndarray:
+            k = p[8] / size**2 if distortion is None else distortion
+            straight = points * (1 + k * np.sum(points**2, axis=1, keepdims=True))
+            plane = straight @ p[2:6].reshape(2, 2) / (1 + straight @ p[6:8, None] / size)
+            return (p[:2] + plane - self.indices).ravel()
+
+        start = np.concatenate([affine[0], affine[1:].ravel(), np.zeros(2 + free)])
+        fit = least_squares(residuals, start, x_scale="jac", method="lm", xtol=1e-14, ftol=1e-14)
+        freedom = max(fit.fun.size - fit.x.size, 1)
+        covariance = inverse(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
+        a, b, c, d = fit.x[2:6]
+        scale = float(np.sqrt(abs(a * d - b * c)))
+        gradient = np.array([d, -c, -b, a]) / (2 * scale) * np.sign(a * d - b * c)
+        error = float(np.sqrt(gradient @ covariance[2:6, 2:6] @ gradient))
         # Moire between squares and pixels moves neighbouring corners alike, which their spread does
         # not show; it averages out where the target moves by pixels from view to view.
-        motion = abs(self.slope) * (min(self.views) - 1)
-        moire = MOIRE / max(1.0, np.pi * motion) / float(np.std(self.points))
-        return replace(found, scale_error=float(np.hypot(found.scale_error, found.scale * moire)))
+        motion = abs(self.slope) * (min(self.levels.shape) - 1)
+        moire = MOIRE / max(1.0, np.pi * motion) / float(np.std(points))
+        return LatticeFit(
+            scale,
+            float(np.hypot(error, scale * moire)),
+            float(fit.x[8] / size**2) if free else float(distortion or 0.0),
+            float(np.sqrt(covariance[8, 8])) / size**2 if free else 0.0,
+        )
+
+
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Invert a matrix of a fit; refuse one that is singular to rounding."""
+    scale = np.sqrt(np.diag(matrix))
+    even = matrix / scale[:, None] / scale
+    if not (np.all(np.isfinite(even)) and np.linalg.cond(even) < 1e14):
+        raise InputError(
+            "The corners of a target must spread over the picture, and the depths of the targets "
+            "be far apart; these do not determine the law."
+        )
+    return np.linalg.inv(even) / scale[:, None] / scale
 
 
 def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
@@ -149,35 +201,34 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
         raise InputError(
             f"The slope of a target needs at least 3 x 3 views that count, got {v} x {u}."
         )
-    middle = _central(counted)
+    offsets = np.stack(np.meshgrid(centred(v), centred(u), indexing="ij"), axis=-1)
+    places = np.argwhere(counted)
+    row, column = places[np.argmin(np.hypot(*offsets[counted].T))]
+    middle = (int(row), int(column))
     indices, points = find_lattice(views[middle], dots=dots)
-    pitch = spacing(indices, points)
+    pitch = float(np.sqrt(abs(np.linalg.det(lattice_steps(indices, points)))))
     points = centres(views[middle], points, RADIUS * pitch)
     sound = np.isfinite(points[:, 0])
     indices, points = indices[sound], points[sound]
     _refuse_few(indices)
-    offsets = np.stack(np.meshgrid(centred(v), centred(u), indexing="ij"), axis=-1)
-    start = _coarse_slope(views, middle, counted, points, pitch)
-    near = counted & (np.abs(offsets - offsets[middle]).max(axis=-1) <= 1)
+
+    def track(chosen: np.ndarray, slope: float) -> np.ndarray:
+        """Positions of the corners in views, shape (views, corners, 2); NaN if not found."""
+        starts = points + slope * (offsets[chosen] - offsets[middle])[:, None]
+        views_there = zip(views[chosen], starts, strict=True)
+        return np.array([centres(view, start, RADIUS * pitch) for view, start in views_there])
+
     # The slope from the neighbouring views is exact enough for a start in the outermost ones.
-    tracks = _track(views, near, offsets, middle, points, start, pitch)
+    near = counted & (np.abs(offsets - offsets[middle]).max(axis=-1) <= 1)
+    tracks = track(near, _coarse_slope(views, middle, counted, points, pitch))
     slope = float(np.median(_regress(tracks, offsets[near])[1].mean(axis=1)))
-    tracks = _track(views, counted, offsets, middle, points, slope, pitch)
     levels = np.full((v, u), np.nan)
-    box = np.stack([points.min(axis=0), points.max(axis=0)])
-    levels[counted] = brightness(views, np.argwhere(counted), slope, box)
+    levels[counted] = _brightness(views, places, slope, points)
     # Around a mean of 0, as of a picture less its mean, nothing is brighter or darker.
-    known = levels[middle] > LEAST_MEAN * np.std(views[middle])
+    known = levels[middle] > 0.2 * np.std(views[middle])
     levels = levels / levels[middle] if known else np.full((v, u), np.nan)
+    tracks = track(counted, slope)
     return _target(indices, tracks, offsets[counted], pitch, levels, (t, s))
-
-
-def _central(counted: np.ndarray) -> tuple[int, int]:
-    """Row and column of the counted view nearest to the centre."""
-    places = np.argwhere(counted)
-    distance = np.hypot(*(places - (np.array(counted.shape) - 1) / 2).T)
-    row, column = places[np.argmin(distance)]
-    return int(row), int(column)
 
 
 def _refuse_few(indices: np.ndarray) -> None:
@@ -187,6 +238,19 @@ def _refuse_few(indices: np.ndarray) -> None:
             f"At least 3 x 3 corners or dots must be found in most views, got {counts[0]} x "
             f"{counts[1]}: let the target fill more of the picture, or use smaller squares."
         )
+
+
+def _brightness(views, chosen: np.ndarray, slope: float, points: np.ndarray) -> np.ndarray:
+    """Mean of the target in the chosen views, over the part of it that all views see."""
+    reach = abs(slope) * (np.array(views.shape[:2]) - 1) / 2
+    low = np.ceil(np.maximum(points.min(axis=0), reach)).astype(int)
+    last = np.array(views.shape[2:]) - 1 - reach
+    high = np.floor(np.minimum(points.max(axis=0), last)).astype(int)
+    if np.any(high - low < 2):  # moved by nearly the whole image
+        return np.full(len(chosen), np.nan)
+    aligned = align_views(views, slope, [(int(v), int(u)) for v, u in chosen])
+    part = aligned[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
+    return part.mean(axis=(1, 2), dtype=np.float64)
 
 
 def _coarse_slope(views, middle, counted, points, pitch: float) -> float:
@@ -201,26 +265,16 @@ def _coarse_slope(views, middle, counted, points, pitch: float) -> float:
     model = model - model.mean()
     slopes = np.arange(-0.5, 0.5, 1 / max(4 * pitch, 20)) * pitch
     likeness = np.zeros(len(slopes))
+    around = np.pad(counted, 1)
     for step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         row, column = np.add(middle, step)
-        if not (0 <= row < len(counted) and 0 <= column < counted.shape[1]):
-            continue
-        if not counted[row, column]:
+        if not around[row + 1, column + 1]:
             continue
         for k, slope in enumerate(slopes):
             moved = places + slope * np.array(step)
             seen = map_coordinates(views[row, column], moved.T, order=1, mode="nearest")
             likeness[k] += model @ seen
     return float(slopes[np.argmax(likeness)])
-
-
-def _track(views, chosen, offsets, middle, points, slope: float, pitch: float) -> np.ndarray:
-    """Positions of the corners in the chosen views, shape (views, corners, 2); NaN if not found."""
-    tracks = []
-    for row, column in np.argwhere(chosen):
-        starts = points + slope * (offsets[row, column] - offsets[middle])
-        tracks.append(centres(views[row, column], starts, RADIUS * pitch))
-    return np.array(tracks)
 
 
 def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -242,56 +296,32 @@ def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _target(indices, tracks, offsets, pitch: float, levels, lenslets) -> Target:
     """Regress the tracks, without corners that are seldom found and without outliers."""
-    often = np.isfinite(tracks[..., 0]).mean(axis=0) >= LEAST_SHARE
-    indices, tracks = indices[often], tracks[:, often]
-    _refuse_few(indices)
-    residuals = _regress(tracks, offsets)[3]
-    usual = 1.4826 * np.nanmedian(np.abs(residuals)) + 1e-9
-    tracks[np.abs(residuals).max(axis=2) > OUTLIER * usual] = np.nan
-    often = np.isfinite(tracks[..., 0]).mean(axis=0) >= LEAST_SHARE / 2
-    indices, tracks = indices[often], tracks[:, often]
-    _refuse_few(indices)
-    points, slopes, crossed, residuals = _regress(tracks, offsets)
+    for least in (LEAST_SHARE, LEAST_SHARE / 2):
+        often = np.isfinite(tracks[..., 0]).mean(axis=0) >= least
+        indices, tracks = indices[often], tracks[:, often]
+        _refuse_few(indices)
+        points, slopes, crossed, residuals = _regress(tracks, offsets)
+        if least == LEAST_SHARE:
+            usual = 1.4826 * np.nanmedian(np.abs(residuals)) + 1e-9
+            tracks[np.abs(residuals).max(axis=2) > 5 * usual] = np.nan
     residual = float(np.sqrt(2 * np.nanmean(residuals**2)))
-    if residual > WORST_RESIDUAL * pitch:
+    if residual > 0.1 * pitch:
         raise InputError(
             f"The corners must move evenly from view to view, got residuals of {residual:.2g} "
             f"lenslets: the views are not in order, or the target is not flat."
         )
     points = points - (np.array(lenslets) - 1) / 2
     each = slopes.mean(axis=1)
-    motion = np.array([np.mean(slopes, axis=0), np.mean(crossed, axis=0)])
-    anisotropy, rotation = _directions(motion, fit_slopes(points, each)[1])
-    return Target(
-        indices,
-        points,
-        each,
-        residual,
-        anisotropy,
-        rotation,
-        levels.shape,
-        lenslets,
-        levels,
-    )
-
-
-def _directions(motion: np.ndarray, error: float) -> tuple[float, float]:
-    """Anisotropy and rotation of the motion; NaN for a target that hardly moves.
-
-    Raises
-    ------
-    InputError
-        If the motion is not about the same down and right.
-    """
-    (down, right), (across_down, across_right) = motion
+    target = Target(indices, points, each, residual, np.nan, np.nan, lenslets, levels)
+    (down, right), (across_down, across_right) = np.mean(slopes, axis=0), np.mean(crossed, axis=0)
     size = max(abs(down), abs(right), abs(across_down), abs(across_right))
-    if size < 20 * error:
-        return np.nan, np.nan
+    if size < 20 * target.slope_at_centre()[1]:  # it hardly moves
+        return target
     if max(abs(down - right), abs(across_down), abs(across_right)) > MOST_UNEVEN * size:
         raise InputError(
             f"Views must be ordered by row and column, at equal steps: from row to row the corners "
             f"move by ({down:.3g}, {across_right:.3g}) lenslets down and right, from column to "
             f"column by ({across_down:.3g}, {right:.3g})."
         )
-    mean = (down + right) / 2
-    return float((down - right) / mean), float((across_right - across_down) / 2 / mean)
+    mean, turn = (down + right) / 2, (across_right - across_down) / 2
+    return replace(target, anisotropy=float((down - right) / mean), rotation_rad=float(turn / mean))

@@ -41,10 +41,18 @@ from lf_flame.errors import InputError
     help="Distance between the centres of neighbouring lenslets in mm, by their maker; with it "
     "camera.toml is written too, for simulations and f-numbers.",
 )
+@cloup.option(
+    "--focal-mm",
+    type=FiniteRange(min=0, min_open=True),
+    help="Focal length of the main lens, as engraved; with --lenslet-mm, camera.toml then holds "
+    "where the exit pupil is (default: the aperture is in the lens).",
+)
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default calibration.")
 @OVERWRITE
-def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, overwrite, **options) -> None:
+def calibrate(
+    placed, square_mm, step_mm, dots, lenslet_mm, focal_mm, out, overwrite, **options
+) -> None:
     """Measure a camera in mm, by pictures of a flat target at known depths.
 
     TARGET@DEPTH_MM is the picture of a checkerboard (or, with --dots, of a square grid of dots),
@@ -73,6 +81,8 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, overwrite, **op
     from lf_flame.calibration import fit_targets, measure_target, output
     from lf_flame.calibration.fit import refuse_few_depths
 
+    if focal_mm is not None and lenslet_mm is None:
+        raise InputError("--focal-mm goes with --lenslet-mm.")
     placed = _with_depths(placed, step_mm)
     depths = [depth for _, depth in placed]
     refuse_few_depths(depths)  # before any picture is read
@@ -86,7 +96,9 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, overwrite, **op
             except InputError as error:
                 raise InputError(f"{source}, at {depth:g} mm: {error}") from None
         fit = fit_targets(depths, targets, square_mm=square_mm)
-        camera, why = output.try_thin_lens(fit, lenslet_mm) if lenslet_mm else (None, "")
+        camera, why = (None, "")
+        if lenslet_mm is not None:
+            camera, why = output.try_thin_lens(fit, lenslet_mm, focal_mm)
         sources = [recorded_path(source, folder.folder) for source, _ in placed]
         output.write_calibration(fit, targets, depths, sources, folder, camera)
         folder.facts |= {
@@ -94,6 +106,7 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, overwrite, **op
             "step_mm": step_mm,
             "dots": dots,
             "lenslet_mm": lenslet_mm,
+            "focal_mm": focal_mm,
             "reading": reading.given(),
         }
     click.echo(output.table(fit, depths, targets))

@@ -1,48 +1,67 @@
-"""Frames of a video of light fields: their files in order, and reading them one at a time."""
+"""Frames of a video: their files in order, their times, and reading them one at a time."""
 
+import csv
 import glob
 import io
+import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import click
+import cloup
+import numpy as np
 
 from lf_flame import formats
-from lf_flame.commands.frame_times import number_key
+from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.images import TIFF_SUFFIXES
+from lf_flame._common.input_files import read_text
+from lf_flame.commands.options import FILE, FiniteRange
 from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
+from lf_flame.flame_video.flicker import check_times
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
 from lf_flame.formats.raw.reading import read_frame
+from lf_flame.formats.stacks import is_stack
+from lf_flame.formats.view_files.names import split_numbers
 from lf_flame.formats.view_files.sources import ARCHIVE, is_view_folder
 from lf_flame.lightfield import LightField
 
+TIMES = cloup.option_group(
+    "When the frames were taken",
+    cloup.option(
+        "--frames-per-second",
+        type=FiniteRange(1e-9, 1e15),
+        help="Number of frames a second, more than twice the frequency of interest; the numbers in "
+        "the file names count the frames.",
+    ),
+    cloup.option(
+        "--timestamps",
+        type=FILE,
+        help="File with the time of each frame in seconds, in place of --frames-per-second: one "
+        "number a line, or a CSV table with a column time_s.",
+    ),
+)
+
+STATE = "state them by --timestamps FILE"
+
 
 def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> list[Path]:
-    """Find the light fields of a sequence, in the order of the numbers in their names.
+    """Find the frames of a sequence, in the order of the numbers in their names.
 
     Parameters
     ----------
     sources : sequence of Path
-        Light fields; or one folder that holds them, as files or as folders of views; or one
-        pattern with ``*``, ``?`` or ``[]``.
+        Frames; or one folder that holds them, as files or as folders of views; or one pattern with
+        ``*``, ``?`` or ``[]``.
     not_frames : sequence of Path, optional
         Other files in that folder, such as a white image and a dark image.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    InputError
-        If there is no frame, one is missing or repeated, or a folder holds several kinds.
     """
     found = list(sources)
     if len(found) == 1 and found[0].is_dir():
@@ -54,12 +73,17 @@ def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> lis
             raise InputError(f"No file is of the pattern {sources[0]}.")
     missing = [path for path in found if not path.exists()]
     if missing:
-        raise InputError(f"There is no light field {missing[0]}: no such file or folder.")
+        raise InputError(f"There is no frame {missing[0]}: no such file or folder.")
     twice = [path for path, count in Counter(found).items() if count > 1]
     if twice:
         raise InputError(f"Each frame may be given once, got {twice[0]} more than once.")
-    keys = dict(zip(found, number_key(found), strict=True))
+    keys = dict(zip(found, _numbered_names(found), strict=True))
     return sorted(found, key=keys.__getitem__)
+
+
+def _numbered_names(paths: Sequence[Path]):
+    """Split names into texts and numbers in turn: frame 2 before frame 10, and -2 before -1."""
+    return split_numbers([str(x) if x.is_dir() else str(x.with_suffix("")) for x in paths])
 
 
 def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
@@ -71,53 +95,130 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
             kinds.setdefault(kind, []).append(path)
     if not kinds:
         raise InputError(
-            f"{folder} holds no light fields: neither folders of views, nor arrays "
-            f"({', '.join(ARRAY_SUFFIXES)}), nor images ({', '.join(IMAGE_SUFFIXES)})."
+            f"{folder} holds no frames: neither images ({', '.join(IMAGE_SUFFIXES)}), nor arrays "
+            f"({', '.join(ARRAY_SUFFIXES)}), nor folders of views."
         )
     if len(kinds) > 1:
         counted = ", ".join(f"{len(paths)} x {kind}" for kind, paths in sorted(kinds.items()))
         raise InputError(
-            f"{folder} holds light fields of several kinds ({counted}): name the frames by a "
-            f"pattern, as '{folder}/*{min(kinds)}'."
+            f"{folder} holds frames of several kinds ({counted}): name them by a pattern, as "
+            f"'{folder}/*{min(kinds)}'."
         )
     return next(iter(kinds.values()))
 
 
-def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]:
-    """Read light fields one at a time, on demand; print what was found in the first.
+def find_times(
+    paths: Sequence[Path], frames_per_second: float | None, timestamps: Path | None
+) -> tuple[np.ndarray, list[str]]:
+    """Find the times of frames, rising, in s (in frames if neither is given), and notes on them."""
+    if timestamps is None:
+        return times_by_names(paths, frames_per_second or 1.0)
+    if frames_per_second is not None:
+        raise InputError("Say when the frames were taken: --frames-per-second or --timestamps.")
+    return read_timestamps(timestamps, len(paths))
 
-    Slow searches, and those that fail on a dark frame, are done once, on the first frame: the
-    lenslets of a raw image, and the order of the views of a folder.
 
-    Yields
-    ------
-    LightField
-        Light fields, all of one shape.
+def times_by_names(paths: Sequence[Path], frames_per_second: float) -> tuple[np.ndarray, list[str]]:
+    """Find times by the numbers in the names of frames; a missing number is a gap in time.
 
-    Raises
-    ------
-    InputError
-        If a frame cannot be read, or its shape is not that of the first.
+    Frames are evenly spaced, with a note, unless exactly one number differs from name to name.
     """
-    read, first = _reader(paths[0], reading)
-    v, u, t, s = first.views.shape[:4]
-    click.echo(f"{len(paths)} frames of {v} x {u} views of {t} x {s} pixels", err=True)
-    shape = first.views.shape
-    yield first
-    del first  # like each later frame: it would stay in memory while the next is read
-    for path in paths[1:]:
-        frame = read(path)
-        if frame.views.shape != shape:
-            raise InputError(
-                f"All frames must be of one shape: {path} has {frame.views.shape}, {paths[0]} has "
-                f"{shape}."
-            )
-        yield frame
-        del frame
+    names = _numbered_names(paths)
+    alike = len({name[::2] for name in names}) == 1
+    columns = zip(*(name[1::2] for name in names), strict=True) if alike else ()
+    differing = [column for column in columns if len(set(column)) > 1]
+    if len(differing) != 1:
+        note = (
+            f"The names of the frames do not hold one number that counts them: they are taken for "
+            f"evenly spaced, without gaps; if their times are others, {STATE}."
+        )
+        return np.arange(len(paths)) / frames_per_second, [note] * (len(paths) > 1)
+    counts = np.array([float(number) for number in differing[0]])
+    steps = np.diff(counts)
+    if not steps.all():
+        number = int(np.argmin(steps))
+        raise InputError(
+            f"{paths[number]} and {paths[number + 1]} have the same number, and one time cannot "
+            f"have two frames."
+        )
+    if np.any(counts % 1):
+        raise InputError(f"The names of the frames hold decimals, which count nothing: {STATE}.")
+    common = math.gcd(*steps.astype(int).tolist())
+    missing = round((counts[-1] - counts[0]) / common) + 1 - len(counts)
+    notes = []
+    if common > 1:
+        notes.append(
+            f"The numbers in the names of the frames rise by {common} or multiples of it, and are "
+            f"taken for counts of 1 / {frames_per_second:g} s; if their times are others, {STATE}."
+        )
+    if missing:
+        notes.append(
+            f"By the numbers in the names of the frames, {missing} are missing between the first "
+            f"and the last; their time is left free."
+        )
+    return (counts - counts[0]) / frames_per_second, notes
+
+
+def with_gaps(
+    paths: Sequence[Path], times: np.ndarray, frames_per_second: float
+) -> tuple[list[Path | None], np.ndarray]:
+    """Give missing frames times of their own, None in place of a path.
+
+    If more are missing than there, as with numbers that are dates, gaps stay without frames.
+    """
+    counts = np.round(times * frames_per_second).astype(int)
+    counts //= max(1, int(np.gcd.reduce(np.diff(counts)))) if len(counts) > 1 else 1
+    if counts[-1] + 1 > 2 * len(counts):
+        return list(paths), times
+    rows: list[Path | None] = [None] * (counts[-1] + 1)
+    for path, count in zip(paths, counts, strict=True):
+        rows[count] = path
+    return rows, np.interp(np.arange(len(rows)), counts, times)
+
+
+def read_timestamps(path: Path, frames: int) -> tuple[np.ndarray, list[str]]:
+    """Read the time of each frame: a number in s on each line, or a column titled ``time_s``."""
+    text = read_text(path, 1 << 26)
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text)) if any(word.strip() for word in row)]
+    except csv.Error as error:
+        raise InputError(f"{path} cannot be read: it is no table ({error}).") from None
+    header = [word.strip() for word in rows[0]] if rows else []
+    if "time_s" in header:
+        place, rows = header.index("time_s"), rows[1:]
+    elif any(len(row) != 1 for row in rows):
+        raise InputError(
+            f"{path} must hold one column of times in s, or a table with a column titled time_s."
+        )
+    else:
+        place = 0
+        rows = rows[bool(rows) and not any(letter.isdigit() for letter in rows[0][0]) :]
+    try:
+        seconds = np.array([float(row[place] if place < len(row) else "") for row in rows])
+    except ValueError as error:
+        raise InputError(f"{path} must hold a time in s on each line: {error}.") from None
+    if len(seconds) != frames:
+        raise InputError(
+            f"{path} must hold a time for each of the {frames} frames, got {len(seconds)}."
+        )
+    check_times(seconds, f"in {path}")
+    step = float(np.median(np.diff(seconds))) if frames > 1 else 0.0
+    # Flames flicker at a few to a few tens of Hz.
+    note = (
+        f"The times in {path} are taken for seconds, so that {step:g} s pass between frames; if "
+        f"they are in another unit, all frequencies are wrong by it."
+    )
+    return seconds, [note] * (step > 0.5)
 
 
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
-    """Read the first frame, and choose the reader of the others."""
+    """Read the first frame, and choose the reader of the others.
+
+    An image, or an array of one, is an ordinary picture unless an option says otherwise.
+    """
+    views = {"views", "mosaic", "axes", "grid"} & reading.given().keys()
+    if not reading.is_raw and not views and _is_picture(path):
+        reading = replace(reading, views=1)
     if reading.is_raw or is_lytro(path):
         plan, first = reading.plan(path)
         return lambda path: plan.decode(read_frame(path)), plan.decode(first)
@@ -130,6 +231,15 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
 
         return read, read(path)
     return reading.read_stored, reading.read_stored(path)
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a file holds one picture: an image, or an array of rows, columns and colours."""
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        with open_arrays(path) as file:
+            return len(file.header("").shape) < 4
+    return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))
 
 
 @dataclass(frozen=True)
@@ -150,17 +260,19 @@ class FrameReader:
     @classmethod
     def by_first_sound(cls, paths: Sequence[Path], reading: Reading) -> "FrameReader":
         """Make a reader with the first of some frames that can be read."""
-        refusal = InputError("There is no frame.")
-        for number, path in enumerate(paths):
-            try:
-                read, _ = _reader(path, reading)
-            except InputError as error:
-                refusal = refusal if number else error
-                continue
+        refusals = []
+        for path in paths:
             reader = cls(path, reading)
-            reader.__dict__["_read"] = read
+            try:
+                reader.__dict__["_read"], first = _reader(path, reading)
+            except InputError as error:
+                refusals.append(error)
+                continue
+            v, u, t, s = first.views.shape[:4]
+            kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
+            click.echo(f"{kind} of {t} x {s} pixels", err=True)
             return reader
-        raise refusal
+        raise refusals[0]
 
     @property
     def description(self) -> str:

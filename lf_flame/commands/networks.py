@@ -1,4 +1,4 @@
-"""The commands for the paper's network: weights, train and predict.
+"""The commands for the paper's network: train and predict.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -74,55 +74,19 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
     return folders
 
 
-WEIGHTS_OPTIONS = (
-    click.option(
-        "--preset", default="paper", show_default=True, help="A key of [presets] in CONFIG."
-    ),
-    click.option(
-        "--backbone-weights", help="Weights of ResNet-50: imagenet, random, or a file (.h5, .npz)."
-    ),
-    click.option(
-        "--backbone-depth",
-        type=click.Choice(["conv3", "conv4", "conv5", "none"]),
-        help="Stage of ResNet-50 after which it is cut; none: no ResNet, the picture itself.",
-    ),
+@cloup.command()
+@click.argument("config", type=FILE)
+@click.option("--data", type=FOLDER, help="Data set to train on.")
+@click.option("--out", type=FOLDER, help="Run folder: checkpoints, model, record.")
+@click.option("--preset", default="paper", show_default=True, help="A key of [presets] in CONFIG.")
+@click.option(
+    "--backbone-weights", help="Weights of ResNet-50: imagenet, random, or a file (.h5, .npz)."
 )
-
-
-def weights_options(command):
-    """Add the options that choose the backbone's weights."""
-    for option in reversed(WEIGHTS_OPTIONS):
-        command = option(command)
-    return command
-
-
-@cloup.command()
-@click.argument("config", type=FILE)
-@weights_options
-def weights(config, preset, backbone_weights, backbone_depth):
-    """Find the weights of the frozen ResNet-50 that CONFIG names.
-
-    ImageNet weights are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME). Run
-    this where there is a network, before training where there is none.
-
-    \b
-      lf-flame weights flames.toml
-      lf-flame weights flames.toml --backbone-weights resnet50.h5
-    """  # noqa: D301 - click reads the backspace
-    load_keras()
-    from lf_flame.learning.training import find_backbone
-    from lf_flame.learning.training_config import read_training_config
-
-    options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
-    found = find_backbone(read_training_config(config, **options), preset)
-    click.echo(f"Weights of the backbone: {found}.")
-
-
-@cloup.command()
-@click.argument("config", type=FILE)
-@click.option("--data", type=FOLDER, required=True, help="Data set to train on.")
-@click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
-@weights_options
+@click.option(
+    "--backbone-depth",
+    type=click.Choice(["conv3", "conv4", "conv5", "none"]),
+    help="Stage of ResNet-50 after which it is cut; none: no ResNet, the picture itself.",
+)
 @click.option(
     "--seed",
     type=SEED,
@@ -140,13 +104,23 @@ def weights(config, preset, backbone_weights, backbone_depth):
     help="Time to stop at, at the nearest end of an epoch, with the best network so far; 0: none.",
 )
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs, minutes):
-    """Train the network that CONFIG describes; continues an interrupted run.
+    """Train the network that CONFIG describes; resumes an interrupted run.
 
-    After --minutes, or Ctrl-C, the same command continues after the last epoch. The run folder then
-    holds the best network so far, and run.json holds the number of epochs.
-    """
+    After --minutes, or Ctrl-C, the same command resumes after the last epoch that was saved. The
+    run folder then holds the best network so far, and run.json the number of epochs.
+
+    ImageNet weights are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME).
+    Without --data and --out, the weights are found and checked, and nothing is trained.
+
+    \b
+      lf-flame train flames.toml
+      lf-flame train flames.toml --data flames.zarr --out runs/flames --minutes 60
+    """  # noqa: D301 - click reads the backspace
+    if (data is None) != (out is None):
+        raise InputError("--data and --out go together: without both, only weights are found.")
     load_keras()
-    from lf_flame.learning.training import train
+    from lf_flame.learning.backbone import build_backbone
+    from lf_flame.learning.training import find_weights, train
     from lf_flame.learning.training_config import read_training_config
 
     options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
@@ -155,4 +129,9 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
         settings = replace(settings, seed=seed)
     if epochs is not None:
         settings = settings.with_epochs(preset, epochs)
-    train(settings, preset, data, out, minutes=minutes)
+    if data is None:
+        source, described = find_weights(settings, preset)
+        build_backbone(weights=source, depth=settings.model.backbone_depth)
+        click.echo(f"Weights of the backbone: {described}.")
+    else:
+        train(settings, preset, data, out, minutes=minutes)

@@ -1,8 +1,9 @@
 """Shape of a flame in an image: height, tip, width and contour.
 
 A flame is the region that is brighter than a fraction of the image's peak and connected to the
-peak; hot pixels and sparks do not count (`bright_spots`). Its contour runs between pixels where
-linear interpolation reaches that level.
+peak. A peak is a level that several connected pixels reach: single hot pixels do not count, nor do
+sparks, which are far smaller than the flame and may be brighter. The contour runs between pixels
+where linear interpolation reaches that level.
 
 Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the first row of pixels;
 the lower edge of an image of n rows is at n - 1/2.
@@ -10,19 +11,14 @@ the lower edge of an image of n rows is at n - 1/2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 from skimage import measure
 
 from lf_flame.errors import InputError
-from lf_flame.flame_video.bright_spots import (
-    LEAST_PIXELS,
-    find_peak,
-    larger_flame,
-    region_of,
-)
 from lf_flame.optics.camera import LONGEST, SHORTEST
 
 LEAST_SIGNAL = 8.0
@@ -32,33 +28,27 @@ The brightest of a million pixels without light exceeds it by five."""
 LEAST_SIDE = 5
 """Smallest number of pixels along each axis of an image, needed to measure the noise."""
 
-APART_SHARE = 0.05
-"""Smallest area of separate light for a warning, relative to the flame's; noise leaves single
-pixels."""
+LEAST_PIXELS = 4
+"""Smallest number of pixels of a flame; fewer are a hot pixel, which refocusing spreads over its
+neighbours."""
 
-CEILING_SHARE = 0.05
-"""Smallest fraction of the flame's area at exactly the brightest value that counts as saturated. A
-Gaussian clipped over this fraction of its area has a peak 4 % higher."""
+SPARK_PIXELS, SPARK_RATIO = 25, 10
+"""Largest number of pixels of a spark, and area of the flame relative to it."""
 
-DARK_SHARE = 0.03
-"""Largest brightness around a flame, relative to its peak, without a warning: 0.1 moves the tip of
-a flame 4 rows sharp by half a row."""
-
-DARK = "Nothing is above the noise: there is no flame."
-SPECK = f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame."
-CUT = "The flame reaches the top or a side of the picture: it is cut off, and larger than measured."
-CEILING = (
-    "Much of the flame has exactly the same, brightest value: the picture is saturated, and the "
-    "contour too wide."
-)
-APART = "Other places are as bright and not joined to the brightest: they do not count."
-
-BRIGHT_DARK = (
-    "The dark around the flame is not at 0: subtract the dark frame, or the light behind the "
-    "flame; contour and height are wrong."
-)
-
-SPARK = "A small spot apart from the flame is brighter, a spark or hot pixels: it does not count."
+DOUBTS = {
+    "dark": "Nothing is above the noise: there is no flame.",
+    "speck": f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame.",
+    "cut": "The flame reaches the top or a side of the picture: it is cut off, and larger than "
+    "measured.",
+    "ceiling": "Much of the flame has exactly the same, brightest value: the picture is saturated, "
+    "and the contour too wide.",
+    "apart": "Other places are as bright and not joined to the brightest: they are left out.",
+    "spark": "A small spot apart from the flame is brighter, a spark or hot pixels: it is left "
+    "out.",
+    "bright_dark": "The dark around the flame is not at 0: subtract the dark frame, or the light "
+    "behind the flame; contour and height are wrong.",
+}
+"""Sentences on what makes the measurements of a flame doubtful, by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,27 +72,31 @@ class FlameShape:
     contour : ndarray of float64, shape (points, 2)
         Rows and columns along the outer contour, in pixels of the image; the last point equals the
         first.
-    warnings : tuple of str
-        Sentences, without numbers, on what makes the measurements doubtful: too dark, a speck, cut
-        by the edge, saturated, in parts, with sparks, or in a picture that is not black at 0.
+    doubts : tuple of str
+        Names in `DOUBTS` of what makes the measurements doubtful.
     dark_share : float
         Brightness of the dark around the flame, relative to the peak: the median along the darkest
         of the top and the sides of the image.
     """
 
-    height: float
-    tip_row: float
-    width: float
-    area: float
-    brightness: float
-    contour: np.ndarray
-    warnings: tuple[str, ...] = ()
-    dark_share: float = float("nan")
+    height: float = np.nan
+    tip_row: float = np.nan
+    width: float = np.nan
+    area: float = np.nan
+    brightness: float = np.nan
+    contour: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    doubts: tuple[str, ...] = ()
+    dark_share: float = np.nan
 
     @property
     def is_found(self) -> bool:
         """Whether there is a flame."""
         return len(self.contour) > 0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on what makes the measurements doubtful."""
+        return tuple(DOUBTS[name] for name in self.doubts)
 
 
 def measure_flame(
@@ -146,23 +140,31 @@ def measure_flame(
     """
     picture = _checked_image(image)
     check_measures(level, pixel_mm)
-    burner = _checked_burner(burner_row, len(picture))
-    noise, dark = _noise(picture), _darkest_side(picture)
+    burner = lowest = len(picture) - 0.5
+    if burner_row is not None:
+        burner = float(burner_row)
+        if not -0.5 <= burner <= lowest:
+            raise InputError(
+                f"burner_row must lie within the picture, -0.5 to {lowest}, got {burner_row}."
+            )
+    noise = _noise(picture)
     faint = max(0.0, np.median(picture) + LEAST_SIGNAL * noise)
     if picture.max() <= faint:
-        return _no_flame(DARK)
-    peak = find_peak(picture)
-    if peak.value <= faint:
-        return _no_flame(SPECK)
-    region, spark = region_of(picture, level * peak.value, peak.place), False
-    flame = larger_flame(picture, region)
-    if flame is not None and flame.value > faint:
-        peak, spark = flame, True
-        region = region_of(picture, level * peak.value, peak.place)
+        return FlameShape(doubts=("dark",))
+    peak, place = _find_peak(picture)
+    if peak <= faint:
+        return FlameShape(doubts=("speck",))
+    region, spark = _region_of(picture, level * peak, place), False
+    larger = _larger_flame(picture, region)
+    if larger is not None and larger[0] > faint:
+        (peak, place), spark = larger, True
+        region = _region_of(picture, level * peak, place)
     if np.count_nonzero(region) < LEAST_PIXELS:
-        return _no_flame(SPECK)
-    threshold, picture = level * peak.value, np.minimum(picture, peak.value)
+        return FlameShape(doubts=("speck",))
+    picture, threshold = np.minimum(picture, peak), level * peak
     contour = _outer_contour(picture, region, threshold)
+    # The burner is at the bottom; a flame may reach some of the other sides.
+    dark = min(float(np.median(side)) for side in (picture[0], picture[:, 0], picture[:, -1]))
     tip = float(contour[:, 0].min())
     return FlameShape(
         height=(burner - tip) * pixel_mm,
@@ -171,11 +173,8 @@ def measure_flame(
         area=_enclosed_area(contour) * pixel_mm**2,
         brightness=float(picture[region].mean()),
         contour=contour,
-        warnings=(
-            *_doubts(picture, region, threshold, spark),
-            *([BRIGHT_DARK] if _is_bright(dark, noise, peak.value, picture.shape) else []),
-        ),
-        dark_share=dark / peak.value,
+        doubts=_doubts(picture, region, threshold, spark, dark > _dark_limit(picture, noise, peak)),
+        dark_share=dark / peak,
     )
 
 
@@ -201,13 +200,7 @@ def row_error(level: float = 0.5) -> float:
 
 
 def check_measures(level: float, pixel_mm: float) -> None:
-    """Refuse a level or a pixel size that cannot be used.
-
-    Raises
-    ------
-    InputError
-        If the level is not between 0 and 1, or the size no length from `SHORTEST` to `LONGEST`.
-    """
+    """Refuse a level that is not between 0 and 1, or a pixel size that is no length."""
     if not 0 < level < 1:
         raise InputError(f"level must be a share of the peak between 0 and 1, got {level}.")
     if not SHORTEST <= pixel_mm <= LONGEST:
@@ -229,22 +222,6 @@ def _checked_image(image: ArrayLike) -> np.ndarray:
     return image
 
 
-def _checked_burner(burner_row: float | None, rows: int) -> float:
-    lowest = rows - 0.5
-    if burner_row is None:
-        return lowest
-    if not -0.5 <= burner_row <= lowest:
-        raise InputError(
-            f"burner_row must lie within the picture, -0.5 to {lowest}, got {burner_row}."
-        )
-    return float(burner_row)
-
-
-def _no_flame(reason: str) -> FlameShape:
-    nan = float("nan")
-    return FlameShape(nan, nan, nan, nan, nan, np.empty((0, 2)), (reason,))
-
-
 def _noise(image: np.ndarray) -> float:
     """Measure the noise of a pixel from second differences along rows, which are small for a flame.
 
@@ -256,26 +233,77 @@ def _noise(image: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
 
 
-def _darkest_side(image: np.ndarray) -> float:
-    """Median along the darkest of the top and the sides, as a flame may reach some of them.
+def _dark_limit(image: np.ndarray, noise: float, peak: float) -> float:
+    """Largest brightness of the dark without a warning: 3 % of the peak, and four errors of it.
 
-    The burner is at the bottom.
+    A dark of 10 % moves the tip of a flame that is 4 rows sharp by half a row. A median of n pixels
+    has a standard deviation of 1.25 / sqrt(n) times that of a pixel.
     """
-    return min(float(np.median(side)) for side in (image[0], image[:, 0], image[:, -1]))
+    return 0.03 * peak + 4 * 1.25 * noise / np.sqrt(min(image.shape))
 
 
-def _is_bright(dark: float, noise: float, peak: float, shape: tuple[int, ...]) -> bool:
-    """Whether the dark around a flame is brighter than `DARK_SHARE`, and noise is not why.
+def _find_peak(image: np.ndarray) -> tuple[float, tuple[int, int]]:
+    """Find the brightest place that is no hot pixel: its radiance, and one of its pixels.
 
-    A median of n pixels has a standard deviation of 1.25 / sqrt(n) times that of a pixel.
+    A hot pixel exceeds the level that some connected pixels reach by a quarter; the tip of a flame
+    some pixels wide does not.
     """
-    return dark > DARK_SHARE * peak + 4 * 1.25 * noise / np.sqrt(min(shape))
+    place, reached = _joined_pixels(image, LEAST_PIXELS)
+    brightest = float(image.max())
+    if brightest <= 1.25 * reached:
+        return brightest, _place(image.argmax(), image)
+    return reached, place
 
 
-def _largest_apart(image: np.ndarray, region: np.ndarray, threshold: float) -> int:
-    """Find the size of the largest region separate from the flame."""
-    sizes = np.bincount(measure.label((image > threshold) & ~region, connectivity=1).ravel())
-    return int(sizes[1:].max(initial=0))
+def _joined_pixels(image: np.ndarray, count: int) -> tuple[tuple[int, int], float]:
+    """Find the highest radiance that `count` connected pixels reach, and one of their places."""
+    falling = np.sort(image, axis=None)[::-1]
+    low, high = count - 1, min(2 * count, image.size) - 1
+    while high < image.size - 1 and _largest(image >= falling[high])[1] < count:
+        low, high = high, min(2 * high, image.size - 1)
+    while low < high:
+        middle = (low + high) // 2
+        if _largest(image >= falling[middle])[1] >= count:
+            high = middle
+        else:
+            low = middle + 1
+    return _place(_largest(image >= falling[low])[0], image), float(falling[low])
+
+
+def _largest(above: np.ndarray) -> tuple[int, int]:
+    """Find a pixel of the largest region, as a flat index, and the region's size."""
+    labels, found = ndimage.label(above)
+    if not found:
+        return 0, 0
+    sizes = np.bincount(labels.ravel())[1:]
+    largest = int(sizes.argmax()) + 1
+    return int((labels.ravel() == largest).argmax()), int(sizes[largest - 1])
+
+
+def _place(index, image: np.ndarray) -> tuple[int, int]:
+    row, column = np.unravel_index(int(index), image.shape)
+    return int(row), int(column)
+
+
+def _region_of(image: np.ndarray, threshold: float, place: tuple[int, int]) -> np.ndarray:
+    """Mark the pixels above a threshold that are connected to a place, by their sides."""
+    labels = ndimage.label(image > threshold)[0]
+    return labels == labels[place] if labels[place] else np.zeros(image.shape, bool)
+
+
+def _larger_flame(image: np.ndarray, spot: np.ndarray) -> tuple[float, tuple[int, int]] | None:
+    """Find the peak of a flame much larger than a bright spot and apart from it, which is a spark.
+
+    None if the spot is the flame itself.
+    """
+    area = int(np.count_nonzero(spot))
+    if area > SPARK_PIXELS or SPARK_RATIO * area > image.size:
+        return None
+    place, reached = _joined_pixels(image, SPARK_RATIO * area)
+    flame = _region_of(image, np.nextafter(reached, -np.inf), place)
+    if (flame & ndimage.binary_dilation(spot, iterations=2)).any():
+        return None
+    return _find_peak(np.where(flame, image, image.min()))
 
 
 def _outer_contour(image: np.ndarray, region: np.ndarray, threshold: float) -> np.ndarray:
@@ -306,20 +334,20 @@ def _enclosed_area(contour: np.ndarray) -> float:
     return float(abs(np.sum(rows[:-1] * columns[1:] - rows[1:] * columns[:-1])) / 2)
 
 
-def _doubts(
-    image: np.ndarray, region: np.ndarray, threshold: float, spark: bool
-) -> tuple[str, ...]:
+def _doubts(image, region, threshold: float, spark: bool, bright_dark: bool) -> tuple[str, ...]:
+    """Names of what is doubtful about a flame that was found."""
     size = np.count_nonzero(region)
-    found = []
-    if region[0].any() or region[:, [0, -1]].any():
-        found.append(CUT)
-    # Equal values may differ in their last digits after summation.
+    # Equal values may differ in their last digits after summation. A Gaussian clipped over 5 % of
+    # its area has a peak 4 % higher.
     flame = image[region]
     ceiling = np.count_nonzero(flame >= flame.max() * (1 - 1e-6))
-    if ceiling >= max(LEAST_PIXELS, CEILING_SHARE * size):
-        found.append(CEILING)
-    if spark:
-        found.append(SPARK)
-    elif _largest_apart(image, region, threshold) >= max(LEAST_PIXELS, APART_SHARE * size):
-        found.append(APART)
-    return tuple(found)
+    # Noise leaves single pixels apart.
+    apart = _largest((image > threshold) & ~region)[1]
+    found = {
+        "cut": region[0].any() or region[:, [0, -1]].any(),
+        "ceiling": ceiling >= max(LEAST_PIXELS, 0.05 * size),
+        "spark": spark,
+        "apart": not spark and apart >= max(LEAST_PIXELS, 0.05 * size),
+        "bright_dark": bright_dark,
+    }
+    return tuple(name for name, is_so in found.items() if is_so)

@@ -42,35 +42,10 @@ def build_backbone(
     depth: str = "conv5",
     seed: int = 0,
 ) -> keras.Model:
-    """Build the frozen encoder with its own preprocessing.
+    """Build the frozen encoder with its own preprocessing; input [h, w, 1 or 3] in [0, 1].
 
-    Parameters
-    ----------
-    shown : (int, int, int)
-        Height, width and channels of the input: one channel, which all three channels of ResNet-50
-        receive, or three, in the order red, green, blue.
-    weights : {"imagenet", "random"} or path
-        Source of the weights. "imagenet" downloads once into Keras's cache, ``~/.keras/models``. A
-        path is that of a Keras weights file (``.h5``, ``.weights.h5``) of
-        `keras.applications.ResNet50` without its top, or of an ``.npz`` with arrays
-        ``layer/variable``. "random" draws He-normal kernels from `seed` with NumPy, the same on
-        every Keras backend.
-    depth : {"conv5", "conv4", "conv3", "none"}
-        Stage with the feature map as output; "none" for the image itself, without any weights.
-    seed : int
-        Seed of random weights.
-
-    Returns
-    -------
-    keras.Model
-        Model "backbone", not trainable; input `shown` in [0, 1], output (h', w', channels).
-
-    Raises
-    ------
-    ImagenetUnavailable
-        If "imagenet" cannot be obtained within seconds.
-    InputError
-        If the depth is unknown, or the file does not contain the weights of this network.
+    `weights`, `depth` and `seed` are those of `lf_flame.learning.decoder.build_refocus_resnet50`;
+    three channels are red, green, blue, and one is repeated.
     """
     check_keras()
     if depth == NO_BACKBONE:
@@ -109,6 +84,11 @@ def describe_weights(weights: str | Path, depth: str, seed: int) -> str:
         return f"imagenet, {depth}"
     if weights == "random":
         return f"random (seed {seed}), {depth}"
+    if not Path(weights).is_file():
+        raise InputError(
+            f"backbone_weights must be imagenet, random or a weights file, "
+            f"and there is no file {weights}."
+        )
     digest = hashlib.sha256(Path(weights).read_bytes()).hexdigest()[:12]
     return f"{Path(weights).name} (sha256 {digest}), {depth}"
 
@@ -148,11 +128,6 @@ def _randomise(model: keras.Model, seed: int) -> None:
 
 
 def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
-    if not path.is_file():
-        raise InputError(
-            f"backbone_weights must be imagenet, random or a weights file, "
-            f"and there is no file {path}."
-        )
     if path.suffix == ".npz":
         _load_npz(cut, path)
         return

@@ -37,8 +37,13 @@ def build_refocus_resnet50(
         Height and width of the outputs.
     planes : int
         Number of refocused images.
-    backbone_weights, backbone_depth
-        See `lf_flame.learning.backbone.build_backbone`.
+    backbone_weights : {"imagenet", "random"} or path
+        Source of the frozen weights. "imagenet" downloads once into Keras's cache,
+        ``~/.keras/models``. A path is that of a Keras weights file (``.h5``, ``.weights.h5``) of
+        `keras.applications.ResNet50` without its top, or of an ``.npz`` with arrays
+        ``layer/variable``. "random" draws He-normal kernels with NumPy, the same on every backend.
+    backbone_depth : {"conv5", "conv4", "conv3", "none"}
+        Stage whose output is the feature map; "none": the image itself, without any weights.
     dropout : float
         Rate of the dropout, in [0, 1).
     dropout_place : {"image", "vector", "none"}

@@ -14,6 +14,7 @@ import reprlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from datetime import timedelta
 from pathlib import Path
 from zipfile import BadZipFile, ZipFile
 
@@ -188,7 +189,8 @@ class EpochEnd(keras.callbacks.Callback):
         self.bar.update()
         self.count += 1
         if self.count == 2:  # nothing is compiled any more
-            _tell_duration(run.epochs, now - self.begun)
+            duration = timedelta(seconds=round(run.epochs * (now - self.begun)))
+            progress.tell(f"{run.epochs} epochs: about {duration} (h:mm:ss) on this machine, now.")
         # Whichever end of an epoch is nearest to the limit: half of them are early, half late.
         middle_of_next = now - self.started + (now - self.begun) / 2
         if 0 < 60 * run.minutes <= middle_of_next:
@@ -197,15 +199,6 @@ class EpochEnd(keras.callbacks.Callback):
         if last or now - self.saved >= run.checkpoint_s:
             state.save(self.model)
             self.saved = now
-
-
-def _tell_duration(epochs: int, epoch_s: float) -> None:
-    """Print how long all epochs take on this machine."""
-    hours = epochs * epoch_s / 3600
-    if hours < 1 / 60:
-        return
-    duration = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} minutes"
-    progress.tell(f"{epochs} epochs: about {duration} on this machine, as busy as it is.")
 
 
 class TrainingState:
@@ -347,12 +340,10 @@ def _is_finished(run: Run, out: Path) -> bool:
 def _refuse_other_run(run: Run, out: Path) -> None:
     """Refuse a folder that holds another run; a run may continue for more epochs, not for fewer."""
     path = out / "config.json"
-    if not path.exists():
-        if (out / "checkpoint.npz").exists():
-            raise InputError(
-                f"{out} holds a checkpoint without config.json; choose another folder."
-            )
+    if not path.exists() and not (out / "checkpoint.npz").exists():
         return
+    if not path.exists():
+        raise InputError(f"{out} holds a checkpoint without config.json; choose another folder.")
     found = read_record(path)
     for key, value in json.loads(json.dumps(run.request)).items():
         if found.get(key) != value:

@@ -31,18 +31,10 @@ class ImagenetUnavailable(InputError):
 
 
 def imagenet_file() -> Path:
-    """Find the weights file in Keras's cache, or download it there.
+    """Find the weights file in Keras's cache, ``~/.keras`` or ``KERAS_HOME``, or download it there.
 
-    Returns
-    -------
-    Path
-        File in ``models`` of the folder in ``KERAS_HOME``, by default ``~/.keras``.
-
-    Raises
-    ------
-    ImagenetUnavailable
-        If there is no connection, no data arrive for `TIMEOUT_S`, the file received is another
-        one, or it cannot be written.
+    ImagenetUnavailable is raised if there is no connection, no data arrive for `TIMEOUT_S`, the
+    file received is another one, or it cannot be written.
     """
     path = Path(os.environ.get("KERAS_HOME", "~/.keras")).expanduser() / "models" / NAME
     if path.is_file() and _md5(path) == MD5:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
+from lf_flame._common import progress
 from lf_flame._common.input_files import ZIP_ERRORS, check_regular, parse_json, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
@@ -23,13 +24,10 @@ BACKENDS = ("tensorflow", "jax")
 def load_keras() -> None:
     """Import Keras and start its backend's devices, with standard error closed meanwhile.
 
-    Call it before anything else imports Keras.
-
-    Raises
-    ------
-    InputError
-        If the configured backend does not exist, or `check_keras` refuses the configuration.
+    Call it before anything else imports Keras. It refuses a backend that does not exist, and what
+    `check_keras` refuses.
     """
+    progress.tell("Starting Keras.")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     sys.stderr.flush()
     kept = os.dup(2)
@@ -56,10 +54,7 @@ def load_keras() -> None:
 def check_keras() -> None:
     """Refuse a configuration of Keras (``keras.json``, environment) that no network here supports.
 
-    Raises
-    ------
-    InputError
-        If numbers are not of 32 bits, channels come first, or the backend is not in `BACKENDS`.
+    Numbers must have 32 bits, channels come last, and the backend be in `BACKENDS`.
     """
     import keras
 
@@ -109,17 +104,8 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
     """Load a saved network for prediction; code in the file is not run.
 
     Before Keras reads the file, its classes are compared with those of this package's networks.
-
-    Parameters
-    ----------
-    path : Path
-    shapes : (tuple, tuple), optional
-        Required shapes of input and output, without samples; None in them: any length.
-
-    Raises
-    ------
-    InputError
-        If the file is not a Keras file, is damaged, needs too much memory, or is another network.
+    `shapes` are the required shapes of input and output, without samples. An InputError refuses a
+    file that is no Keras file, is damaged, needs too much memory, or holds another network.
     """
     import keras
 
@@ -162,9 +148,9 @@ def _read_config(path: Path) -> Any:
 
 
 def _check_classes(config: Any, path: Path) -> None:
-    """Refuse classes that are not in `CLASSES`, wherever the file names one.
+    """Refuse classes that are not in `CLASSES`, wherever the file names one but for its training.
 
-    The description of its training is skipped, because it is not read.
+    Keras does not read the description of the training here.
     """
     if isinstance(config, dict):
         config = {key: value for key, value in config.items() if key != "compile_config"}

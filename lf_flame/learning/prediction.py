@@ -12,7 +12,6 @@ from skimage.color import rgb2gray
 from skimage.transform import resize
 
 from lf_flame._common import figures
-from lf_flame._common.figures import subplots
 from lf_flame._common.output_folders import output_folder, recorded_path
 from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
@@ -29,16 +28,9 @@ ASPECT_TOLERANCE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class NetworkInput:
-    """An image in the form that the network receives.
+    """An image in the form that the network receives: float32, shape (h, w), values in [0, 1].
 
-    Attributes
-    ----------
-    source : Path
-        Path of the image.
-    image : ndarray of float32, shape (h, w), values in [0, 1]
-        Image at the network's size.
-    notes : list of str
-        Changes to it, other than area averaging.
+    `notes` are sentences on changes to it, other than area averaging.
     """
 
     source: Path
@@ -47,13 +39,7 @@ class NetworkInput:
 
 
 def input_size(run: TrainedRun) -> tuple[int, int]:
-    """Height and width of a network's input images.
-
-    Raises
-    ------
-    InputError
-        If the input is several views, which no image contains.
-    """
+    """Height and width of a network's input images; several views as input are refused."""
     encoding = run.config.input
     if encoding.kind not in ("raw", "central"):
         raise InputError(
@@ -125,16 +111,9 @@ def _read_grey(source: Path) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Refocused images that a network made from one image.
+    """Refocused images `stack`, float32, shape (planes, h, w), that a network made from one image.
 
-    Attributes
-    ----------
-    seen : NetworkInput
-        Input of the network.
-    stack : ndarray of float32, shape (planes, h, w), values in [0, 1]
-        Refocused images.
-    ms : float
-        Time from input to stack in milliseconds, for a network that is loaded and compiled.
+    `ms` is the time from input to stack in milliseconds, for a network that is loaded and compiled.
     """
 
     seen: NetworkInput
@@ -142,17 +121,10 @@ class Prediction:
     ms: float
 
     def write(self, run: TrainedRun, out: Path, *, overwrite: bool = False) -> None:
-        """Write images, stack and record into a folder.
+        """Write images, stack and record into a folder; `overwrite` that of an earlier call.
 
-        Parameters
-        ----------
-        run : TrainedRun
-            Run of the network.
-        out : Path
-            Folder for ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
-            ``prediction.png`` (input and outputs side by side) and ``prediction.json`` (record).
-        overwrite : bool, optional
-            Whether to replace the folder of an earlier call.
+        The folder `out` receives ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
+        ``prediction.png`` (input and outputs side by side) and ``prediction.json`` (record).
         """
         planes = enumerate(zip(run.config.depths_mm, self.stack, strict=True), 1)
         with output_folder(out, "prediction.json", overwrite=overwrite) as folder:
@@ -193,18 +165,11 @@ def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[
 
 def _prediction_figure(prediction: Prediction, run: TrainedRun) -> Figure:
     """Draw input and refocused images in a row, all from black at 0 to white at 1."""
-    titles = ["input, as the network sees it"]
-    titles += [
-        f"{depth:g} mm ({name})"
-        for depth, name in zip(run.config.depths_mm, run.objects, strict=True)
-    ]
+    planes = zip(run.config.depths_mm, run.objects, strict=True)
+    titles = ["input of the network", *(f"{depth:g} mm ({name})" for depth, name in planes)]
     height, width = run.config.image
-    figure, axes = subplots(
-        1,
-        len(titles),
-        figsize=(2.7 * len(titles), 0.8 + 2.7 * height / width),
-        layout="constrained",
-    )
+    size = 2.7 * len(titles), 0.8 + 2.7 * height / width
+    figure, axes = figures.subplots(1, len(titles), figsize=size, layout="constrained")
     images = [prediction.seen.image, *prediction.stack]
     for axis, image, title in zip(axes, images, titles, strict=True):
         axis.imshow(image, cmap="gray", vmin=0, vmax=1)

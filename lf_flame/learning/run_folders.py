@@ -1,8 +1,7 @@
-"""Finished training runs: their records, and their networks on the test split.
+"""Finished training runs: their records and networks.
 
 A run is self-contained: its record has the part of the data set's description that its network
-needs for use, so that the data set may be elsewhere, or deleted. Only scores on the test split
-need it.
+needs for use, so that the data set may be elsewhere, or deleted.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ import numpy as np
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame.datasets.config import DatasetConfig, config_from_json
-from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_model
@@ -74,20 +72,9 @@ class PaperRunRecord:
 
 @dataclass(frozen=True, eq=False)
 class TrainedRun:
-    """A finished run of the paper's network, with the description of its data set.
+    """A finished run of the paper's network: its record, and the description of its data set.
 
-    Attributes
-    ----------
-    folder : Path
-        Run folder.
-    record : dict
-        Record of the run.
-    config : DatasetConfig
-        Configuration of the data set.
-    slopes : list of float
-        Slope of each refocused image, in lenslets per view step.
-    objects : list of str
-        Names of the objects at the depths of the refocused images.
+    `slopes`, in lenslets per view step, and `objects` have an entry for each refocused image.
     """
 
     folder: Path
@@ -108,13 +95,7 @@ class TrainedRun:
         return load_model(self.folder / "model.keras", shapes)
 
     def open_dataset(self) -> Dataset:
-        """Open the data set.
-
-        Raises
-        ------
-        InputError
-            If it is no longer there, or has changed.
-        """
+        """Open the data set; refuse one that has gone or changed."""
         dataset = Dataset(self.data)
         same = describe_dataset(dataset) == self.record["dataset"]
         if not same or max(self.record["test_indices"]) >= len(dataset):
@@ -124,6 +105,12 @@ class TrainedRun:
             )
         return dataset
 
+    def predict_test_split(self) -> tuple[Dataset, np.ndarray, np.ndarray]:
+        """Give the data set, indices [n] of its test samples, and images [n, planes, h, w]."""
+        dataset, indices = self.open_dataset(), np.array(self.record["test_indices"])
+        stack = self.load_network().predict(dataset.inputs[indices], batch_size=8, verbose=0)
+        return dataset, indices, stack[..., 0]
+
 
 def describe_dataset(dataset: Dataset) -> dict:
     """Part of a data set's description that its network needs for use, as JSON values."""
@@ -132,13 +119,7 @@ def describe_dataset(dataset: Dataset) -> dict:
 
 
 def load_run(folder: str | Path) -> dict:
-    """Read the record of any finished run.
-
-    Raises
-    ------
-    InputError
-        If the run is missing or not finished, or its record is damaged.
-    """
+    """Read the record of any finished run; refuse a missing, unfinished or damaged one."""
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
@@ -176,37 +157,3 @@ def open_run(folder: str | Path) -> TrainedRun:
     if not len(known.slopes) == len(known.objects) == len(config.depths_mm):
         raise InputError(f"{source}: slopes and objects must be as many as the depths of its data.")
     return TrainedRun(folder, record, config, known.slopes, known.objects)
-
-
-def predict_test_split(
-    folder: str | Path, only: np.ndarray | None = None
-) -> tuple[Dataset, np.ndarray, np.ndarray]:
-    """Apply the whole trained network, backbone included, to the test split of its data set.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder.
-    only : ndarray of int, optional
-        Samples to use, as far as they are in the test split. Default: the whole test split.
-
-    Returns
-    -------
-    Dataset
-        Data set of the run.
-    ndarray of int, shape (n,)
-        Indices of the test samples.
-    ndarray of float32, shape (n, planes, h, w)
-        Predicted images.
-    """
-    run = open_run(folder)
-    dataset, indices = run.open_dataset(), np.array(run.record["test_indices"])
-    if only is not None:
-        indices = indices[np.isin(indices, only)]
-    stack = run.load_network().predict(dataset.inputs[indices], batch_size=8, verbose=0)
-    return dataset, indices, stack[..., 0]
-
-
-def training_indices(samples: int, run: dict) -> np.ndarray:
-    """Find the samples that a run was trained on."""
-    return split_indices(samples, run["split"], run["seed"])["train"]

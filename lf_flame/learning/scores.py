@@ -1,8 +1,5 @@
 """Scores of images: structural similarity and peak signal-to-noise ratio, single and averaged."""
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 import pandas as pd
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
@@ -24,19 +21,6 @@ def ssim(truth: np.ndarray, image: np.ndarray) -> float:
         truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
         channel_axis=-1 if np.ndim(truth) == 3 else None,
     )  # fmt: skip
-
-
-def _uniform_ssim(side: int) -> Callable[[np.ndarray, np.ndarray], float]:
-    """SSIM in a square window of equal weights, with scikit-image's other constants."""
-    return partial(structural_similarity, data_range=1.0, win_size=side)
-
-
-WINDOWS = {
-    "Gaussian, 1.5 pixels (the table's)": ssim,
-    "7 x 7, scikit-image's default": _uniform_ssim(7),
-    "11 x 11": _uniform_ssim(11),
-}
-"""Windows of the structural similarity by name."""
 
 
 def psnr(truth: np.ndarray, image: np.ndarray) -> float:

@@ -18,14 +18,14 @@ from lf_flame._common.memory import check_memory
 from lf_flame._common.output_folders import recorded_path
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning.backbone import NO_BACKBONE, build_backbone, describe_weights
+from lf_flame.learning.backbone import NO_BACKBONE, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.fast_steps import FusedAdam, matrix_view
 from lf_flame.learning.fitting import Fit, Run, ShuffledSamples, assign_weights, train_in_folder
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import describe_dataset
-from lf_flame.learning.training_config import ModelConfig, Recipe, TrainingConfig
+from lf_flame.learning.training_config import TrainingConfig
 
 LOGGER = logging.getLogger(__name__)
 
@@ -73,7 +73,12 @@ def train(
     """
     started, recipe, dataset = time.perf_counter(), config.recipe(preset), Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
-    network, weights = build_model(config, recipe, dataset)
+    source, weights = find_weights(config, preset)
+    planes, *image = dataset.targets.shape[1:]
+    network = build_refocus_resnet50(
+        tuple(image), planes, **asdict(config.model) | {"backbone_weights": source},
+        seed=config.seed, shown=dataset.inputs.shape[1:],
+    )  # fmt: skip
     decoder = network.get_layer("decoder")
 
     def prepare() -> Fit:
@@ -135,20 +140,7 @@ def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int)
 
 
 def compute_features(network: keras.Model, inputs: np.ndarray, part: str = "samples") -> np.ndarray:
-    """Run the frozen backbone over inputs, with a progress bar.
-
-    Parameters
-    ----------
-    network : keras.Model
-        Model from `lf_flame.learning.decoder.build_refocus_resnet50`.
-    inputs : ndarray, shape (n, h, w, channels)
-    part : str, optional
-        Name of the samples in the progress bar.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, h', w', channels)
-    """
+    """Run the frozen backbone over inputs [n, h, w, channels], with a progress bar."""
     backbone = network.get_layer("backbone")
     shape = (len(inputs), *backbone.output.shape[1:])
     check_memory(4 * int(np.prod(shape)), f"features of {len(inputs)} samples")
@@ -161,66 +153,24 @@ def compute_features(network: keras.Model, inputs: np.ndarray, part: str = "samp
     return features
 
 
-def build_model(
-    config: TrainingConfig, recipe: Recipe, dataset: Dataset
-) -> tuple[keras.Model, str]:
-    """Build the network for a data set, with a random backbone if ImageNet's is not available.
+def find_weights(config: TrainingConfig, preset: str) -> tuple[str, str]:
+    """Find the backbone's weights: the configured ones, or random ones if the recipe allows it.
 
-    Returns
-    -------
-    keras.Model
-        Network.
-    str
-        Backbone weights that were used, for tables and records.
+    Returned are the value of `backbone_weights` for `build_refocus_resnet50`, and the weights' name
+    for tables and records. ImagenetUnavailable is raised if ImageNet's are not available, and the
+    recipe does not continue without them.
     """
-    planes, *image = dataset.targets.shape[1:]
-    options = asdict(config.model) | {"backbone_weights": available_weights(config.model, recipe)}
-    network = build_refocus_resnet50(
-        tuple(image), planes, **options, seed=config.seed, shown=dataset.inputs.shape[1:]
-    )
-    weights = describe_weights(options["backbone_weights"], options["backbone_depth"], config.seed)
-    return network, weights
-
-
-def available_weights(model: ModelConfig, recipe: Recipe) -> str:
-    """Find the backbone's weights: the configured ones, or "random" if the recipe allows it.
-
-    Raises
-    ------
-    ImagenetUnavailable
-        If ImageNet's are not available, and the recipe does not continue without them.
-    """
-    if model.backbone_weights != "imagenet" or model.backbone_depth == NO_BACKBONE:
-        return model.backbone_weights
-    try:
-        imagenet_file()
-    except ImagenetUnavailable as error:
-        choice = (
-            "--backbone-weights FILE takes them from a file, --backbone-weights random does "
-            "without (as a variable of make: BACKBONE_WEIGHTS)"
-        )
-        if recipe.without_imagenet == "stop":
-            raise ImagenetUnavailable(f"{error} {choice}.") from None
-        LOGGER.warning(f"NOTE: {error} Continuing with RANDOM backbone weights; {choice}.")
-        return "random"
-    return "imagenet"
-
-
-def find_backbone(config: TrainingConfig, preset: str) -> str:
-    """Find the backbone's weights and load them, before other work depends on them.
-
-    Returns
-    -------
-    str
-        Name of the weights that a training with this preset would use, as in its record.
-
-    Raises
-    ------
-    InputError
-        If they are not available, or a file does not contain them.
-    """
-    model = config.model
-    weights = available_weights(model, config.recipe(preset))
-    if weights not in ("imagenet", "random"):
-        build_backbone(weights=weights, depth=model.backbone_depth)
-    return describe_weights(weights, model.backbone_depth, config.seed)
+    model, source = config.model, config.model.backbone_weights
+    if source == "imagenet" and model.backbone_depth != NO_BACKBONE:
+        try:
+            imagenet_file()
+        except ImagenetUnavailable as error:
+            choice = (
+                "--backbone-weights FILE takes them from a file, --backbone-weights random does "
+                "without (as a variable of make: BACKBONE_WEIGHTS)"
+            )
+            if config.recipe(preset).without_imagenet == "stop":
+                raise ImagenetUnavailable(f"{error} {choice}.") from None
+            LOGGER.warning(f"NOTE: {error} Continuing with RANDOM backbone weights; {choice}.")
+            source = "random"
+    return source, describe_weights(source, model.backbone_depth, config.seed)

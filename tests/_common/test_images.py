@@ -2,10 +2,10 @@
 
 import os
 import stat
-import struct
 import tracemalloc
 import zlib
 
+import imagecodecs
 import numpy as np
 import pytest
 import tifffile
@@ -80,14 +80,6 @@ def test_a_palette_keeps_its_transparency(tmp_path):
     np.testing.assert_array_equal(found, [[[255, 0, 0, 255], [0, 255, 0, 0]]])
 
 
-@pytest.mark.parametrize("planar", ["contig", "separate"])
-def test_channels_come_last_however_they_are_stored(tmp_path, rng, planar):
-    levels = rng.integers(0, 256, (9, 7, 3)).astype(np.uint8)
-    stored = levels if planar == "contig" else np.moveaxis(levels, -1, 0)
-    tifffile.imwrite(tmp_path / "a.tif", stored, photometric="rgb", planarconfig=planar)
-    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
-
-
 @pytest.mark.parametrize(
     ("axes", "form"),
     [("XY", {"metadata": {}}), ("CYX", {"metadata": {}}), ("YXC", {"metadata": {}}),
@@ -147,99 +139,33 @@ def test_packed_tiff_is_read(tmp_path, rng, compression):
     np.testing.assert_allclose(read_image(tmp_path / "a.tif"), levels / 255, atol=0.03)
 
 
-def lzw(data):
-    """Pack without packing: each byte as a code of 9 bits, and a new table before it is full."""
-    codes = [c for k in range(0, len(data), 200) for c in (256, *data[k : k + 200])] + [257]
-    bits = "".join(f"{code:09b}" for code in codes)
-    bits += "0" * (-len(bits) % 8)
-    return int(bits, 2).to_bytes(len(bits) // 8)
-
-
-def zstd(data):
-    """One frame of raw blocks (RFC 8878, 3.1.1)."""
-    head = bytes.fromhex("28b52ffd") + b"\xa0" + len(data).to_bytes(4, "little")
-    return head + (len(data) << 3 | 1).to_bytes(3, "little") + data
-
-
-def by_bytes(data, width, samples, itemsize):
-    """Predictor 3 (TIFF Technical Note 3): high bytes of a row first, then their differences."""
-    rows = np.frombuffer(data, np.uint8).reshape(-1, width * samples, itemsize)
-    rows = rows.transpose(0, 2, 1).reshape(len(rows), -1).astype(int)
-    rows[:, samples:] -= rows[:, :-samples].copy()
-    return rows.astype(np.uint8).tobytes()
-
-
-PACKINGS = {1: bytes, 5: lzw, 8: zlib.compress, 50000: zstd}
-
-
-def write_tiff(path, pixels, order="<", packing=1, predictor=1, tags=()):
-    """One strip and one directory, by the words of TIFF 6.0."""
-    samples = pixels.shape[2] if pixels.ndim == 3 else 1
-    data = pixels.astype(pixels.dtype.newbyteorder(order)).tobytes()
-    if predictor == 3:  # the high byte is first, whatever the order of the file
-        whole = pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
-        data = by_bytes(whole, pixels.shape[1], samples, pixels.itemsize)
-    data = PACKINGS[packing](data)
-    depth = (258, 3, samples, (8 * pixels.itemsize,) * samples)
-    kind = {"u": 1, "f": 3}[pixels.dtype.kind]
-    entries = [
-        (256, 4, 1, (pixels.shape[1],)), (257, 4, 1, (pixels.shape[0],)), depth,
-        (259, 3, 1, (packing,)), (262, 3, 1, (2 if samples == 3 else 1,)), (273, 4, 1, (8,)),
-        (277, 3, 1, (samples,)), (278, 4, 1, (pixels.shape[0],)), (279, 4, 1, (len(data),)),
-        (317, 3, 1, (predictor,)), (339, 3, samples, (kind,) * samples), *tags,
-    ]  # fmt: skip
-    content = bytearray(data + b"\0" * (len(data) % 2))
-    table = struct.pack(f"{order}H", len(entries))
-    for tag, form, count, values in sorted(entries):
-        packed = struct.pack(f"{order}{count}{'H' if form == 3 else 'I'}", *values)
-        if len(packed) > 4:
-            at, content = 8 + len(content), content + packed + b"\0" * (len(packed) % 2)
-            packed = struct.pack(f"{order}I", at)
-        table += struct.pack(f"{order}HHI", tag, form, count) + packed.ljust(4, b"\0")
-    start = struct.pack(f"{order}2sHI", b"MM" if order == ">" else b"II", 42, 8 + len(content))
-    path.write_bytes(start + content + table + bytes(4))
+PACKINGS = {"lzw": imagecodecs.lzw_encode, "zlib": zlib.compress, "zstd": imagecodecs.zstd_encode}
 
 
 @pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("packing", PACKINGS)
-@pytest.mark.parametrize("colours", [(), (3,)])
+@pytest.mark.parametrize("packing", [None, *PACKINGS])
+@pytest.mark.parametrize("planar", ["contig", "separate"])
 @pytest.mark.parametrize("kind", ["u1", "u2", "f4"])
-def test_packed_levels_keep_all_bits(tmp_path, rng, order, packing, colours, kind):
-    shape = (9, 8, *colours)
-    levels = rng.uniform(size=shape).astype("f4")
+def test_packed_levels_keep_all_bits(tmp_path, rng, order, packing, planar, kind):
+    levels = rng.uniform(size=(9, 8, 3)).astype("f4")
     if kind != "f4":
         levels = (levels * np.iinfo(kind).max).astype(kind)
-    for predictor in (1, 3) if kind == "f4" and packing != 1 else (1,):
-        write_tiff(tmp_path / "a.tif", levels, order, packing, predictor)
+    stored = levels if planar == "contig" else np.moveaxis(levels, -1, 0)
+    for predictor in (False, True) if packing else (False,):
+        tifffile.imwrite(
+            tmp_path / "a.tif", stored, byteorder=order, photometric="rgb", planarconfig=planar,
+            compression=packing, predictor=predictor,
+        )  # fmt: skip
         np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
-
-
-def test_deep_colours_in_planes_of_their_own_keep_all_bits(tmp_path, rng):
-    levels = rng.integers(0, 2**16, (3, 9, 8)).astype(np.uint16)
-    tifffile.imwrite(
-        tmp_path / "a.tif", iter([lzw(plane.tobytes()) for plane in levels]), shape=levels.shape,
-        dtype="u2", compression="adobe_deflate", photometric="rgb", planarconfig="separate",
-        rowsperstrip=9,
-    )  # fmt: skip
-    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
-        file.pages[0].tags["Compression"].overwrite(5)
-    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), np.moveaxis(levels, 0, -1))
 
 
 @pytest.mark.parametrize("order", "<>")
 def test_levels_of_12_bits_are_fractions_of_the_highest(tmp_path, rng, order):
     levels = rng.integers(0, 2**12, (9, 8), np.uint16)
     bits = "".join(f"{level:012b}" for level in levels.ravel())
-    packed = np.frombuffer(int(bits, 2).to_bytes(len(bits) // 8), np.uint8).reshape(9, 12)
-    write_tiff(tmp_path / "a.tif", packed, order)
-    whole = (tmp_path / "a.tif").read_bytes()
-    for tag, old, new in ((256, 12, 8), (258, 8, 12)):
-        form = "HHII" if tag == 256 else "HHIH"
-        kinds = (tag, 4 if tag == 256 else 3, 1)
-        before, after = (struct.pack(order + form, *kinds, x) for x in (old, new))
-        assert before in whole
-        whole = whole.replace(before, after)
-    (tmp_path / "a.tif").write_bytes(whole)
+    packed = int(bits, 2).to_bytes(len(bits) // 8)
+    form = {"shape": (9, 8), "dtype": "u2", "bitspersample": 12, "rowsperstrip": 9}
+    tifffile.imwrite(tmp_path / "a.tif", iter([packed]), byteorder=order, **form)
     np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels / np.float32(4095))
 
 
@@ -400,24 +326,16 @@ def test_pictures_that_cannot_be_used_are_refused(tmp_path, monkeypatch, name):
 
 @pytest.mark.parametrize("packing", PACKINGS)
 def test_a_strip_unpacks_to_no_more_than_its_declared_size(tmp_path, packing):
-    """Of 20 million bytes, where the picture has 72; or the last half is missing."""
-    write_tiff(tmp_path / "a.tif", np.zeros((9, 8), np.uint8), packing=packing)
-    whole = (tmp_path / "a.tif").read_bytes()
-    data = PACKINGS[packing](bytes(72))
-    large = PACKINGS[packing](bytes(200_000))
-    entry = struct.pack("<HHI", 279, 4, 1)
-    for strip in (large, data[: len(data) // 2]):
-        moved = whole.replace(entry + struct.pack("<I", len(data)),
-                              entry + struct.pack("<I", len(strip)))  # fmt: skip
-        moved = moved.replace(struct.pack("<HHII", 273, 4, 1, 8),
-                              struct.pack("<HHII", 273, 4, 1, len(whole)))  # fmt: skip
-        (tmp_path / "a.tif").write_bytes(moved + strip)
+    """200,000 bytes where the picture has 72; or the last half of the strip is missing."""
+    pack, form = PACKINGS[packing], {"shape": (9, 8), "dtype": "u1", "rowsperstrip": 9}
+    half = pack(bytes(range(72)))[:-20]
+    for strip in (pack(bytes(200_000)), half):
+        tifffile.imwrite(tmp_path / "a.tif", iter([strip]), compression=packing, **form)
         tracemalloc.start()
-        told = sentence_of(read_pixels, tmp_path / "a.tif")
+        said = sentence_of(read_pixels, tmp_path / "a.tif")
         assert tracemalloc.get_traced_memory()[1] < 4e5
         tracemalloc.stop()
-        assert not told or "a.tif cannot be read: it is damaged" in told
-        assert told or strip is large
+        assert "a.tif cannot be read: it is damaged" in said if strip is half else True
 
 
 def test_a_layer_is_no_complex_picture(tmp_path):

@@ -44,16 +44,6 @@ def test_a_folder_is_replaced_as_a_whole(tmp_path):
     assert contents(tmp_path / "empty") == {"a.txt": "new", "b.txt": "new"}
 
 
-def test_a_folder_of_an_older_version_is_replaced(tmp_path):
-    """Its record holds the hash of each file, and one of itself."""
-    fill(tmp_path / "out", "old")
-    record = json.loads((tmp_path / "out" / RECORD).read_text())
-    record |= {"files": {"a.txt": "c0ffee", "b.txt": "c0ffee"}, "record_sha256": "c0ffee"}
-    write_json(tmp_path / "out" / RECORD, record)
-    fill(tmp_path / "out", overwrite=True)
-    assert contents(tmp_path / "out") == {"a.txt": "new", "b.txt": "new"}
-
-
 def record_without(key):
     def change(folder):
         record = json.loads((folder / RECORD).read_text())

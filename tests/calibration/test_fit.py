@@ -7,8 +7,9 @@ import pytest
 from checkerboards import Bench
 from scipy.stats import t
 
-from lf_flame import InputError, LightField
+from lf_flame import InputError, LightField, PlenopticCamera
 from lf_flame.calibration import (
+    CameraLaw,
     Measurements,
     fit_law,
     fit_targets,
@@ -124,6 +125,33 @@ def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
     # The pupil of five views is 8.5 mm wide: i0 / f of a lenslet less one.
     image = Bench().image
     assert camera.lenslet_focal_mm == pytest.approx(image / (8.5 / 0.1 - 1), rel=1e-6)
+
+
+@pytest.mark.skipif(
+    "exit_pupil_mm" not in PlenopticCamera.__dataclass_fields__, reason="no exit pupil in a camera"
+)
+@pytest.mark.parametrize("exit_mm", [40.0, 57.142857, 90.0])
+def test_the_exit_pupil_follows_from_where_the_views_meet(exit_mm):
+    """The entrance pupil is the stop's other image, by the lens equation written out here."""
+    focal, focus, pitch, views, step = 50.0, 400.0, 0.1, 5, 1.7
+    image = 1 / (1 / focal - 1 / focus)
+    behind = image - exit_mm  # of the exit pupil behind the lens; its object is the entrance pupil
+    entrance = 1 / (1 / behind - 1 / focal) if abs(behind) > 1e-6 else 0.0
+    distance, seen = focus + entrance, pitch * focus / image
+    law = CameraLaw(
+        slope_at_infinity=step / seen, slope_mm=-step * distance / seen,
+        slope_centre_mm=-distance, scale=seen / distance, scale_centre_mm=-distance,
+        depth_range_mm=(-50.0, 50.0), views=views, lenslets=(44, 52),
+    )  # fmt: skip
+    camera = thin_lens(law, pitch, focal_mm=focal)
+    assert camera.exit_pupil_mm == pytest.approx(exit_mm, rel=1e-6)
+    assert camera.focus_distance_mm == pytest.approx(focus)
+    # A view's part of the exit pupil is a pixel seen from a lenslet, as far away.
+    step_behind = step * (behind / entrance if entrance else 1.0)
+    width = views * step_behind
+    assert camera.lenslet_focal_mm == pytest.approx(pitch * exit_mm / (width - pitch), rel=1e-6)
+    depths = np.array([-30.0, 10.0, 40.0])
+    assert camera.depth_to_slope(depths) == pytest.approx(law.depth_to_slope(depths), rel=1e-6)
 
 
 def test_outside_its_range_a_law_gives_no_depth():

@@ -20,12 +20,11 @@ from lf_flame import (
     Scene,
     render,
 )
-from lf_flame.commands.frame_times import read_timestamps, times_by_names
-from lf_flame.commands.frames import find_frames, read_frames
+from lf_flame.commands.frames import FrameReader, find_frames, read_timestamps, times_by_names
 from lf_flame.commands.reading_options import Reading
 from lf_flame.flame_video import find_flicker, measure_flame, row_error
-from lf_flame.flame_video.flame_series import REPEATED, Measures, measure_frames
-from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK
+from lf_flame.flame_video.flame_shape import DOUBTS
+from lf_flame.flame_video.series import REPEATED
 from lf_flame.formats import reading, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
@@ -119,47 +118,27 @@ def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_pat
     assert found["frequency_hz"] == pytest.approx(FLICKER_HZ, abs=0.1 * found["resolution_hz"])
     assert found["false_alarm"] < 1e-6
     assert record["pixel_mm"] == pytest.approx(lenslet_mm)
-    assert record["slope"] == pytest.approx(LENS.depth_to_slope(DEPTH_MM))
+    assert record["depth_mm"] == DEPTH_MM
     assert record["mean_height"] == pytest.approx(truth.mean(), abs=lenslet_mm / 2)
     assert set(record["files"]) == {"flame.csv", "flicker.png"}
     assert imread(out / "flicker.png").shape[0] > 500
 
 
-@pytest.mark.parametrize("tip_mm", [-1.0, -0.337, 0.21])
-def test_a_bar_is_as_high_and_wide_as_it_is(tip_mm):
-    """It ends where half the light of a lenslet is left: no flame's tip is as well known."""
-    bar = Layer(np.ones((2, 2)), DEPTH_MM, (2.0, 1.8), (tip_mm + 1.0, 0.1))
-    light_field = render(Scene([bar]), LENS)
-    lower_edge = LENS.field_mm(DEPTH_MM)[0] / 2
-    for slope in (None, LENS.depth_to_slope(DEPTH_MM)):
-        measures = Measures(slope, pixel_mm=lower_edge / 24)
-        found = measure_flame(measures.image(light_field), pixel_mm=measures.pixel_mm)
-        assert found.height == pytest.approx(lower_edge - tip_mm, abs=0.02)
-        assert found.width == pytest.approx(1.8, abs=0.02)
-
-
-def test_what_is_measured_of_a_frame(video):
-    views = np.load(video[0] / "frame1.npy")
-    light_field = LightField(views)
-    assert (Measures().image(light_field) == views[2, 2]).all()
-    refocused = shift_and_sum(views, [0.7])[0]
-    assert (Measures(slope=0.7).image(light_field) == refocused).all()
-    colour = LightField(np.stack([views, 3 * views, 5 * views], axis=-1))
-    assert Measures().image(colour) == pytest.approx(3 * views[2, 2], abs=1e-6)
-    # Of an even number of views there are two in the middle.
-    assert (Measures().image(LightField(views[:4, :2])) == views[1, 0]).all()
-
-
-def test_level_pixel_and_burner_are_heeded(video, tmp_path):
-    words = ["--frames-per-second", RATE_HZ, "--out", tmp_path / "out"]
-    asked = ["--level", 0.2, "--pixel-mm", 0.5, "--burner-row", 40.5]
-    assert run("flicker", video[0], *words, *asked).exit_code == 0
-    plain = measure_flame(Measures().image(LightField(np.load(video[0] / "frame1.npy"))))
+def test_an_array_of_views_is_measured_in_the_central_view_or_refocused(video, tmp_path):
+    """With level, pixel and burner stated; and its central view alone as a plain picture."""
+    words = ["--frames-per-second", RATE_HZ, "--overwrite", "--out", tmp_path / "out"]
+    views = [np.load(video[0] / f"frame{number + 1}.npy") for number in range(FRAMES)]
+    shapes = [measure_flame(one[2, 2]) for one in views]
+    assert run("flicker", video[0], *words).exit_code == 0
+    tips = [float(row["tip_row"]) for row in rows_of(tmp_path / "out")]
+    assert tips == pytest.approx([shape.tip_row for shape in shapes], abs=1e-4)
+    stated = ["--level", 0.2, "--pixel-mm", 0.5, "--burner-row", 40.5, "--slope", 0.7]
+    assert run("flicker", video[0], *words, *stated).exit_code == 0
+    shape = measure_flame(shift_and_sum(views[0], [0.7])[0], level=0.2)
     found = {name: float(x) for name, x in rows_of(tmp_path / "out")[0].items() if "_" in name}
-    assert found["tip_row"] < plain.tip_row - 1
-    assert found["height_mm"] == pytest.approx(0.5 * (40.5 - found["tip_row"]))
-    assert found["width_mm"] > 0.5 * plain.width
-    # The swing of a tip that crosses rows, in mm.
+    assert found["tip_row"] == pytest.approx(shape.tip_row, abs=1e-4)
+    assert found["height_mm"] == pytest.approx(0.5 * (40.5 - shape.tip_row), abs=1e-4)
+    assert found["width_mm"] == pytest.approx(0.5 * shape.width, abs=1e-4)
     resolvable = record_of(tmp_path / "out")["flicker"]["resolvable"]
     assert resolvable == pytest.approx(0.5 * row_error(0.2))
 
@@ -174,24 +153,27 @@ def test_a_flame_that_stands_still_has_no_frequency(still, tmp_path, drawn):
     assert found["false_alarm"] == 1
 
 
-def test_a_dark_frame_is_told_and_the_rest_measured(video, tmp_path):
+def test_a_dark_or_damaged_frame_is_named_and_the_rest_measured(video, tmp_path):
     folder = shutil.copytree(video[0], tmp_path / "video")
     dark = np.random.default_rng(0).standard_normal((5, 5, 48, 40)).astype(np.float32)
     np.save(folder / "frame7.npy", np.zeros_like(dark))
     np.save(folder / "frame12.npy", 0.01 * dark)
+    (folder / "frame9.npy").write_bytes(b"no array")
     words = ["--slope", 0.3, "--frames-per-second", RATE_HZ, "--out", tmp_path / "out"]
     result = run("flicker", folder, *words)
     assert result.exit_code == 0, result.output
-    assert f"Warning: 2 of 24 frames, first frame7.npy: {DARK}" in result.output
+    assert f"Warning: 2 of 24 frames, first frame7.npy: {DOUBTS['dark']}" in result.output
     rows, record = rows_of(tmp_path / "out"), record_of(tmp_path / "out")
-    assert [n for n, row in enumerate(rows) if row["height_px"] == "nan"] == [6, 11]
-    assert rows[6]["warnings"] == DARK
-    assert record["frames_with_flame"] == 22
-    known = [float(row["height_px"]) for n, row in enumerate(rows) if n not in (6, 11)]
+    assert [n for n, row in enumerate(rows) if row["height_px"] == "nan"] == [6, 8, 11]
+    assert rows[6]["warnings"] == DOUBTS["dark"]
+    assert rows[8]["warnings"] == "The frame is unreadable."
+    assert "frame9.npy cannot be read" in result.output
+    assert record["frames_with_flame"] == 21
+    known = [float(row["height_px"]) for n, row in enumerate(rows) if n not in (6, 8, 11)]
     assert record["mean_height"] == pytest.approx(np.mean(known))
     assert record["standard_deviation_of_height"] == pytest.approx(np.std(known), rel=1e-5)
     assert record["flicker"]["frequency_hz"] == pytest.approx(FLICKER_HZ, abs=0.5)
-    assert any(DARK in warning for warning in record["warnings"])
+    assert any(DOUBTS["dark"] in warning for warning in record["warnings"])
 
 
 @pytest.mark.slow
@@ -212,7 +194,7 @@ def test_doubtful_frames_are_told(still, tmp_path):
     replace(still, 5, views + 0.8 * np.roll(views, 15, axis=3))
     result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    for number, doubt in ((3, CUT), (4, CEILING), (5, APART)):
+    for number, doubt in ((3, DOUBTS["cut"]), (4, DOUBTS["ceiling"]), (5, DOUBTS["apart"])):
         assert f"Warning: 1 of 16 frames, first {number}.npy: {doubt}" in result.output
         assert rows_of(tmp_path / "out")[number]["warnings"] == doubt
 
@@ -237,30 +219,24 @@ def seconds(*names, rate=100):
 
 
 def test_where_numbers_are_missing_time_passes():
-    found = seconds("f0", "f2", "f3", "f4", "f7")
-    assert found.seconds == pytest.approx([0, 0.02, 0.03, 0.04, 0.07])
-    assert "3 are missing" in found.notes[0]
-    assert seconds("f08", "f09", "f10", "f11").notes == ()
-    signed = seconds("t_-0.02", "t_-0.01", "t_0.00", "t_0.03")
-    assert signed.seconds == pytest.approx([0, 0.01, 0.02, 0.05])
-    assert "2 are missing" in signed.notes[0]
-    assert seconds("a-1", "a0", "a2").seconds == pytest.approx([0, 0.01, 0.03])
+    found, notes = seconds("f0", "f2", "f3", "f4", "f7")
+    assert found == pytest.approx([0, 0.02, 0.03, 0.04, 0.07])
+    assert "3 are missing" in notes[0]
+    assert seconds("f08", "f09", "f10", "f11")[1] == []
+    assert seconds("a-1", "a0", "a2")[0] == pytest.approx([0, 0.01, 0.03])
     # One number that never changes counts nothing.
-    assert seconds("run7_1", "run7_2", "run7_4").seconds == pytest.approx([0, 0.01, 0.03])
+    assert seconds("run7_1", "run7_2", "run7_4")[0] == pytest.approx([0, 0.01, 0.03])
 
 
-def test_numbers_that_may_be_no_counts_are_told():
-    tens = seconds("f0", "f10", "f30")
-    assert tens.seconds == pytest.approx([0, 0.1, 0.3])
-    assert "rise by 10 or multiples" in tens.notes[0]
-    assert "1 are missing" in tens.notes[1]
-    halves = seconds("f0.5", "f1.0", "f2.0")
-    assert halves.seconds == pytest.approx([0, 0.01, 0.03])
-    assert "rise by 0.5" in halves.notes[0]
+def test_numbers_that_may_be_no_counts_get_a_note():
+    found, notes = seconds("f0", "f10", "f30")
+    assert found == pytest.approx([0, 0.1, 0.3])
+    assert "rise by 10 or multiples" in notes[0]
+    assert "1 are missing" in notes[1]
     for names in (["a", "b", "c"], ["r1_1", "r1_2", "r2_4"], ["f1", "g2", "h4"]):
-        found = seconds(*names)
-        assert found.seconds == pytest.approx([0, 0.01, 0.02])
-        assert "do not hold one number" in found.notes[0]
+        found, notes = seconds(*names)
+        assert found == pytest.approx([0, 0.01, 0.02])
+        assert "do not hold one number" in notes[0]
 
 
 @pytest.mark.parametrize(
@@ -269,13 +245,10 @@ def test_numbers_that_may_be_no_counts_are_told():
 )
 def test_times_from_a_file(tmp_path, text):
     (tmp_path / "times.csv").write_text(text, encoding="utf-8")
-    found = read_timestamps(tmp_path / "times.csv", 3)
-    assert found.seconds.tolist() == [1.5, 2, 4]
-    assert "0.5 s" not in str(found.notes)
+    found, notes = read_timestamps(tmp_path / "times.csv", 3)
+    assert found.tolist() == [1.5, 2, 4]
     (tmp_path / "ms.txt").write_text("10\n20\n30")
-    assert (
-        "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3).notes[0]
-    )
+    assert "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3)[1][0]
 
 
 def small_flame(height_px):
@@ -293,6 +266,60 @@ def write_video(folder, names, heights):
         np.save(folder / f"{name}.npy", small_flame(height))
 
 
+def write_pictures(folder, heights, numbers=None, suffix="png"):
+    """Ordinary 16-bit pictures of 40 x 16 pixels, of flames that end between rows."""
+    folder.mkdir()
+    for number, height in zip(numbers or range(len(heights)), heights, strict=True):
+        picture = (30000 * small_flame(height)[0, 0]).astype(np.uint16)
+        path = folder / f"f{number:03d}.{suffix}"
+        np.save(path, picture) if suffix == "npy" else imsave(path, picture, check_contrast=False)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "npy"])
+def test_ordinary_pictures_are_the_default_and_too_few_periods_are_named(tmp_path, suffix):
+    """30 pictures at 200 a second of a flame at 12.5 Hz: 1.8 periods; the first is no spark."""
+    heights = 20 + 8 * np.sin(2 * np.pi * 12.5 * np.arange(30) / 200)
+    write_pictures(tmp_path / "video", heights, suffix=suffix)
+    words = ["--frames-per-second", 200, "--out", tmp_path / "out"]
+    done = run("flicker", tmp_path / "video", *words)
+    assert done.exit_code == 0, done.output
+    assert "Pictures of 40 x 16 pixels" in done.output
+    assert "Hz, has 1.8 periods in these frames; at least 3 (0.24 s) are needed" in done.output
+    assert "left out" not in done.output
+    record = record_of(tmp_path / "out")
+    assert record["outliers"] == []
+    assert record["flicker"]["peak_hz"] == pytest.approx(12.5, abs=0.3)
+    assert record["flicker"]["lines"] == []
+    found = [float(row["height_px"]) for row in rows_of(tmp_path / "out")]
+    assert found == pytest.approx(heights, abs=0.2)
+
+
+@pytest.mark.parametrize("rate", [[], ["--frames-per-second", 100]])
+def test_what_process_wrote_is_read(tmp_path, rate):
+    """Two frames are missing, and one is dark; times are in the folder, or frames are counted."""
+    numbers = [*range(20), *range(22, 60)]
+    heights = 20 + 5 * np.sin(2 * np.pi * 12.5 * np.array(numbers) / 100)
+    write_pictures(tmp_path / "video", heights, numbers)
+    dark = np.zeros((40, 16), np.uint16)
+    imsave(tmp_path / "video" / "f030.png", dark, check_contrast=False)
+    out, words = tmp_path / "flame.zarr", ["--steps", "height,contour", "--workers", 1]
+    stated = [] if rate else ["--frames-per-second", 100]
+    done = run("process", tmp_path / "video", *words, *stated, "--out", out)
+    assert done.exit_code == 0, done.output
+    done = run("flicker", out, *rate, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "The flame flickers at 12.5 Hz" in done.output
+    assert "1 of 60 frames, first f030.png: Nothing is above the noise" in done.output
+    rows = rows_of(tmp_path / "out")
+    assert [n for n, row in enumerate(rows) if row["height_px"] == "nan"] == [20, 21, 30]
+    assert float(rows[25]["time_s"]) == pytest.approx(0.25)
+    found = [float(row["height_px"]) for n, row in enumerate(rows) if n not in (20, 21, 30)]
+    assert found == pytest.approx(np.delete(heights, 28), abs=0.2)
+    for refused in (["--slope", 1], [] if rate else ["--frames-per-second", 100]):
+        done = run("flicker", out, *refused, "--out", tmp_path / "other")
+        assert "InputError" in repr(done.exception)
+
+
 def test_a_frame_far_out_of_the_others_is_told_and_left_out(tmp_path):
     """12 Hz at 100 frames a second, of which a third is missing."""
     counts = np.sort(np.random.default_rng(1).choice(90, 60, replace=False))
@@ -302,7 +329,7 @@ def test_a_frame_far_out_of_the_others_is_told_and_left_out(tmp_path):
     words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
     result = run("flicker", tmp_path / "video", *words)
     assert "are missing" in result.output
-    assert f"1 of 60 frames, first f{counts[17]}.npy: The height is far from" in result.output
+    assert f"frames, first f{counts[17]}.npy: The height is far from" in result.output
     record = record_of(tmp_path / "out")
     assert record["outliers"] == [f"f{counts[17]}.npy"]
     assert record["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
@@ -340,24 +367,6 @@ def test_repeated_frames_are_told_and_too_many_leave_no_frequency(tmp_path):
     assert found == pytest.approx(find_flicker(times, heights).frequency_hz, abs=1e-6)
 
 
-def test_dark_frames_that_are_alike_are_no_repetition(tmp_path):
-    dark = LightField(np.zeros((1, 1, 9, 9), np.float32))
-    paths = [Path(f"{number}.npy") for number in range(2)]
-    series = measure_frames(paths, [dark, dark], Measures(), [0, 1], tmp_path / "flame.csv")
-    assert series.repeated == [False, False]
-
-
-def test_a_black_level_is_told_by_its_share_of_the_peak(tmp_path):
-    views = np.zeros((1, 1, 30, 30), np.float32)
-    views[..., 20:, 13:17] = 1
-    frames = [LightField(views + black) for black in (0, 0.05, 0.25)]
-    paths = [Path(f"{number}.npy") for number in range(3)]
-    series = measure_frames(paths, frames, Measures(), range(3), tmp_path / "flame.csv")
-    (told,) = (told for told in series.warnings() if BRIGHT_DARK in told)
-    assert told.startswith("2 of 3 frames, first 1.npy: ")
-    assert told.endswith("It is at up to 20 % of the flame's peak.")
-
-
 @pytest.mark.parametrize(("suffix", "kind"), [("png", "PNG"), ("tif", "TIFF")])
 def test_pictures_that_are_likely_coded_get_a_note(tmp_path, suffix, kind):
     (tmp_path / "video").mkdir()
@@ -383,18 +392,6 @@ def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
     assert find_frames([tmp_path / "[12].npy"]) == found
 
 
-def test_what_is_kept_of_a_video(tmp_path):
-    """The mean picture, and contours of frames spread over it from the first to the last."""
-    views = np.zeros((1, 1, 30, 30), np.float32)
-    views[..., 23:29, 13:16] = 1
-    frames = [LightField((1 + number) * views) for number in range(17)]
-    paths = [Path(f"{number}.npy") for number in range(17)]
-    series = measure_frames(paths, frames, Measures(), np.arange(17) / 4, tmp_path / "flame.csv")
-    assert series.total == pytest.approx(views[0, 0] * 17 * 9)
-    assert [time for time, _ in series.contours] == [0, 1, 2, 3, 4]
-    assert series.heights == pytest.approx([7] * 17)
-
-
 def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
     """When one is read the one before is gone."""
     alive, before, read = weakref.WeakSet(), [], reading.read_ordered
@@ -409,7 +406,7 @@ def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypa
     words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
     result = run("flicker", still, *words, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert before == [0] * 16
+    assert before == [0] * 19  # the first is read in each process, and tried out
 
 
 def test_folders_of_views_are_frames(tmp_path):
@@ -419,7 +416,7 @@ def test_folders_of_views_are_frames(tmp_path):
     for number, scale in enumerate((1.0, 0.5, 0.0)):
         write_light_field(LightField(scale * views), tmp_path / "video" / f"f{number}")
     paths = find_frames([tmp_path / "video"])
-    frames = list(read_frames(paths, Reading(order="col,row")))
+    frames = map(FrameReader(paths[0], Reading(order="col,row")), paths)
     for frame, scale in zip(frames, (1.0, 0.5, 0.0), strict=True):
         assert frame.views == pytest.approx(scale * views.swapaxes(0, 1), abs=1e-4)
 
@@ -435,5 +432,5 @@ def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
         imsave(tmp_path / f"raw{number}.tif", raw, check_contrast=False)
     reading = Reading(white=tmp_path / "white.tif", pitch=9.0)
     paths = find_frames([tmp_path / "raw*.tif"])
-    for path, frame in zip(paths, read_frames(paths, reading), strict=True):
+    for path, frame in zip(paths, map(FrameReader(paths[0], reading), paths), strict=True):
         assert frame.views == pytest.approx(reading.read(path).views, abs=1e-6)

@@ -175,13 +175,14 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(asked, tmp_path)
 
     def trained(*words):
         text = asked(*words)
-        return re.findall(r"lf-flame train experiments/(\w+).toml --preset (\S+) .*", text), text
+        pattern = r"lf-flame train experiments/(\w+).toml --preset (\S+) --data"
+        return re.findall(pattern, text), text
 
     found, text = trained("tables")
     assert found == [("flames", "paper"), ("shapes", "paper")]
     assert text.count("--minutes 4 ") == 2
     assert text.count("--preset paper --route rays ") == 2
-    assert text.index("lf-flame weights") < text.index("lf-flame dataset")
+    assert text.index("lf-flame train") < text.index("lf-flame dataset")
     assert "--minutes 0 " in trained("train-flame", "MINUTES=0")[1]
     made = ["data/paper/flames.zarr/zarr.json", "runs/paper/flames/model.keras", ".venv/installed"]
     for name in made:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import tifffile
 from focused_pictures import Camera, Waves
-from PIL import Image
 from programs import code_blocks, run_lines
 
 from lf_flame.formats import read_light_field
@@ -148,7 +147,8 @@ def test_videos_end_in_the_flames_that_were_filmed(tmp_path):
     for line in commands.splitlines():
         program, *words = shlex.split(line)
         assert program == "lf-flame"
-        assert "63 whole, 1 missing" in run("-m", "lf_flame", *words)
+        said = "flickers at 30" if words[0] == "flicker" else "63 whole, 1 missing"
+        assert said in run("-m", "lf_flame", *words)
     height, light = re.findall(r"flickers at ([\d.]+) Hz", run("-c", numbers))
     assert float(height) == pytest.approx(30, abs=0.5)
     assert float(light) == pytest.approx(45, abs=0.5)
@@ -161,7 +161,5 @@ def test_videos_end_in_the_flames_that_were_filmed(tmp_path):
     bright = np.delete(sums[:, 1], 20), np.delete(np.sin(2 * np.pi * 45 * seconds), 20)
     slope, level = np.polyfit(bright[1], bright[0], 1)
     assert slope / level == pytest.approx(0.25, abs=0.02)
-    with Image.open(tmp_path / "flame.gif") as film:
-        assert film.n_frames >= 60
     (tmp_path / "again.py").write_text(again)
     assert "63 whole, 1 missing" in run("again.py")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from lf_flame.flame_video import measure_flame, row_error
-from lf_flame.flame_video.flame_shape import APART, BRIGHT_DARK, CEILING, CUT, DARK, SPARK, SPECK
 
 SHAPE = (60, 80)
 
@@ -35,7 +34,7 @@ def test_a_gaussian_has_an_ellipse_for_its_contour(level, chord):
     assert (found.contour[0] == found.contour[-1]).all()
     # The mean of a Gaussian above a level is (1 - level) / ln(1 / level) of its peak.
     assert found.brightness == pytest.approx((1 - level) / np.log(1 / level), rel=0.03)
-    assert found.warnings == ()
+    assert found.doubts == ()
 
 
 def test_a_ramp_has_its_tip_exactly_between_rows():
@@ -90,7 +89,7 @@ def test_a_dark_frame_has_no_flame(background):
     """Nor has an even one."""
     found = measure_flame(np.full(SHAPE, background))
     assert not found.is_found
-    assert found.warnings == (DARK,)
+    assert found.doubts == ("dark",)
     assert np.isnan([found.height, found.tip_row, found.width, found.area, found.brightness]).all()
     assert found.contour.shape == (0, 2)
 
@@ -102,13 +101,13 @@ def test_noise_alone_has_no_flame_and_a_weak_flame_is_one():
         noise = rng.standard_normal((270, 540))
         # As refocusing leaves it: neighbours alike.
         blurred = (noise[:, 1:] + noise[:, :-1]) / 2
-        assert measure_flame(noise).warnings == (DARK,)
-        assert measure_flame(blurred[::2]).warnings == (DARK,)
+        assert measure_flame(noise).doubts == ("dark",)
+        assert measure_flame(blurred[::2]).doubts == ("dark",)
         for cut in (np.abs(noise), np.maximum(noise, 0)):  # as some cameras do
             assert not measure_flame(cut).is_found
     assert measure_flame(gaussian() + 0.05 * rng.standard_normal(SHAPE)).is_found
     for dark in (-gaussian(), gaussian() - 2):
-        assert measure_flame(dark).warnings == (DARK,)
+        assert measure_flame(dark).doubts == ("dark",)
 
 
 @pytest.mark.parametrize(("signal", "is_found"), [(7.4, False), (8.6, True)])
@@ -128,7 +127,7 @@ def test_a_black_level_is_told_wherever_the_flame_is(black, is_told, place):
     """Also where it reaches the top, a side or the burner."""
     noise = 0.001 * np.random.default_rng(4).standard_normal(SHAPE)
     found = measure_flame(3 * (gaussian(**place) + black + noise))
-    assert (BRIGHT_DARK in found.warnings) == is_told
+    assert ("bright_dark" in found.doubts) == is_told
     assert found.dark_share == pytest.approx(black / (1 + black), abs=0.002)
 
 
@@ -137,16 +136,16 @@ def test_a_wall_and_noise_alone_are_no_black_level():
     wall = 0.3 * (np.arange(SHAPE[1]) > 60)
     beside = np.where(np.arange(SHAPE[0]) > 10, 0.3, 0)[:, None]
     for light in (wall, beside):
-        assert BRIGHT_DARK not in measure_flame(gaussian() + light).warnings
+        assert "bright_dark" not in measure_flame(gaussian() + light).doubts
     for _ in range(30):
         noise = 0.1 * rng.standard_normal(SHAPE)
-        assert BRIGHT_DARK not in measure_flame(gaussian() + noise + 0.03).warnings
+        assert "bright_dark" not in measure_flame(gaussian() + noise + 0.03).doubts
 
 
 def test_a_hot_pixel_is_no_flame():
     image = np.zeros(SHAPE)
     image[10:13, 20] = 1.0
-    assert measure_flame(image).warnings == (SPECK,)
+    assert measure_flame(image).doubts == ("speck",)
     image[10:14, 20] = 1.0
     assert measure_flame(image).is_found
 
@@ -162,7 +161,7 @@ def test_a_hot_pixel_changes_nothing(brightness, place):
     assert found.tip_row == pytest.approx(clean.tip_row, abs=0.2)
     assert found.width == pytest.approx(clean.width, abs=0.2)
     assert found.brightness == pytest.approx(clean.brightness, rel=0.05)
-    assert found.warnings == ()
+    assert found.doubts == ()
 
 
 @pytest.mark.parametrize("side", [2, 3, 5])
@@ -174,7 +173,7 @@ def test_a_spark_that_is_brighter_than_the_flame_is_left_out_and_told(side, brig
     found = measure_flame(image)
     assert found.tip_row == pytest.approx(clean.tip_row, abs=1e-9)
     assert found.area == pytest.approx(clean.area)
-    assert found.warnings == (SPARK,)
+    assert found.doubts == ("spark",)
 
 
 def test_a_small_bright_core_in_a_wide_glow_is_the_flame():
@@ -182,7 +181,7 @@ def test_a_small_bright_core_in_a_wide_glow_is_the_flame():
     image = gaussian(sigma_row=1.6, sigma_column=1.6) + 0.1 * gaussian(sigma_row=9, sigma_column=9)
     found = measure_flame(image)
     assert found.area < 25
-    assert SPARK not in found.warnings
+    assert "spark" not in found.doubts
 
 
 def test_of_two_spots_the_brighter_counts_and_the_other_is_told():
@@ -191,17 +190,17 @@ def test_of_two_spots_the_brighter_counts_and_the_other_is_told():
     found = measure_flame(0.8 * upper + lower)
     assert found.tip_row == pytest.approx(alone.tip_row, abs=1e-3)
     assert found.area == pytest.approx(alone.area, rel=1e-3)
-    assert found.warnings == (APART,)
+    assert found.doubts == ("apart",)
     assert measure_flame(upper + 0.8 * lower).tip_row < 12
-    assert measure_flame(0.4 * upper + lower).warnings == ()  # below the level
+    assert measure_flame(0.4 * upper + lower).doubts == ()  # below the level
 
 
 def test_a_spark_apart_is_not_worth_a_word():
     image = gaussian()
     image[3:5, 3:5] = 0.9
-    assert measure_flame(image).warnings == ()
+    assert measure_flame(image).doubts == ()
     image[3:9, 3:9] = 0.9
-    assert measure_flame(image).warnings == (APART,)
+    assert measure_flame(image).doubts == ("apart",)
 
 
 def test_corners_do_not_join():
@@ -210,7 +209,7 @@ def test_corners_do_not_join():
     image[20:30, 20:30] = 0.9
     found = measure_flame(image)
     assert found.tip_row == pytest.approx(29.5)
-    assert APART in found.warnings
+    assert "apart" in found.doubts
     image[29:31, 30] = 0.9
     assert measure_flame(image).tip_row < 29
 
@@ -232,7 +231,7 @@ def test_a_hollow_flame_has_one_outer_contour():
 def test_a_flame_that_leaves_the_picture_is_told(row, column, is_cut):
     """But at the lower edge, where the burner is."""
     found = measure_flame(gaussian(row=row, column=column))
-    assert (CUT in found.warnings) == is_cut
+    assert ("cut" in found.doubts) == is_cut
     assert (found.contour[0] == found.contour[-1]).all()
     low, high = found.contour.min(axis=0), found.contour.max(axis=0)
     assert (low >= -0.5).all()
@@ -256,7 +255,7 @@ def test_a_saturated_picture_is_told():
     rounded = image * (1 + 1e-7 * np.random.default_rng(0).standard_normal(SHAPE))
     for one in (image, rounded):
         found = measure_flame(one)
-        assert found.warnings == (CEILING,)
+        assert found.doubts == ("ceiling",)
         assert found.area > 1.2 * measure_flame(gaussian()).area
-    assert measure_flame(np.minimum(gaussian(), 0.97)).warnings == ()
-    assert measure_flame(np.round(255 * gaussian()).astype(np.uint8)).warnings == ()
+    assert measure_flame(np.minimum(gaussian(), 0.97)).doubts == ()
+    assert measure_flame(np.round(255 * gaussian()).astype(np.uint8)).doubts == ()

@@ -13,7 +13,7 @@ from focused_pictures import Camera, Waves
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
 from lf_flame.commands.cli import commands
-from lf_flame.commands.frames import read_frames
+from lf_flame.commands.frames import FrameReader
 from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import (
     FocusedLenslets,
@@ -268,7 +268,7 @@ def test_commands_take_pictures_of_focused_lenslets(call):
 def test_frames_of_a_video_are_read_by_one_plan(call):
     reading = Reading(focused=Path("camera.xml"), views=3)
     shutil.copy("raw.png", "later.png")
-    first, later = read_frames([Path("raw.png"), Path("later.png")], reading)
+    first, later = map(FrameReader(Path("raw.png"), reading), [Path("raw.png"), Path("later.png")])
     assert first.views.shape[:2] == (3, 3)
     np.testing.assert_array_equal(first.views, later.views)
 

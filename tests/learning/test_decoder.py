@@ -171,7 +171,7 @@ def test_wrong_weights_files_are_refused(resnet_arrays, tmp_path):
     (tmp_path / "text.h5").write_text("no weights")
     with pytest.raises(InputError, match="does not hold the weights of"):
         build_backbone(GREY, tmp_path / "text.h5")
-    with pytest.raises(InputError, match="there is no file"):
+    with pytest.raises(InputError, match="there is no such file"):
         build_backbone(GREY, tmp_path / "none.h5")
 
 

@@ -21,7 +21,7 @@ from lf_flame.datasets.making import make_dataset
 from lf_flame.formats import read_focal_stack, write_lenslet_image
 from lf_flame.formats.images import to_levels, write_image
 from lf_flame.learning.prediction import read_input
-from lf_flame.learning.run_folders import open_run, predict_test_split
+from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
 
@@ -51,7 +51,7 @@ def run_folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def sample(run_folder):
     """The first test image, and what the network made of it."""
-    dataset, indices, predictions = predict_test_split(run_folder)
+    dataset, indices, predictions = open_run(run_folder).predict_test_split()
     return dataset.inputs[indices[0], ..., 0], predictions[0]
 
 
@@ -196,7 +196,7 @@ def test_a_run_stands_alone(run_folder, sample, tmp_path, monkeypatch):
     assert list(slopes) == moved.slopes
     assert moved.objects == ["square", "circle"]
     with pytest.raises(InputError, match="There is no data set at .*shapes.zarr"):
-        predict_test_split(tmp_path / "moved")  # scores, and nothing else, need it
+        open_run(tmp_path / "moved").predict_test_split()  # scores, and nothing else, need it
 
 
 @pytest.mark.slow
@@ -221,4 +221,4 @@ def test_scores_of_another_data_set_are_refused(run_folder, tmp_path):
     changed = record | {"data": str(run_folder.parent / "shapes.zarr")}
     write_json(tmp_path / "run" / "run.json", changed)
     with pytest.raises(InputError, match="shapes.zarr is not the data set that .*run was trained"):
-        predict_test_split(tmp_path / "run")
+        open_run(tmp_path / "run").predict_test_split()

@@ -18,7 +18,7 @@ from lf_flame.datasets.store import Dataset
 from lf_flame.learning import training
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
-from lf_flame.learning.run_folders import predict_test_split
+from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training import compute_features, train
 from lf_flame.learning.training_config import TrainingConfig
 
@@ -62,7 +62,7 @@ def test_the_network_is_that_of_the_lowest_validation_loss_and_the_record_is_who
         "git_revision", "dataset", "recipe", "command", "test_indices",
     } <= record.keys()  # fmt: skip
     assert record["backbone_weights"] == "no backbone"
-    _, indices, predictions = predict_test_split(tmp_path)
+    _, indices, predictions = open_run(tmp_path).predict_test_split()
     np.testing.assert_array_equal(indices, parts["test"])
     assert predictions.shape == (3, 2, 12, 20)
     for changed in (replace(config, seed=2), replace(config, title="other")):
@@ -113,5 +113,5 @@ def test_without_imagenet_a_preset_continues_or_stops(config, data, tmp_path, mo
         train(config, "smoke", data, tmp_path / "run")
     recipe = replace(config.recipe("smoke"), without_imagenet="random")
     asked = replace(config, presets={"smoke": recipe})
-    assert training.find_backbone(asked, "smoke") == "random (seed 1), conv3"
+    assert training.find_weights(asked, "smoke") == ("random", "random (seed 1), conv3")
     assert "RANDOM backbone weights" in caplog.text

@@ -25,7 +25,7 @@ from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning.run_folders import predict_test_split
+from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training import train
 from lf_flame.learning.training_config import TrainingConfig
 from lf_flame.lightfield import LightField
@@ -131,7 +131,7 @@ def test_a_run_needs_no_data_set_but_a_record_that_says_what_it_held(config, run
 
 def test_scenes_are_those_of_the_test_split_as_the_network_saw_them(config, run):
     found = find_scenes(config, run / "shapes")
-    dataset, indices, predictions = predict_test_split(run / "shapes")
+    dataset, indices, predictions = open_run(run / "shapes").predict_test_split()
     assert found.indices == tuple(indices[:SAMPLES])
     assert found.slopes == tuple(dataset.attrs["slopes"])
     methods = network_methods(found)

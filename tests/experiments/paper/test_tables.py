@@ -11,7 +11,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from experiments.inputs import epochs_in_words, read_history
-from experiments.paper.evaluation import score_baselines, score_windows
+from experiments.paper.evaluation import WINDOWS, score_baselines, score_windows
 from experiments.paper.figures import LENSLETS_ENLARGED, enlarged_part
 from experiments.paper.ridge import NAME, STRENGTHS, Ridge
 from experiments.paper.tables import (
@@ -26,7 +26,7 @@ from experiments.paper.tables import (
 )
 from lf_flame import InputError
 from lf_flame.datasets.split import split_indices
-from lf_flame.learning.scores import WINDOWS, score
+from lf_flame.learning.scores import score
 
 PRINTED = read_paper_values("table1")
 

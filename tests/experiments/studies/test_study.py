@@ -15,7 +15,7 @@ from lf_flame import InputError
 from lf_flame._common import figures
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning.run_folders import predict_test_split
+from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score
 
 ROOT = Path(__file__).parents[3]
@@ -126,7 +126,7 @@ def test_networks_and_what_needs_none_are_scored_on_the_same_samples(done, monke
         ("work/tiny/as it is", "work/tiny/small: batches of 1"),
         table.groupby("variant", sort=False), strict=True,
     ):  # fmt: skip
-        dataset, indices, predictions = predict_test_split(folder)
+        dataset, indices, predictions = open_run(folder).predict_test_split()
         np.testing.assert_array_equal(indices, parts["test"])
         targets, known = dataset.targets[indices], dataset.targets[parts["train"]]
         ridge = Ridge(dataset, parts).predict(dataset.inputs[indices])

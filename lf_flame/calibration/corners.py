@@ -1,32 +1,18 @@
-"""Corners of a checkerboard, or dots of a regular grid, in one image, as rows and columns."""
+"""Corners of a checkerboard, or dots of a regular grid: their lattice, and exact positions.
 
-from collections.abc import Iterator
+A corner of a checkerboard and a round dot look the same after half a turn about their centre,
+whatever blurs them alike in all directions. The position x minimises the sum over offsets d in a
+disc of ``(I(x + d) - I(x - d))^2``: no model of edges or of blur is needed.
+"""
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 from scipy.spatial import cKDTree
 
 from lf_flame.errors import InputError
 
-SCALES = (1.0, 2.0, 4.0)
-"""Standard deviations in pixels of the smoothing before corners are looked for."""
-
-WEAKEST = 0.15
-"""Smallest response of a corner, relative to the strong ones."""
-
-REACH = 0.25
-"""Largest distance of a corner from its predicted place, in squares."""
-
-SEEDS = 12
-"""Number of corners around the centre of the image from which the lattice is grown."""
-
-ENOUGH = 0.6
-"""Share of the points found in a lattice with which no other seed is tried."""
-
 LEAST_ROWS, LEAST_POINTS = 3, 9
 """Smallest number of rows and columns of corners, and of corners: a board of 4 x 4 squares."""
-
-STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -61,21 +47,25 @@ def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, 
     (5, 6)
     """
     image = np.asarray(image, float)
-    what = "dots" if dots else "corners of squares"
+    middle = (np.array(image.shape) - 1) / 2
     best: dict[tuple[int, int], int] = {}
     points = np.empty((0, 2))
-    for found in [_dots(image)] if dots else (_saddles(image, scale) for scale in SCALES):
-        for seed in _seeds(found, image.shape):
+    # Saddles of brightness are looked for at three scales of smoothing.
+    for found in [_dots(image)] if dots else (_saddles(image, scale) for scale in (1.0, 2.0, 4.0)):
+        # The lattice grows from a dozen points around the centre; most points in it are enough.
+        seeds = np.argsort(np.hypot(*(found - middle).T))[:12] if len(found) > 4 else ()
+        for seed in seeds:
             grown = _grow(found, seed)
             if not dots:
                 grown = _true_corners(image, found, grown)
             if len(grown) > len(best):
                 best, points = grown, found
-            if len(grown) > ENOUGH * len(found):
+            if len(grown) > 0.6 * len(found):
                 break
     indices = np.array(list(best), int).reshape(-1, 2)
     counts = [len(np.unique(column)) for column in indices.T]
     if len(indices) < LEAST_POINTS or min(counts) < LEAST_ROWS:
+        what = "dots" if dots else "corners of squares"
         raise InputError(
             f"The target must show at least {LEAST_ROWS} x {LEAST_ROWS} {what} in rows and "
             f"columns{'' if dots else ' (4 x 4 squares)'}, got {counts[0]} x {counts[1]}: let it "
@@ -85,27 +75,24 @@ def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, 
     return indices, points[list(best.values())]
 
 
-def spacing(indices: np.ndarray, points: np.ndarray) -> float:
-    """Mean distance in pixels between neighbouring points of a lattice."""
+def lattice_steps(indices: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Give the steps in pixels to the next row and to the next column, shape (2, 2)."""
     design = np.column_stack([indices, np.ones(len(indices))])
-    steps = np.linalg.lstsq(design, points, rcond=None)[0][:2]
-    return float(np.sqrt(abs(np.linalg.det(steps))))
+    return np.linalg.lstsq(design, points, rcond=None)[0][:2]
 
 
 def _saddles(image: np.ndarray, scale: float) -> np.ndarray:
     """Positions of the saddles of brightness; the corners of a checkerboard are strong ones."""
     from skimage.feature import peak_local_max
 
-    rows, columns, mixed = (
-        gaussian_filter(image, scale, order) for order in ((2, 0), (0, 2), (1, 1))
-    )
+    orders = ((2, 0), (0, 2), (1, 1))
+    rows, columns, mixed = (gaussian_filter(image, scale, order) for order in orders)
     response = mixed**2 - rows * columns
     peaks = peak_local_max(response, min_distance=2, exclude_border=2)
     if len(peaks) < LEAST_POINTS:
         return np.empty((0, 2))
     strength = response[tuple(peaks.T)]
-    strong = np.median(np.sort(strength)[-4 * LEAST_POINTS :])
-    return peaks[strength > WEAKEST * strong].astype(float)
+    return peaks[strength > 0.15 * np.median(np.sort(strength)[-4 * LEAST_POINTS :])].astype(float)
 
 
 def _dots(image: np.ndarray) -> np.ndarray:
@@ -118,52 +105,36 @@ def _dots(image: np.ndarray) -> np.ndarray:
     smooth = gaussian_filter(image, 0.7)
     bright = smooth > threshold_otsu(smooth)
     # Dots cover less than half of the target.
-    dotted = bright if bright.mean() < 0.5 else ~bright
+    regions = regionprops(label(bright if bright.mean() < 0.5 else ~bright))
     whole = [
-        region
-        for region in regionprops(label(dotted))
-        if min(region.bbox[:2]) > 0 and np.all(np.less(region.bbox[2:], image.shape))
+        one
+        for one in regions
+        if min(one.bbox[:2]) > 0 and np.all(np.less(one.bbox[2:], image.shape))
     ]
-    if not whole:
-        return np.empty((0, 2))
-    usual = np.median([region.area for region in whole])
-    return np.array(
-        [region.centroid for region in whole if 0.4 * usual < region.area < 2.5 * usual]
-    ).reshape(-1, 2)
-
-
-def _seeds(points: np.ndarray, shape: tuple[int, ...]) -> Iterator[int]:
-    """Numbers of the points nearest to the centre of the image."""
-    middle = (np.array(shape[:2]) - 1) / 2
-    yield from np.argsort(np.hypot(*(points - middle).T))[:SEEDS] if len(points) > 4 else ()
-
-
-def _basis(points: np.ndarray, tree: cKDTree, seed: int) -> np.ndarray | None:
-    """Find the steps from a point to the next row and to the next column, shape (2, 2)."""
-    near = tree.query(points[seed], k=min(9, len(points)))[1][1:]
-    steps = points[near] - points[seed]
-    first = steps[0]
-    cosine = steps @ first / np.hypot(*steps.T) / np.hypot(*first)
-    across = steps[(np.abs(cosine) < 0.5) & (np.hypot(*steps.T) < 1.4 * np.hypot(*first))]
-    if not len(across):
-        return None
-    # The step to the next column is the one that points more to the right.
-    both = sorted((first, across[0]), key=lambda step: abs(step[1]))
-    return np.array([both[0] * np.copysign(1, both[0][0]), both[1] * np.copysign(1, both[1][1])])
+    usual = np.median([one.area for one in whole]) if whole else 0.0
+    alike = [one.centroid for one in whole if 0.4 * usual < one.area < 2.5 * usual]
+    return np.array(alike).reshape(-1, 2)
 
 
 def _grow(points: np.ndarray, seed: int) -> dict[tuple[int, int], int]:
     """Place points at rows and columns, from a seed outward: number of the point at each."""
     tree = cKDTree(points)
-    basis = _basis(points, tree, seed)
-    if basis is None:
+    near = tree.query(points[seed], k=min(9, len(points)))[1][1:]
+    steps = points[near] - points[seed]
+    first, lengths = steps[0], np.hypot(*steps.T)
+    cosine = steps @ first / lengths / lengths[0]
+    across = steps[(np.abs(cosine) < 0.5) & (lengths < 1.4 * lengths[0])]
+    if not len(across):
         return {}
-    reach = REACH * min(np.hypot(*basis.T))
+    # The step to the next column is the one that points more to the right.
+    below, beside = sorted((first, across[0]), key=lambda step: abs(step[1]))
+    basis = np.array([below * np.copysign(1, below[0]), beside * np.copysign(1, beside[1])])
+    reach = 0.25 * min(np.hypot(*basis.T))
     placed, taken, front = {(0, 0): seed}, {seed}, [(0, 0)]
     while front:
         row, column = front.pop(0)
         here = points[placed[row, column]]
-        for down, right in STEPS:
+        for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
             place = (row + down, column + right)
             if place in placed:
                 continue
@@ -189,22 +160,55 @@ def _true_corners(
     if len(placed) < LEAST_POINTS:
         return {}
     indices, where = np.array(list(placed)), points[list(placed.values())]
-    design = np.column_stack([indices, np.ones(len(indices))])
-    steps = np.linalg.lstsq(design, where, rcond=None)[0][:2]
     signs = np.array([(1, 1), (-1, -1), (1, -1), (-1, 1)])
-    places = where[:, None] + 0.4 * signs @ steps
+    places = where[:, None] + 0.4 * signs @ lattice_steps(indices, where)
     values = map_coordinates(image, places.transpose(2, 0, 1), order=1, cval=np.nan)
     same, other = values[:, :2].mean(axis=1), values[:, 2:].mean(axis=1)
     contrast = np.abs(same - other)
     middle = map_coordinates(gaussian_filter(image, 0.7), where.T, order=1)
     usual = np.nanmedian(contrast) if np.isfinite(contrast).any() else np.inf
     turns = (same > other) == (indices.sum(axis=1) % 2 == 0)
-    turns = turns if turns.mean() > 0.5 else ~turns
-    true = (
-        turns
-        & (contrast > 0.3 * usual)
-        & (np.abs(values[:, 0] - values[:, 1]) < 0.35 * contrast)
-        & (np.abs(values[:, 2] - values[:, 3]) < 0.35 * contrast)
-        & (np.abs(middle - (same + other) / 2) < 0.35 * contrast)
-    )
+    true = (turns if turns.mean() > 0.5 else ~turns) & (contrast > 0.3 * usual)
+    for one in (values[:, 0] - values[:, 1], values[:, 2] - values[:, 3]):
+        true &= np.abs(one) < 0.35 * contrast
+    true &= np.abs(middle - (same + other) / 2) < 0.35 * contrast
     return {place: n for (place, n), good in zip(placed.items(), true, strict=True) if good}
+
+
+def centres(image: np.ndarray, starts: np.ndarray, radius: float) -> np.ndarray:
+    """Find the centre of symmetry near each starting point, shape (n, 2), by Gauss-Newton steps.
+
+    A disc of the radius in pixels is compared with itself. A position is NaN where the disc leaves
+    the image or no centre is within half the radius.
+    """
+    image = np.asarray(image, float)
+    smooth, slopes = spline_filter(image, order=3), np.gradient(image)
+    reach = int(np.ceil(radius))
+    # One of each pair of offsets d and -d, one pixel apart.
+    rows, columns = (axis.ravel() + 0.5 for axis in np.mgrid[-reach:reach, 0:reach])
+    offsets = np.column_stack([rows, columns])[np.hypot(rows, columns) <= radius]
+    found, moving = np.array(starts, float), np.ones(len(starts), bool)
+    last = np.array(image.shape) - 1.0
+
+    def sample(picture: np.ndarray, places: np.ndarray, order: int) -> np.ndarray:
+        return map_coordinates(picture, places, order=order, prefilter=False, mode="nearest")
+
+    for _ in range(6):
+        inside = np.all((found >= radius) & (found <= last - radius), axis=1)
+        found[~inside | (np.hypot(*(found - starts).T) > radius / 2)] = np.nan
+        live = np.flatnonzero(moving & np.isfinite(found[:, 0]))
+        if not len(live):
+            break
+        there = (found[live, None] + offsets).transpose(2, 0, 1)
+        mirrored = (found[live, None] - offsets).transpose(2, 0, 1)
+        difference = sample(smooth, there, 3) - sample(smooth, mirrored, 3)
+        jacobian = np.stack(
+            [sample(slope, there, 1) - sample(slope, mirrored, 1) for slope in slopes], axis=-1
+        )
+        normal = np.einsum("nmi,nmj->nij", jacobian, jacobian)
+        normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300
+        right = np.einsum("nmi,nm->ni", jacobian, difference)
+        step = np.linalg.solve(normal, right[..., None])[..., 0]
+        found[live] -= step
+        moving[live] = np.abs(step).max(axis=1) > 3e-4  # pixels
+    return found

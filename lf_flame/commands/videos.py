@@ -1,0 +1,332 @@
+"""The commands for videos: flicker, process and status.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
+"""
+
+import re
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import cloup
+
+from lf_flame._common.printable import printable
+from lf_flame.commands.frames import TIMES
+from lf_flame.commands.options import (
+    FILE,
+    FOLDER,
+    OVERWRITE,
+    PATH,
+    FiniteRange,
+    camera_option,
+    pick,
+    tell,
+    tell_all,
+)
+from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.tomography import BACKGROUND, DEPTHS
+from lf_flame.commands.workers import WORKERS, Crew
+from lf_flame.errors import InputError
+
+NAMED = 10
+"""Number of frames whose warnings are printed at once; the others are counted at the end."""
+
+SHAPE = (
+    cloup.option(
+        "--level",
+        type=FiniteRange(0, 1, min_open=True, max_open=True),
+        default=0.5,
+        show_default=True,
+        help="Brightness of the contour, relative to the peak of the frame.",
+    ),
+    cloup.option(
+        "--pixel-mm",
+        type=FiniteRange(min=0, min_open=True),
+        help="Size in mm of a pixel (a lenslet's image) at the flame (default: by the camera; "
+        "without a camera, lengths are in pixels).",
+    ),
+    cloup.option(
+        "--burner-row",
+        type=float,
+        help="Row from which the height is measured; 0 is the top row (default: the bottom edge).",
+    ),
+)
+"""Options for how a flame is measured in an image."""
+
+MEASURES = cloup.option_group(
+    "How the flame is measured",
+    cloup.option("--slope", type=float, help="Refocus each light field at this slope."),
+    cloup.option(
+        "--depth-mm", type=float, help="Refocus each light field at this depth; needs --camera."
+    ),
+    camera_option("; lengths are then in mm"),
+    *SHAPE,
+)
+
+
+STEPS = cloup.option_group(
+    "What is done with each frame",
+    cloup.option(
+        "--steps",
+        required=True,
+        help="Steps with commas between them: decode, refocus@10mm (a depth; or refocus@0.5, a "
+        "slope), emission, temperature (of soot, from the emission before it), height, "
+        "contour. The last two measure the image refocused before them, or the central view.",
+    ),
+    camera_option("; needed for depths"),
+    cloup.option(
+        "--noise",
+        type=FiniteRange(min=0),
+        help="Standard deviation of the noise of a pixel (default: measured in each frame).",
+    ),
+    cloup.option(
+        "--strength",
+        type=FiniteRange(min=0),
+        help="Strength of the penalty of emission (default: chosen for each frame); "
+        "stated, a fit starts from that of the frame before, in a third of the time.",
+    ),
+    BACKGROUND,
+    cloup.option(
+        "--colours",
+        type=FILE,
+        help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours: "
+        "emission is found in each colour of frames in colour. Needed for temperature.",
+    ),
+    cloup.option(
+        "--soot-exponent",
+        type=FiniteRange(-1, 5),
+        default=1.0,
+        show_default=True,
+        help="Exponent a of soot's absorption, wavelength^-a, for temperature.",
+    ),
+    *SHAPE,
+)
+
+
+@cloup.command()
+@click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
+@TIMES
+@MEASURES
+@READING
+@click.option("--out", type=FOLDER, help="Folder for the files; default flicker/NAME.")
+@OVERWRITE
+def flicker(
+    sources, frames_per_second, timestamps, slope, depth_mm, camera, level, pixel_mm, burner_row,
+    out, overwrite, **options,
+) -> None:  # fmt: skip
+    """Follow a flame through a video: height, contour and flicker frequency.
+
+    SOURCE are ordinary pictures, or light fields with the options of `lf-flame refocus` (--views,
+    --white ...): files, one folder of them, or one pattern in quotes; or the folder of `lf-flame
+    process`. The numbers in their names give the order, and a missing number is a gap in time.
+    Pictures must be linear in light and black at 0. A light field is measured in its central view,
+    or, with --slope or --depth-mm, in the image refocused there, which averages the noise of all
+    views. The flame is the region above a share of the peak (--level) that includes the brightest
+    pixel; its height is from the bottom edge of the picture to its tip. Memory holds one frame at a
+    time.
+
+    \b
+      lf-flame flicker video --frames-per-second 100 --pixel-mm 0.13
+      lf-flame flicker flame.zarr
+      lf-flame flicker 'video/frame*.npy' --frames-per-second 100 --slope 0.5
+      lf-flame flicker video --timestamps times.csv --views 15 --camera camera.toml --depth-mm 10
+      lf-flame flicker raw --white white.png --frames-per-second 100 --burner-row 250
+
+    flame.csv has a row for each frame, flicker.png shows the heights, their spectrum and some
+    contours, and flicker.json holds the frequencies, their resolution (1 / duration) and the
+    probability that noise alone, white or correlated like these heights, has such a peak. If it
+    is above 1 %, no frequency is reported.
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame.calibration import read_lens
+    from lf_flame.commands.frames import find_frames
+    from lf_flame.flame_video import find_steps
+    from lf_flame.flame_video import series as output
+    from lf_flame.flame_video.flicker import LEAST_FRAMES
+    from lf_flame.flame_video.processing import is_video
+
+    reading, focus = Reading(**options), [slope, depth_mm, camera]
+    done = len(sources) == 1 and is_video(sources[0])
+    given = [*focus, pixel_mm, burner_row, timestamps, *reading.given()]
+    if done and (level != 0.5 or any(x is not None for x in given)):
+        raise InputError(
+            f"{sources[0]} is processed already: of all options, only --frames-per-second, --out "
+            f"and --overwrite apply to it."
+        )
+    if not done and (frames_per_second is None) == (timestamps is None):
+        raise InputError(
+            "Say when the frames were taken: either --frames-per-second or --timestamps FILE."
+        )
+    if slope is not None and depth_mm is not None:
+        raise InputError("Say where to focus: either --slope or --depth-mm.")
+    if (camera is None) != (depth_mm is None):
+        raise InputError("--depth-mm and --camera need each other.")
+    lens = read_lens(camera) if camera else None
+    place = f"{slope!r}" if depth_mm is None else f"{depth_mm!r}mm"
+    names = "height,contour" if slope is depth_mm is None else f"refocus@{place},height,contour"
+    measures = {"level": level, "pixel_mm": pixel_mm, "burner_row": burner_row}
+    steps = find_steps(names, camera=lens, **measures)
+    paths = sources if done else find_frames(sources, reading.files)
+    if not done and len(paths) < LEAST_FRAMES:
+        named = paths[0] if len(paths) == 1 else f"{len(paths)} frames"
+        raise InputError(f"A frequency needs {LEAST_FRAMES} frames at least, got {named}.")
+    source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
+    out = out or Path("flicker") / (source.resolve().stem or "frames")
+    with (
+        output_folder(out, output.RECORD, overwrite=overwrite) as folder,
+        TemporaryDirectory() as beside,
+    ):
+        notes = []
+        if done:
+            series = output.read_series(sources[0], frames_per_second)
+        else:
+            made = Path(beside) / "frames.zarr"
+            when = (frames_per_second, timestamps)
+            _, notes = _process(paths, reading, lens, steps, when, made, Crew(workers=1))
+            series = output.read_series(made)
+        found, warnings = output.write_flicker(series, folder, times_stated=timestamps is not None)
+        folder.facts |= {
+            "frames_per_second": frames_per_second,
+            "timestamps": None if timestamps is None else str(timestamps),
+            "notes": notes,
+            "slope": slope,
+            "depth_mm": depth_mm,
+            "burner_row": burner_row,
+            "first": recorded_path(paths[0], folder.folder),
+            "last": recorded_path(paths[-1], folder.folder),
+            "reading": reading.given(),
+        }
+    tell_all("Warning", warnings)
+    if found:
+        click.echo(found.describe(unit=series.unit))
+    click.echo(
+        f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
+    )
+
+
+@cloup.command()
+@click.argument("sources", nargs=-1, required=True, type=PATH, metavar="FRAMES...")
+@STEPS
+@TIMES
+@DEPTHS
+@READING
+@WORKERS
+@click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
+def process(
+    sources, steps, camera, colours, frames_per_second, timestamps, depths, planes, out,
+    **options,
+) -> None:  # fmt: skip
+    """Process every frame of a video of light fields; continues an interrupted run.
+
+    FRAMES are ordinary pictures, or light fields with the options of `lf-flame refocus` (--views,
+    --white ...): files, one folder of them, or one pattern in quotes. The numbers in their names
+    give the order; a missing number, a damaged frame, and one of another size or exposure than the
+    first are named, counted, and stay gaps (NaN).
+
+    \b
+      lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
+          --steps decode,refocus@0.5,height
+      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
+          --steps decode,refocus@0mm,height,contour,emission --out flame.zarr
+      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
+          --bayer rggb --colours colours.toml --steps emission,temperature --out flame.zarr
+      lf-flame process raw --white white.png --steps decode,height --out flame.zarr \\
+          --scheduler tcp://node1:8786
+
+    The result is one Zarr group with named axes and a coordinate time, for xarray and others. The
+    workers of a cluster must have this package and see all files under the same names. The bytes do
+    not depend on the workers. `lf-flame status flame.zarr` counts what is done.
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame.calibration import read_lens
+    from lf_flame.commands.frames import find_frames
+    from lf_flame.flame_video import find_steps
+    from lf_flame.tomography.frustum_grid import planes_between
+
+    crew, reading = pick(Crew, options), pick(Reading, options)
+    lens = read_lens(camera) if camera else None
+    planes = planes_between(*depths) if depths else planes
+    calibration = _read_colours(colours, steps) if colours else None
+    chosen = find_steps(steps, camera=lens, depths_mm=planes, colours=calibration, **options)
+    paths = find_frames(sources, reading.files)
+    if out.absolute().parent in {path.absolute().parent for path in paths}:
+        raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
+    made, _ = _process(paths, reading, lens, chosen, (frames_per_second, timestamps), out, crew)
+    click.echo(f"{made.describe()}; in {printable(out)}")
+
+
+def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
+    """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
+    from lf_flame.commands.frames import FrameReader, find_times, with_gaps
+    from lf_flame.flame_video import process_frames
+    from lf_flame.flame_video.processing import TRIED
+    from lf_flame.formats.coding import notes_on_coding
+
+    frames_per_second, timestamps = when
+    paths = [path.absolute() for path in paths]
+    times, notes = find_times(paths, frames_per_second, timestamps)
+    rows: list[Path | None] = list(paths)
+    if timestamps is None:
+        rows, times = with_gaps(paths, times, frames_per_second or 1.0)
+    is_timed = timestamps is not None or frames_per_second is not None
+    notes = [*notes_on_coding(paths[0]), *(notes if is_timed else [])]
+    tell_all("Note", notes)
+    reading = reading.for_camera(paths[0], lens)
+    reader, said = FrameReader.by_first_sound(paths[:TRIED], reading), Said()
+    with crew.executor() as executor:
+        made = process_frames(
+            rows, out, steps, times_s=times, time_unit="s" if is_timed else "frame", read=reader,
+            camera=lens, workers=crew.processes, executor=executor, tell=said,
+        )  # fmt: skip
+    said.end()
+    return made, notes
+
+
+@cloup.command()
+@click.argument("folder", type=FOLDER)
+def status(folder) -> None:
+    """Count the frames of a processed video that are done, missing and damaged.
+
+    FOLDER is that of `lf-flame process`, which may be at work.
+    """
+    from lf_flame.flame_video import look_at
+
+    click.echo(look_at(folder).describe())
+
+
+def _read_colours(path: Path, steps: str):
+    """Read the calibration of colours, and tell if temperatures rest on single wavelengths."""
+    from lf_flame.tomography import read_colours
+    from lf_flame.tomography.pyrometry import SINGLE_WAVELENGTHS
+
+    if "emission" not in steps:
+        raise InputError("--colours goes with the step emission, which it finds in each colour.")
+    calibration = read_colours(path)
+    if "temperature" in steps and calibration.responses.single_wavelengths:
+        tell(f"Note: {SINGLE_WAVELENGTHS}")
+    return calibration
+
+
+class Said:
+    """Warnings on frames: each skipped frame is named, and the first frame of any other warning."""
+
+    def __init__(self):
+        self._counts: Counter[str] = Counter()
+
+    def __call__(self, done) -> None:
+        """Print the sentences on a frame, unless many like them were printed."""
+        from lf_flame.flame_video.processing import MISSING, WHOLE
+
+        least = 1 if done.state == WHOLE else NAMED
+        said = done.said or ((f"frame {done.frame} is missing",) if done.state == MISSING else ())
+        for sentence in said:
+            kind = re.sub(r"-?\d[\d.e-]*", "#", sentence.partition(": ")[2] or sentence)
+            self._counts[kind] += 1
+            if self._counts[kind] <= least:
+                tell(f"Warning: {sentence}")
+
+    def end(self) -> None:
+        """Print how often each warning was given, if more than once."""
+        for kind, count in self._counts.items():
+            if count > 1:
+                tell(f"Warning: {count} frames: {kind}")

@@ -1,0 +1,467 @@
+"""Processing of the frames of a video by processes or machines, into one Zarr group.
+
+Arrays have the axis ``time`` first. Images have one chunk for each frame; numbers and contours have
+one for the frames of a task. A task takes the same frames whoever carries it out, begins anew, and
+writes whole chunks of its own: the bytes do not depend on the workers, and a run that was
+interrupted continues with the tasks that are missing. ``state`` says what became of each frame;
+what was not found is NaN.
+"""
+
+import math
+import pickle
+import re
+import zlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import zarr
+from numpy.typing import ArrayLike
+from zarr.codecs import Crc32cCodec, ZstdCodec
+
+from lf_flame._common import progress, provenance
+from lf_flame._common.atomic_files import atomic_folder, remove_leftovers
+from lf_flame._common.input_files import readable
+from lf_flame._common.locks import exclusive
+from lf_flame._common.memory import check_memory
+from lf_flame._common.workers import carry_out
+from lf_flame._common.zarr_files import (
+    ZARR_ERRORS,
+    array_names,
+    open_array,
+    read_array_shape,
+    read_attributes,
+    refuse_missing_chunks,
+)
+from lf_flame.errors import InputError
+from lf_flame.flame_video.steps import Frame, Step, Values
+from lf_flame.formats.exposure import read_exposure
+from lf_flame.formats.reading import read_light_field
+from lf_flame.lightfield import LightField
+from lf_flame.optics.lens import Lens
+
+LEAST_TOGETHER, MOST_TASKS = 8, 1000
+"""Smallest number of frames in a task, and largest number of tasks, and of files of a series."""
+
+SMALL = 1024
+"""Largest number of values of an array of a frame that shares a chunk with other frames."""
+
+TRIED = 8
+"""Number of frames from the start among which one must be sound."""
+
+SAME_EXPOSURE = 0.01
+"""Largest relative difference of equal exposures; cameras round theirs."""
+
+KIND = "processed video of light fields"
+"""Value of the attribute ``kind``, by which such a group is known."""
+
+STATES = ("to_do", "whole", "missing", "unreadable", "other_exposure", "refused")
+"""Meanings of the numbers in ``state``: a missing frame has no file; an unreadable one is damaged,
+or of another size; of a refused one, a step could not find its result."""
+
+TO_DO, WHOLE, MISSING, UNREADABLE, OTHER_EXPOSURE, REFUSED = range(len(STATES))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Number of frames in each state, by its name in `STATES`, and of those that are repeated.
+
+    Attributes
+    ----------
+    counts : dict of str to int
+        Number of frames in each state.
+    repeated : int
+        Number of frames whose central view is that of the frame before in every pixel, as when a
+        frame grabber lost a frame and wrote the last one again.
+    """
+
+    counts: dict[str, int]
+    repeated: int = 0
+
+    def describe(self) -> str:
+        """Describe the counts in a sentence."""
+        some = [f"{n} {name.replace('_', ' ')}" for name, n in self.counts.items() if n]
+        said = f"{sum(self.counts.values())} frames: {', '.join(some)}"
+        if self.repeated:
+            said += (
+                f"; {self.repeated} repeat the frame before in every pixel, so that others are "
+                f"probably lost and times wrong"
+            )
+        return said
+
+
+class Done(NamedTuple):
+    """Outcome of a frame: its number, its state, and sentences on it."""
+
+    frame: int
+    state: int
+    said: tuple[str, ...]
+
+
+def process_frames(
+    paths: Sequence[Path | None],
+    out: str | Path,
+    steps: Sequence[Step],
+    *,
+    times_s: ArrayLike,
+    time_unit: str = "s",
+    read: Callable[[Path], LightField] = read_light_field,
+    camera: Lens | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    tell: Callable[[Done], None] | None = None,
+) -> Progress:
+    """Process the frames of a video into a Zarr group, or finish one that was interrupted.
+
+    A frame that is missing, damaged, or of another size or exposure than the first valid one
+    becomes NaN in all arrays, and the array ``state`` says so. Images have one chunk for each
+    frame. The result is the same for any number of workers.
+
+    Parameters
+    ----------
+    paths : sequence of Path or None
+        Frames in the order of time; None for a missing one.
+    out : str or Path
+        Folder of the Zarr group; until it is finished it is called NAME.part.
+    steps : sequence of Step
+        Steps, as from `find_steps`.
+    times_s : array_like, shape (frames,)
+        Time of each frame.
+    time_unit : str, optional
+        Unit of those times, recorded with them.
+    read : callable, optional
+        Picklable function that reads a frame; an attribute ``description`` states its options.
+    camera : Lens, optional
+        Camera of the frames, which is checked and recorded.
+    workers : int, optional
+        Number of processes; 1 works in this one.
+    executor : concurrent.futures.Executor or distributed.Client, optional
+        Executor or Dask cluster to use instead, perhaps on other machines, which see all folders by
+        the same names.
+    tell : callable, optional
+        Function of `Done` that is called for each frame.
+
+    Returns
+    -------
+    Progress
+        Number of frames in each state, such as whole, missing or damaged.
+
+    Raises
+    ------
+    InputError
+        If none of the first frames can be processed, the folder holds something else, or was made
+        of other frames, by other steps or with another camera.
+    OSError
+        If a file cannot be written; finished frames are kept.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from lf_flame.flame_video import find_steps, process_frames
+    >>> rng = np.random.default_rng(1)
+    >>> for k in range(3):
+    ...     np.save(f"{k}.npy", rng.uniform(size=(3, 3, 20, 30)))
+    >>> paths = [Path("0.npy"), None, Path("2.npy")]
+    >>> steps = find_steps("refocus@0.5,height")  # refocused at slope 0.5; height of the flame
+    >>> process_frames(paths, "flame.zarr", steps, times_s=[0.0, 0.01, 0.02]).describe()
+    '3 frames: 2 whole, 1 missing'
+    """
+    out, steps, times = Path(out), tuple(steps), np.asarray(times_s, np.float64)
+    if not steps or not any(paths):
+        raise InputError(f"There must be a frame and a step, got {len(paths)} and {len(steps)}.")
+    if times.shape != (len(paths),) or not (np.diff(times) > 0).all() or not np.isfinite(times[-1]):
+        raise InputError(f"times_s must hold a rising time for each of the {len(paths)} frames.")
+    together = max(LEAST_TOGETHER, math.ceil(len(paths) / MOST_TASKS))
+    request = {
+        "steps": [repr(step) for step in steps],
+        "camera": repr(camera),
+        "reading": getattr(read, "description", re.sub(" at 0x[0-9a-f]+", "", repr(read))),
+        "frames": [path and path.name for path in paths],
+    }
+    part = out.with_name(out.name + ".part")
+    with exclusive(out):
+        place = out if out.is_symlink() or out.exists() else part
+        if not place.exists():
+            with progress.stage("Processing the first frame"):
+                model, values = _try_out(paths, steps, read, camera)
+            when = Values(times, ("time",), {"units": time_unit})
+            _lay_out(part, {**request, **model, "kind": KIND}, when, values, together)
+        group = open_video(place)
+        _refuse_other(group, request, times, place)
+        if place == out:
+            return count_frames(group, out)
+        facts = dict[str, Any](group.attrs)
+        number: Any = facts.get("model")
+        shape = facts.get("shape")
+        first = paths[number] if number in range(len(paths)) else None
+        if first is None or not isinstance(shape, list):
+            raise InputError(f"{part} is damaged: its zarr.json names no frame; remove it.")
+        job = pickle.dumps(Job(steps, read, tuple(shape), read_exposure(first)))
+        to_do = read_array(group, "state", part) == TO_DO
+        tasks = [
+            Task(job, str(part.resolve()), start, tuple(paths[start : start + together]))
+            for start in range(0, len(paths), together)
+            if to_do[start : start + together].any()
+        ]
+        missing = sum(len(task.paths) for task in tasks)
+        connect = getattr(executor, "get_executor", lambda: executor)
+        with progress.bar(
+            "processing", len(paths), "frame", stays=True, initial=len(paths) - missing
+        ) as shown:
+            for done in carry_out(tasks, workers, connect()):
+                shown.update()
+                if tell is not None:
+                    tell(done)
+        return _finish(part, out)
+
+
+def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Path) -> None:
+    """Refuse a group that was made of something else."""
+    other = [name for name, value in request.items() if group.attrs.get(name) != value]
+    if not np.array_equal(read_array(group, "time", place), times):
+        other.append("times")
+    if other:
+        raise InputError(
+            f"{place} was made with other {', '.join(other)}; remove it, or choose another folder."
+        )
+
+
+def _try_out(
+    paths: Sequence[Path | None], steps: tuple[Step, ...], read, camera: Lens | None
+) -> tuple[dict[str, Any], dict[str, Values]]:
+    """Find the first sound frame: its number and shape, by which others are judged; its values."""
+    refusal = InputError("There is no frame.")
+    some = [(number, path) for number, path in enumerate(paths) if path is not None][:TRIED]
+    for number, path in some:
+        try:
+            light_field = read(path)
+            if camera is not None:
+                camera.check_views(light_field.shape)
+            frame = Frame(light_field)
+            values = _fingerprint(frame)
+            for step in steps:
+                values |= step(frame)
+            return {"model": number, "shape": list(light_field.shape)}, values
+        except InputError as error:
+            refusal = refusal if number > some[0][0] else error
+    raise refusal
+
+
+def _fingerprint(frame: Frame) -> dict[str, Values]:
+    """Give a checksum of the central view, by which repeated frames are found.
+
+    It is NaN for a picture of one value: dark frames that are clipped at 0 are alike, too.
+    """
+    checksum = zlib.crc32(frame.image.tobytes()) if np.ptp(frame.image) else np.nan
+    return {"fingerprint": Values(np.float64(checksum))}
+
+
+def _lay_out(
+    part: Path, facts: dict[str, Any], times: Values, values: dict[str, Values], together: int
+) -> None:
+    """Create the group with empty arrays; it appears as a whole."""
+    flags = {"flag_values": list(range(len(STATES))), "flag_meanings": " ".join(STATES)}
+    state = Values(np.uint8(TO_DO), (), flags)
+    remove_leftovers(part)
+    with atomic_folder(part) as aside:
+        group = zarr.open_group(aside, mode="w", zarr_format=3)
+        for name, found in {"time": times, **values, "state": state}.items():
+            one, fixed = np.asarray(found.values), found.axes == (name,)
+            array = group.create_array(
+                name,
+                shape=one.shape if fixed else (len(times.values), *one.shape),
+                chunks=one.shape if fixed else (together if one.size <= SMALL else 1, *one.shape),
+                dtype=one.dtype,
+                fill_value=np.nan if one.dtype.kind == "f" else 0,
+                compressors=[ZstdCodec(level=3), Crc32cCodec()],
+                dimension_names=found.axes if fixed else ("time", *found.axes),
+                attributes={name: x for name, x in found.attributes.items() if x is not None},
+            )
+            if fixed:
+                array[:] = one
+        group.update_attributes(facts)
+
+
+def _finish(part: Path, out: Path) -> Progress:
+    """Record what became of the frames, and give the group its final name."""
+    for left in part.rglob("*.partial"):  # of a write of Zarr's that was killed
+        left.unlink(missing_ok=True)
+    group = zarr.open_group(part, mode="r+")
+    made, states = count_frames(group, part), read_array(group, "state", part)
+    names = dict[str, Any](group.attrs)["frames"]
+    skipped = {
+        word: [names[k] or f"frame {k}" for k in np.flatnonzero(states == state)]
+        for state, word in enumerate(STATES)
+        if state > WHOLE and (states == state).any()
+    }
+    facts = {"counts": made.counts, "skipped": skipped, "repeated": made.repeated}
+    group.update_attributes({**facts, "provenance": provenance.environment()})
+    part.rename(out)
+    return made
+
+
+@dataclass
+class Job:
+    """Everything needed to process a frame, which must have a shape and an exposure; picklable."""
+
+    steps: tuple[Step, ...]
+    read: Callable[[Path], LightField]
+    shape: tuple[int, ...]
+    exposure: float | None
+    before: dict[str, Any] = field(default_factory=dict)
+
+    def __call__(self, path: Path | None) -> tuple[int, dict[str, Values], tuple[str, ...]]:
+        """Process a frame: its state, the values that were found, and sentences."""
+        if path is None:
+            return MISSING, {}, ()
+        if not path.exists():
+            return MISSING, {}, (f"{path} is gone",)
+        try:
+            exposure = read_exposure(path)
+            light_field = self.read(path)
+        except (InputError, OSError) as error:
+            return UNREADABLE, {}, (str(error),)
+        if light_field.shape != self.shape:
+            said = f"{path} has the shape {light_field.shape}, the first frame {self.shape}"
+            return UNREADABLE, {}, (said,)
+        if exposure and self.exposure and abs(exposure / self.exposure - 1) > SAME_EXPOSURE:
+            said = f"{path} was exposed for {exposure:g} s, the first frame for {self.exposure:g} s"
+            return OTHER_EXPOSURE, {}, (said,)
+        frame, state = Frame(light_field, self.before), WHOLE
+        values = _fingerprint(frame)
+        for step in self.steps:
+            try:
+                values |= step(frame)
+            except InputError as error:  # leaves the other steps
+                state = REFUSED
+                frame.warnings.append(str(error))
+        return state, values, tuple(f"{path.name}: {said}" for said in frame.warnings)
+
+
+@lru_cache(maxsize=2)
+def _load(job: bytes) -> Job:
+    """Unpack a job once in each process: plans and compiled programs stay for all its tasks."""
+    return pickle.loads(job)
+
+
+@dataclass(frozen=True)
+class Task:
+    """Frames from number `first` on, for whole chunks of all arrays; the job is pickled."""
+
+    job: bytes
+    folder: str
+    first: int
+    paths: tuple[Path | None, ...]
+
+    def __call__(self) -> list[Done]:
+        """Process the frames, one at a time in memory, and write them."""
+        # Chunks of NaN get files as well, so that a file that is lost is noticed.
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            group = zarr.open_group(self.folder, mode="r+")
+            # Coordinates, which are whole already, are named after their axis.
+            arrays: dict[str, Any] = {
+                name: array for name, array in group.arrays() if _axes(array) != (name,)
+            }
+        job, count = _load(self.job), len(self.paths)
+        series = {
+            name: np.full((count, *array.shape[1:]), array.fill_value, array.dtype)
+            for name, array in arrays.items()
+            if array.chunks[0] > 1
+        }
+        job.before.clear()  # the same bytes, whatever a worker has done before
+        done = []
+        for frame, path in enumerate(self.paths):
+            state, values, said = job(path)
+            for name, array in arrays.items():
+                found = values[name].values if name in values else array.fill_value
+                if name in series:
+                    series[name][frame] = found
+                else:
+                    array[self.first + frame] = found
+            series["state"][frame] = state
+            done.append(Done(self.first + frame, state, said))
+        for name in sorted(series, key="state".__eq__):  # last: a chunk without it is made again
+            arrays[name][self.first : self.first + count] = series[name]
+        return done
+
+
+def _axes(array: Any) -> tuple[str, ...]:
+    return array.metadata.dimension_names or ()
+
+
+def open_video(path: Path) -> zarr.Group:
+    """Open the group of a processed video, finished or not, after checks of its metadata."""
+    if read_attributes(path).get("kind") != KIND:
+        raise InputError(f"{path} is no {KIND}.")
+    for name in array_names(path):
+        shape = read_array_shape(path / name)
+        if len(shape) == 1:
+            check_memory(8 * shape[0], path / name)
+    with readable(path / "zarr.json", ZARR_ERRORS):
+        return zarr.open_group(path, mode="r")
+
+
+def is_video(path: Path) -> bool:
+    """Whether a folder is the group of a processed video that is finished."""
+    try:
+        return (path / "zarr.json").is_file() and read_attributes(path).get("kind") == KIND
+    except InputError:  # an array, or a group of something else
+        return False
+
+
+def read_array(group: zarr.Group, name: str, path: Path) -> np.ndarray:
+    """Read an array, naming the folder if Zarr raises an error."""
+    with readable(path / "zarr.json", ZARR_ERRORS, "a frame is"):
+        return np.asarray(open_array(group, name)[:])
+
+
+def count_frames(group: zarr.Group, path: Path) -> Progress:
+    """Count the frames in each state, and those that repeat the frame before.
+
+    A finished group of which a file is lost, which Zarr would read as NaN, is refused.
+    """
+    states = read_array(group, "state", path)
+    if states.size and states.max() >= len(STATES):
+        raise InputError(f"{path} is damaged: a state is {states.max()}.")
+    if states.all():  # finished
+        for name in array_names(path):
+            refuse_missing_chunks(open_array(group, name), path)
+    counts = np.bincount(states, minlength=len(STATES))
+    sums = read_array(group, "fingerprint", path)
+    named = {name: int(n) for name, n in zip(STATES, counts, strict=True)}
+    return Progress(named, int(np.count_nonzero(sums[1:] == sums[:-1])))
+
+
+def look_at(path: str | Path) -> Progress:
+    """Count the frames of a processed video that are done, missing, damaged and to do.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the group; while it is made, its name is NAME.part.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is damaged.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.flame_video import find_steps, look_at, process_frames
+    >>> from pathlib import Path
+    >>> np.save("0.npy", np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+    >>> made = process_frames([Path("0.npy")], "out.zarr", find_steps("height"), times_s=[0.0])
+    >>> look_at("out.zarr").counts["whole"]
+    1
+    """
+    path = Path(path)
+    for place in (path, path.with_name(path.name + ".part")):
+        if (place / "zarr.json").exists():
+            return count_frames(open_video(place), place)
+    raise InputError(f"There is no {KIND} at {path}, and none that was begun.")

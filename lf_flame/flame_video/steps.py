@@ -1,0 +1,379 @@
+"""Steps of processing the frames of a video: functions of one frame, chosen by name.
+
+Tomography is imported where it is used, as it doubles the time that other steps take to start.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.flame_video.flame_shape import DOUBTS, FlameShape, check_measures, measure_flame
+from lf_flame.lightfield import AXES, LightField
+from lf_flame.optics.lens import Lens
+from lf_flame.refocus import farthest_slope, shift_and_sum
+
+if TYPE_CHECKING:
+    from lf_flame.tomography import ColourCalibration, ReconstructionPlan
+    from lf_flame.tomography import Emission as Reconstruction
+
+POINTS = 256
+"""Number of points of a stored contour, at equal distances along it."""
+
+
+class Values(NamedTuple):
+    """Array that a step gives for a frame, with the names of its axes and its attributes.
+
+    An array with the name of its only axis is a coordinate, the same for all frames.
+    """
+
+    values: Any
+    axes: tuple[str, ...] = ()
+    attributes: dict[str, Any] = {}  # noqa: RUF012 - never changed
+
+
+Step = Callable[["Frame"], dict[str, Values]]
+"""Function of a frame: arrays by name, of the same axes and shapes for every frame. Its ``repr``
+states all its options."""
+
+
+@dataclass
+class Frame:
+    """A light field on its way through the steps.
+
+    Attributes
+    ----------
+    light_field : LightField
+    before : dict
+        Results of the frame before in the same task that steps keep, by their names.
+    image : ndarray, shape (t, s, ...)
+        Image in which the flame is measured: the central view, or the last refocused image.
+    warnings : list of str
+        Sentences on what makes the results doubtful.
+    emissions : list of Reconstruction
+        Emission of this frame in each colour, once it is found.
+    """
+
+    light_field: LightField
+    before: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    emissions: "list[Reconstruction]" = field(default_factory=list)
+
+    def __post_init__(self):
+        v, u = self.light_field.views.shape[:2]
+        self.image = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
+        self._shapes: dict[tuple, FlameShape] = {}
+
+    @property
+    def grey(self) -> np.ndarray:
+        """Mean of the image's channels, float64."""
+        image = np.asarray(self.image, np.float64)
+        return image.mean(axis=2) if image.ndim == 3 else image
+
+    def shape(self, level: float, burner_row: float | None) -> FlameShape:
+        """Measure the flame in pixels, once for each image and options."""
+        key = (id(self.image), level, burner_row)
+        if key not in self._shapes:
+            self._shapes[key] = measure_flame(self.grey, level=level, burner_row=burner_row)
+        return self._shapes[key]
+
+
+@dataclass(frozen=True)
+class Views:
+    """Keep the decoded light field itself: ``views``, unknown pixels filled."""
+
+    def __call__(self, frame: Frame) -> dict[str, Values]:
+        """Give the views."""
+        views = frame.light_field.filled
+        return {"views": Values(views, AXES[: views.ndim])}
+
+
+@dataclass(frozen=True)
+class Refocus:
+    """Refocus at a slope, that of a depth if there is one; later steps measure in this image."""
+
+    slope: float
+    depth_mm: float | None = None
+
+    def __call__(self, frame: Frame) -> dict[str, Values]:
+        """Give the refocused image, ``refocus_10mm`` or ``refocus_0.5``, in colour if it is."""
+        light_field, slope, depth = frame.light_field, self.slope, self.depth_mm
+        limit = farthest_slope(light_field)
+        if not abs(slope) <= limit:
+            raise InputError(
+                f"The slope must lie from {-limit:g} to {limit:g}, beyond which views are shifted "
+                f"by more than the image, got {slope:g}."
+            )
+        # Filled, so that no warning is repeated with each frame.
+        filled = LightField.trusted(light_field.filled, weights=light_field.weights)
+        frame.image = shift_and_sum(filled, [slope])[0]
+        name = f"refocus_{slope:g}" if depth is None else f"refocus_{depth:g}mm"
+        known = {"slope": slope, "depth_mm": depth}
+        return {name: Values(frame.image, ("y", "x", "channel")[: frame.image.ndim], known)}
+
+
+@dataclass(frozen=True)
+class Height:
+    """Measure height, row of the tip, width, area and brightness, as `measure_flame` does."""
+
+    level: float = 0.5
+    pixel_mm: float | None = None
+    burner_row: float | None = None
+
+    def __post_init__(self):
+        check_measures(self.level, 1.0 if self.pixel_mm is None else self.pixel_mm)
+
+    def __call__(self, frame: Frame) -> dict[str, Values]:
+        """Give the measures, NaN without a flame, and a bit for each doubt."""
+        shape = frame.shape(self.level, self.burner_row)
+        side, unit = (1.0, "px") if self.pixel_mm is None else (self.pixel_mm, "mm")
+        masks = [1 << k for k in range(len(DOUBTS))]
+        bits = sum(mask for mask, name in zip(masks, DOUBTS, strict=True) if name in shape.doubts)
+        known = {"flag_masks": masks, "flag_meanings": " ".join(DOUBTS)}
+        options = {"units": unit, "level": self.level, "pixel_mm": self.pixel_mm}
+        return {
+            "height": Values(np.float64(shape.height * side), (), options),
+            "tip_row": Values(np.float64(shape.tip_row)),
+            "width": Values(np.float64(shape.width * side), (), {"units": unit}),
+            "area": Values(np.float64(shape.area * side**2), (), {"units": f"{unit}2"}),
+            "brightness": Values(np.float64(shape.brightness)),
+            "doubts": Values(np.uint8(bits), (), known),
+        }
+
+
+@dataclass(frozen=True)
+class Contour:
+    """Trace the contour of the flame: rows and columns of `POINTS` points at equal distances."""
+
+    level: float = 0.5
+    burner_row: float | None = None
+
+    def __call__(self, frame: Frame) -> dict[str, Values]:
+        """Give the contour in pixels, NaN without a flame; the last point equals the first."""
+        shape = frame.shape(self.level, self.burner_row)
+        points = np.full((POINTS, 2), np.nan)
+        if shape.is_found:
+            steps = np.linalg.norm(np.diff(shape.contour, axis=0), axis=1)
+            along = np.concatenate([[0.0], np.cumsum(steps)])
+            places = np.linspace(0, along[-1], POINTS)
+            points = np.stack([np.interp(places, along, line) for line in shape.contour.T], axis=1)
+        return {"contour": Values(points.astype(np.float32), ("point", "row_column"))}
+
+
+@dataclass(frozen=True)
+class Emission:
+    """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
+
+    With a stated strength a fit starts from that of the frame before in the same task, which takes
+    a third of the time. Without, each frame stands alone; all its colours have the largest of their
+    strengths, so that the effect of the penalty cancels in their ratios.
+    """
+
+    camera: Lens = field(repr=False)
+    depths_mm: tuple[float, ...]
+    block: int = 1
+    noise: float | None = None
+    strength: float | None = None
+    background: str = "fit"
+    colours: tuple[str, ...] = ()
+
+    def __getstate__(self):
+        # Each process makes its own plan, which is large.
+        return {name: value for name, value in vars(self).items() if name != "_plan"}
+
+    @cached_property
+    def _plan(self) -> "ReconstructionPlan":
+        from lf_flame.tomography import FrustumGrid, ReconstructionPlan
+
+        grid = FrustumGrid(self.camera, self.depths_mm, self.block)
+        return ReconstructionPlan(
+            grid, noise=self.noise, strength=self.strength, background=self.background
+        )
+
+    def __call__(self, frame: Frame) -> dict[str, Values]:
+        """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
+        from lf_flame.tomography.soot import split_colours
+
+        plan, colours = self._plan, self.colours
+        lights = split_colours(frame.light_field, colours) if colours else [frame.light_field]
+        starts = frame.before.get("emission", [None] * len(lights))
+        both = zip(lights, starts, strict=True)
+        found = [plan.reconstruct(light, start=start) for light, start in both]
+        strengths = [one.strength for one in found]
+        if min(strengths) < max(strengths):
+            plan = plan.absorbing(None, strength=max(strengths))
+            found = [plan.reconstruct(light) for light in lights]
+        frame.emissions = found
+        if self.strength is not None:
+            frame.before["emission"] = found
+        for name, one in zip(colours or ("",), found, strict=True):
+            frame.warnings += [f"{name}: {said}" if name else said for said in one.warnings]
+        emission = np.stack([one.emission for one in found])
+        noise = np.array([one.noise for one in found], np.float32)
+        count = min(sum(len(one.warnings) for one in found), 255)
+        axes, known = (("colour",), {"colours": list(colours)}) if colours else ((), {})
+        if not colours:
+            emission, noise = emission[0], noise[0]
+        return {
+            "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),
+            "emission": Values(emission, (*axes, "depth", "y", "x"), known),
+            "emission_noise": Values(noise, axes, known),
+            "emission_warnings": Values(np.uint8(count)),
+        }
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Find the temperature of optically thin soot from the emission in each colour.
+
+    Cells whose emission is not above three standard deviations of its noise in every colour have
+    none (NaN). Only ratios of the gains count, so the exposure does not.
+    """
+
+    calibration: "ColourCalibration"
+    soot_exponent: float = 1.0
+
+    def __post_init__(self):
+        from lf_flame.tomography.spectra import check_exponent
+
+        check_exponent(self.soot_exponent)
+
+    def __repr__(self):
+        # Arrays are cut short by NumPy, and the text of the file is not.
+        return f"Temperature({self.calibration.to_toml()!r}, {self.soot_exponent!r})"
+
+    def __call__(self, frame: Frame) -> dict[str, Values]:
+        """Give temperatures in K and their standard deviations due to noise, NaN where unknown."""
+        from lf_flame.tomography import soot_temperature
+
+        colours = frame.emissions
+        if not colours:  # refused, with a sentence
+            return {}
+        shape = colours[0].emission.shape
+        found = soot_temperature(
+            [one.emission for one in colours],
+            self.calibration.responses,
+            sigmas=[np.broadcast_to(one.sigma_linear[:, None, None], shape) for one in colours],
+            gains=self.calibration.gains,
+            soot_exponent=self.soot_exponent,
+        )
+        axes, unit = ("depth", "y", "x"), {"units": "K"}
+        both = {"temperature": found.kelvin, "temperature_sigma": found.sigma}
+        return {name: Values(np.float32(x), axes, unit) for name, x in both.items()}
+
+
+def find_steps(
+    names: str,
+    *,
+    camera: Lens | None = None,
+    depths_mm: tuple[float, ...] = (),
+    block: int = 1,
+    noise: float | None = None,
+    strength: float | None = None,
+    background: str = "fit",
+    colours: "ColourCalibration | None" = None,
+    soot_exponent: float = 1.0,
+    level: float = 0.5,
+    pixel_mm: float | None = None,
+    burner_row: float | None = None,
+) -> tuple[Step, ...]:
+    """Make steps of their names.
+
+    Parameters
+    ----------
+    names : str
+        Names with commas between them: ``decode`` (frames are decoded anyway; alone, it keeps the
+        views), ``refocus@10mm`` (a depth) or ``refocus@0.5`` (a slope), ``emission``,
+        ``temperature`` (of the emission before it), ``height`` and ``contour``. The last two
+        measure the image of the last refocusing before them, or the central view.
+    camera : Lens, optional
+        Camera; needed for depths.
+    depths_mm : tuple of float, optional
+        Depths of the planes of ``emission``.
+    block, noise, strength, background
+        Options of ``emission``, as for `FrustumGrid` and `reconstruct`.
+    colours : ColourCalibration, optional
+        Calibration of the channels of frames in colour: ``emission`` is then found in each colour.
+        Needed for ``temperature``.
+    soot_exponent : float, optional
+        Exponent a of soot's absorption for ``temperature``, ``wavelength^-a``, from -1 to 5.
+    level, pixel_mm, burner_row
+        Options of ``height`` and ``contour``, as for `measure_flame`. Default of `pixel_mm`: by the
+        camera at the depth of the refocusing before it; without one, lengths are in pixels.
+
+    Returns
+    -------
+    tuple of Step
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or repeated, or an option that a step needs is missing.
+
+    Examples
+    --------
+    >>> from lf_flame.flame_video import find_steps
+    >>> find_steps("decode,refocus@0.5,height")
+    (Refocus(slope=0.5, depth_mm=None), Height(level=0.5, pixel_mm=None, burner_row=None))
+    """
+    words = [word.strip() for word in names.split(",")]
+    steps: list[Step] = []
+    side = pixel_mm
+    for number, word in enumerate(words):
+        if word in words[:number]:
+            raise InputError(f"Each step may be named once, got {word!r} twice.")
+        if word == "decode":
+            if number:
+                raise InputError("decode must be the first step.")
+            steps += [Views()] if len(words) == 1 else []
+        elif word.startswith("refocus@"):
+            focus = find_focus(word.removeprefix("refocus@"), camera)
+            steps.append(focus)
+            if pixel_mm is None and camera is not None and focus.depth_mm is not None:
+                side = camera.field_mm(focus.depth_mm)[0] / camera.lenslets[0]
+        elif word == "emission":
+            if camera is None or not depths_mm:
+                raise InputError("The step emission needs the camera, and depths of its planes.")
+            channels = () if colours is None else colours.responses.names
+            fit = (tuple(depths_mm), block, noise, strength, background, channels)
+            steps.append(Emission(camera, *fit))
+        elif word == "temperature":
+            if colours is None or "emission" not in words[:number]:
+                raise InputError(
+                    "The step temperature needs the step emission before it, and a calibration of "
+                    "the colours."
+                )
+            steps.append(Temperature(colours, soot_exponent))
+        elif word == "height":
+            steps.append(Height(level, side, burner_row))
+        elif word == "contour":
+            check_measures(level, 1.0)
+            steps.append(Contour(level, burner_row))
+        else:
+            raise InputError(
+                f"Steps must be of decode, refocus@10mm, refocus@0.5, emission, temperature, "
+                f"height, contour, got {word!r}."
+            )
+    return tuple(steps)
+
+
+def find_focus(place: str, camera: Lens | None) -> Refocus:
+    """Make a refocusing at a depth as ``10mm``, which needs the camera, or a slope as ``0.5``."""
+    try:
+        number = float(place.removesuffix("mm"))
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(
+            f"A refocusing must be at a depth, as refocus@10mm, or a slope, as refocus@0.5, got "
+            f"{place!r}."
+        )
+    if not place.endswith("mm"):
+        return Refocus(number)
+    if camera is None:
+        raise InputError(f"refocus@{place} needs the camera; or give a slope, as refocus@0.5.")
+    camera.check_depths(number)
+    return Refocus(float(camera.depth_to_slope(number)), number)
