@@ -310,6 +310,7 @@ def read_colours_of(*paths: Path) -> list[EmissionFolder]:
         if one.emission.shape != first.emission.shape:
             shapes = f"{first.emission.shape} and {one.emission.shape}"
             raise InputError(f"{same} shapes are {shapes}.")
+    for one in folders:
         if one.sigma is None:
             raise InputError(f"{one.folder} has no {SIGMA}; make it with --bootstrap 20.")
     return folders

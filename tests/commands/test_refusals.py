@@ -264,7 +264,7 @@ REFUSED = [
         (f"profiles planes_{name} --out out", said)
         for name, said in {
             "low": "must hold planes as emission.tif does",
-            "double": "must hold 2 planes, got 4",
+            "double": "must hold planes as emission.tif does",
             "one": "must hold 2 planes of float32",
             "row": "must hold pictures of rows and columns",
             "float64": "must hold 2 planes of float32",
@@ -344,10 +344,10 @@ REFUSED = [
         for name, said in {
             "aside": "--axis-mm 0.25 --axis-depth -3.0 --radius 4.0 --burner -12.5",
             "bare": "make it with --bootstrap 20",
-            "low": "must hold planes as emission.tif does",
+            "low": "must hold the same planes",
             "nan": "must hold finite numbers",
             "cut": "emission.tif cannot be read: it is damaged",
-            "empty": "must both be of lf-flame abel or both of reconstruct",
+            "empty": "there is no emission.json",
         }.items()
     ),
     *(
