@@ -86,7 +86,8 @@ def test_a_background_is_measured_beside_the_flame(source, views, tmp_path):
     result = run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE, *out)
     section = tifffile.imread(tmp_path / "out" / "emission.tif")
     assert section.max() == pytest.approx(PEAK, rel=0.2)
-    assert "background 0.1" in result.output
+    record = json.loads((tmp_path / "out" / "emission.json").read_text())
+    assert record["background"] == pytest.approx(0.1, abs=5e-3)
 
 
 def test_light_that_is_not_round_is_told(source, views, tmp_path):
