@@ -83,7 +83,7 @@ def test_middle_view_alone_will_do(source, tmp_path):
 def test_a_background_is_measured_beside_the_flame(source, views, tmp_path):
     np.save(tmp_path / "bright.npy", views + np.float32(0.1))
     out = ["--out", tmp_path / "out"]
-    result = run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE, *out)
+    run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE, *out)
     section = tifffile.imread(tmp_path / "out" / "emission.tif")
     assert section.max() == pytest.approx(PEAK, rel=0.2)
     record = json.loads((tmp_path / "out" / "emission.json").read_text())
