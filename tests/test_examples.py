@@ -53,7 +53,7 @@ def examples_of(found):
 
 SLOW = {
     "simulation.measure_changes", "viewer.demo_scene", "viewer.demo_light_field",
-    "tomography.write_reconstruction", "learning.build_refocus_resnet50",
+    "tomography.write_emission", "learning.build_refocus_resnet50",
     "systems.refocus_regions", "tomography.ReconstructionPlan",
 }  # fmt: skip
 

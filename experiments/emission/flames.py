@@ -16,7 +16,7 @@ from lf_flame.tomography import (
     calibrate_colours,
     find_axis,
     reconstruct_axisymmetric,
-    reconstruct_axisymmetric_soot,
+    reconstruct_soot,
     soot_temperature,
 )
 
@@ -233,9 +233,7 @@ def soot(rng: np.random.Generator) -> Iterator[dict]:
         sensor = Sensor(light, noise, rng)
         light_field, calibration = sensor.record(light), sensor.calibration
         together, thin = (
-            reconstruct_axisymmetric_soot(
-                light_field, GRID, calibration, absorbing=absorbing, bootstrap=draws
-            )
+            reconstruct_soot(light_field, GRID, calibration, absorbing=absorbing, bootstrap=draws)
             for absorbing, draws in ((True, DRAWS), (False, DRAWS // 4))  # its bars mean nothing
         )
         peaks = SpectralResponses.single(PEAKS[:, 0])
@@ -279,7 +277,7 @@ def soot_bars(rng: np.random.Generator) -> Iterator[dict]:
     light, judged = soot_light(flame, exponent), []
     sensor = Sensor(light, noise, rng)
     for draw in step_bar(range(10)):
-        found = reconstruct_axisymmetric_soot(
+        found = reconstruct_soot(
             sensor.record(light), GRID, sensor.calibration, bootstrap=DRAWS, seed=10 * draw
         )
         one = _judged(found.temperatures, *soot_truth(flame))

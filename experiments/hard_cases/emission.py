@@ -82,5 +82,5 @@ def dark_plane() -> Values:
 def black_level() -> Values:
     grid, peak = FrustumGrid(CAMERA, DEPTHS_MM), float(clean().max())
     wrong = LightField(in_noise(clean(), 0.01).views + np.float32(0.02 * peak))
-    obvious, ours = (reconstruct(wrong, grid, **x).emission for x in ({}, {"background": "fit"}))
+    obvious, ours = (reconstruct(wrong, grid, background=one).emission for one in ("none", "fit"))
     return by_plane(planted(grid), obvious, ours)

@@ -8,7 +8,6 @@ import cloup
 
 from lf_flame import __version__
 from lf_flame.commands import (
-    axisymmetric,
     calibration,
     colours,
     datasets,
@@ -60,7 +59,7 @@ SECTIONS = [
         [
             tomography.resolution,
             tomography.reconstruct,
-            axisymmetric.abel,
+            tomography.abel,
             profiles.profiles,
             temperature.temperature,
         ],

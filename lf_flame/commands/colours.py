@@ -80,9 +80,9 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     from lf_flame.formats import read_exposure
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import colour_output
+    from lf_flame.tomography.colour_calibration import MOST_UNEVEN, measure_source
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
     from lf_flame.tomography.pyrometry import least_temperature
-    from lf_flame.tomography.source_signals import MOST_UNEVEN, measure_source
     from lf_flame.tomography.spectra import read_responses
 
     kelvin = [temperature for _, temperature in placed]

@@ -49,21 +49,15 @@ def profiles(folder, out, overwrite, **strips) -> None:
       lf-flame profiles reconstructed/flames --across 0 --width 1 --height -5 --thickness 2
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.tomography.axisymmetric.section_folder import is_section
-    from lf_flame.tomography.profile_output import (
-        RECORD,
-        Strips,
-        read_emission,
-        take_profiles,
-        write_profiles,
-    )
+    from lf_flame.tomography import EmissionFolder
+    from lf_flame.tomography.profiles import RECORD, Strips, take_profiles, write_profiles
 
-    if is_section(folder):
+    emission = EmissionFolder(folder)
+    if emission.is_section:
         raise InputError(
             f"{folder} is of `lf-flame abel`, which has written its profiles: axial.csv and "
             f"radial.csv."
         )
-    emission = read_emission(folder)
     found = take_profiles(emission, Strips(**strips))
     out = out or Path("profiles") / folder.resolve().name
     with output_folder(out, RECORD, overwrite=overwrite) as written:

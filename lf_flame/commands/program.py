@@ -134,7 +134,7 @@ OPTIONAL = {
     "zarr": f"{LEARNING}, or for videos alone: pip install 'lf_flame[video]'",
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
     **dict.fromkeys(
-        ("pylops", "pyproximal"),
+        ("pylops",),
         "Emission by depth needs its solvers: pip install 'lf_flame[tomography]'",
     ),
     "anywidget": "This needs a notebook's parts: pip install 'lf_flame[jupyter]'",

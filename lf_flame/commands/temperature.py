@@ -4,7 +4,6 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, RUN, tell_all
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
-    from lf_flame.tomography import ColourCalibration
+    from lf_flame.tomography import ColourCalibration, EmissionFolder
 
 
 @cloup.command()
@@ -72,9 +71,7 @@ def temperature(
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.tomography import emission_folder
-    from lf_flame.tomography.axisymmetric import section_folder
-    from lf_flame.tomography.axisymmetric.section_folder import is_section
+    from lf_flame.tomography.emission_folder import read_colours_of
     from lf_flame.tomography.pyrometry import soot_temperature
     from lf_flame.tomography.temperature_output import (
         RECORD,
@@ -84,20 +81,21 @@ def temperature(
     )
 
     colours = _calibration(calibration_file, wavelengths, calibration)
-    every = _colour_folders(folders, colours.responses.names)
-    if any(map(is_section, every)):
-        read, read_draws = section_folder.read_sections, section_folder.read_draws
-    else:
-        read, read_draws = emission_folder.read_emissions, emission_folder.read_draws
-    emissions, sigmas, places = read(*every)
+    every = read_colours_of(*_colour_folders(folders, colours.responses.names))
+    if len(folders) == 1 and len({one.record.call for one in every}) > 1:
+        raise InputError(
+            f"The colours in {folders[0]} are not of one call of lf-flame reconstruct or lf-flame "
+            f"abel with --colours, which may have been interrupted: call it again."
+        )
     _check_order(every, colours.responses.names)
-    soot_exponent = _exponent(every, soot_exponent)
+    soot_exponent = _exponent(every[0], soot_exponent)
+    # Colours of one call are drawn together.
+    drawn = len(folders) == 1 and all(len(one.draws) for one in every)
     found = soot_temperature(
-        emissions,
+        [one.emission for one in every],
         colours.responses,
-        sigmas=sigmas,
-        # Colours of one call are drawn together.
-        draws=read_draws(*every) if len(folders) == 1 else None,
+        sigmas=[one.sigma for one in every],  # type: ignore[misc]
+        draws=[one.draws for one in every] if drawn else None,
         gains=colours.gains,
         soot_exponent=soot_exponent,
     )
@@ -106,14 +104,14 @@ def temperature(
         warnings = temperature_warnings(found, colours)
         notes = temperature_notes(found, every, colours, soot_exponent)
         absolute = calibration_file is not None
-        write_temperature(found, emissions[-1], places, folder, absolute=absolute)
+        write_temperature(found, every[-1].emission, every[0].places, folder, absolute=absolute)
         folder.facts |= {
-            "folders": [recorded_path(one, folder.folder) for one in every],
+            "folders": [recorded_path(one.folder, folder.folder) for one in every],
             "colours": list(colours.responses.names),
             "gains": colours.gains.tolist(),
             "wavelengths_nm": wavelengths,
             "soot_exponent": soot_exponent,
-            "unit_of_optical_thickness": "per mm" if is_section(every[0]) else "of each plane",
+            "unit_of_optical_thickness": "per mm" if every[0].is_section else "of each plane",
             "warnings": warnings,
             "notes": notes,
         }
@@ -128,57 +126,27 @@ def temperature(
         click.echo(f"Note: {note}")
 
 
-@dataclass(frozen=True)
-class _ColourRecord:
-    """Content of the record of a colour on the call that made it."""
-
-    call: str | None = None
-    colour: str | None = None
-    absorbing: bool = False
-    soot_exponent: float | None = None
-
-
-def _record(folder: Path) -> _ColourRecord:
-    from lf_flame._common.config import load_record
-    from lf_flame.tomography import emission_folder
-    from lf_flame.tomography.axisymmetric import section_folder
-
-    kind = section_folder if section_folder.is_section(folder) else emission_folder
-    return load_record(_ColourRecord, folder / kind.RECORD)
-
-
-def _exponent(folders: list[Path], stated: float | None) -> float:
+def _exponent(folder: "EmissionFolder", stated: float | None) -> float:
     """Exponent as stated, or with which the absorption was found; both must agree."""
-    record = _record(folders[0])
-    used = record.soot_exponent
+    used = folder.record.soot_exponent
     if stated is None:
         return 1.0 if used is None else used
-    if record.absorbing and used is not None and used != stated:
+    if folder.record.absorbing and used is not None and used != stated:
         raise InputError(
-            f"--soot-exponent must be that with which the absorption in {folders[0]} was found, "
+            f"--soot-exponent must be that with which the absorption in {folder.folder} was found, "
             f"{used:g}, got {stated:g}: call lf-flame reconstruct or lf-flame abel with it."
         )
     return stated
 
 
-def _check_order(folders: list[Path], names: Sequence[str]) -> None:
+def _check_order(folders: "list[EmissionFolder]", names: Sequence[str]) -> None:
     """Refuse folders that are not in the order of the calibration's colours, as far as they say."""
     for folder, name in zip(folders, names, strict=True):
-        stated = _record(folder).colour
-        if stated not in (None, name):
+        if folder.record.colour not in (None, name):
             raise InputError(
-                f"{folder} holds the colour {stated}, but the folders must be in the order of the "
-                f"calibration, {', '.join(names)}."
+                f"{folder.folder} holds the colour {folder.record.colour}, but the folders must be "
+                f"in the order of the calibration, {', '.join(names)}."
             )
-
-
-def _check_one_call(folder: Path, inside: list[Path]) -> None:
-    """Refuse colours of two calls, as one that was killed leaves them."""
-    if len({_record(one).call for one in inside}) > 1:
-        raise InputError(
-            f"The colours in {folder} are not of one call of lf-flame reconstruct or lf-flame abel "
-            f"with --colours, which may have been interrupted: call it again."
-        )
 
 
 def _calibration(
@@ -188,8 +156,7 @@ def _calibration(
     import numpy as np
 
     from lf_flame.tomography.colour_calibration import ColourCalibration, read_colours
-    from lf_flame.tomography.pyrometry import LEAST_K, MOST_K
-    from lf_flame.tomography.two_colours import two_wavelengths
+    from lf_flame.tomography.pyrometry import LEAST_K, MOST_K, two_wavelengths
 
     if wavelengths is None or file is not None:
         if file is None or wavelengths is not None:
@@ -215,7 +182,6 @@ def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[P
                 f"{folders[0]} holds no folder {missing[0]}: give a folder of lf-flame reconstruct "
                 f"or lf-flame abel with --colours, or one folder for each of {', '.join(names)}."
             )
-        _check_one_call(folders[0], inside)
         return inside
     if len(folders) != len(names):
         raise InputError(

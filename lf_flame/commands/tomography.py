@@ -1,24 +1,19 @@
-"""The commands that find emission by depth: resolution and reconstruct.
+"""The commands that find emission: resolution, reconstruct (by depth) and abel (axisymmetric).
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
-from dataclasses import replace
+import secrets
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import (
-    SOOT,
-    check_colour_folders,
-    read_exposed_colours,
-    soot_options,
-    write_soot,
-)
 from lf_flame.commands.options import (
+    FILE,
     FOLDER,
     OVERWRITE,
     PATH,
@@ -35,13 +30,14 @@ if TYPE_CHECKING:
     import numpy as np
 
     from lf_flame.lightfield import LightField
-    from lf_flame.tomography import ColourCalibration, FrustumGrid
+    from lf_flame.optics.lens import Lens
+    from lf_flame.tomography import AxisymmetricGrid, ColourCalibration, FrustumGrid
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
 """Lateral periods in mm of the table if none is given."""
 
 
-def _read_camera(path: Path | None):
+def _read_camera(path: Path | None) -> "Lens":
     from lf_flame.calibration import read_lens
     from lf_flame.optics.camera import PAPER_CAMERA
 
@@ -72,8 +68,16 @@ def resolution(camera, thickness_mm, periods, figure) -> None:
     A camera sees the scene within the angle of its aperture, so fine detail has a depth and an even
     glow has none. Without --camera, the paper's camera is used.
     """
-    from lf_flame.commands.emission import resolution_report
-    from lf_flame.tomography.resolution import finest_period
+    import numpy as np
+    from tabulate import tabulate
+
+    from lf_flame.tomography.data_checks import NO_DEPTH
+    from lf_flame.tomography.resolution import (
+        angular_width,
+        depth_blur,
+        depth_modes,
+        finest_period,
+    )
 
     chosen = _read_camera(camera)
     finest = finest_period(chosen)
@@ -83,15 +87,28 @@ def resolution(camera, thickness_mm, periods, figure) -> None:
             f"pixels), got {min(periods):g}."
         )
     periods = periods or (float(f"{finest:.3g}"), *(one for one in PERIODS_MM if one > finest))
+    if figure and figure.suffix.lower() != ".png":
+        raise InputError(f"--figure must end in .png, got {figure}.")
     if camera is None:
         click.echo("The paper's camera; --camera takes yours.")
-    click.echo(resolution_report(chosen, thickness_mm, periods))
+    width = angular_width(chosen)
+    rows = [
+        (f"{period:g}", f"{depth_blur(chosen, period):.3g}",
+         f"{depth_modes(chosen, period, thickness_mm):.1f}")
+        for period in periods
+    ]  # fmt: skip
+    heads = "lateral period (mm)", "blur in depth (mm)", f"values in {thickness_mm:g} mm of depth"
+    table = tabulate(rows, headers=heads, tablefmt="simple", disable_numparse=True)
+    click.echo(
+        f"{NO_DEPTH}.\nThe views span {width:.4f} rad ({np.degrees(width):.1f} degrees), seen from "
+        f"the focal plane.\nDetail is blurred in depth over its lateral period divided by that: "
+        f"{thickness_mm:g} mm of depth are resolved for periods\nbelow {thickness_mm * width:.3g} "
+        f"mm, and have one value for larger ones.\n\n{table}"
+    )
     if figure:
         from lf_flame._common import figures
         from lf_flame.tomography.figures import resolution_figure
 
-        if figure.suffix.lower() != ".png":
-            raise InputError(f"--figure must end in .png, got {figure}.")
         figures.save(resolution_figure(chosen, thickness_mm, periods), figure)
         click.echo(f"\n{figure} is written")
 
@@ -123,35 +140,97 @@ DEPTHS = cloup.option_group(
     ),
 )
 
-FITTING = cloup.option_group(
-    "How it is fitted",
-    camera_option(),
+AXIS = cloup.option_group(
+    "Where the flame is",
+    camera_option(required=True),
+    cloup.option(
+        "--axis-mm",
+        type=float,
+        help="Position of the axis across, in mm from the optical axis (default: found).",
+    ),
+    cloup.option(
+        "--axis-depth",
+        type=float,
+        help="Depth of the axis, in mm from the focal plane, or from the zero of a calibration "
+        "(default: found; required for a single picture).",
+    ),
+    cloup.option(
+        "--radius",
+        type=float,
+        help="Radius in mm beyond which there is no emission (default: found from the light).",
+    ),
+    cloup.option(
+        "--burner",
+        type=float,
+        help="Height in mm, upwards from the optical axis, below which there is no emission.",
+    ),
+    cloup.option(
+        "--block",
+        type=click.IntRange(min=1),
+        default=1,
+        show_default=True,
+        help="Number of lenslets along each axis that make one pixel.",
+    ),
+    cloup.option("--central", is_flag=True, help="Use the central view alone."),
+)
+
+BACKGROUND = cloup.option(
+    "--background",
+    type=click.Choice(["fit", "none"]),
+    default="fit",
+    show_default=True,
+    help="fit: subtract an even background of unknown level, measured in the pixels that no "
+    "emission reaches, if there are any; none: black is at 0.",
+)
+
+FITTING = (
     cloup.option(
         "--noise",
-        type=FiniteRange(min=0),
+        type=FiniteRange(min=0, min_open=True),
         help="Standard deviation of the noise of a pixel (default: measured).",
     ),
     cloup.option(
-        "--method",
-        type=click.Choice(["penalised", "sart", "mlem", "lsqr", "nnls"]),
-        default="penalised",
-        show_default=True,
-        help="Penalised fit; or, to compare with, a classical method without penalty and error "
-        "bars, which stops as soon as the residual falls to the noise.",
-    ),
-    cloup.option(
-        "--penalty",
-        type=click.Choice(["roughness", "variation"]),
-        default="roughness",
-        show_default=True,
-        help="Regularisation: roughness, for flames; total variation, for emission with sharp "
-        "edges.",
-    ),
-    cloup.option(
         "--strength",
-        type=FiniteRange(min=0),
-        help="Strength of the penalty (default: chosen from the noise).",
+        type=FiniteRange(min=0, min_open=True),
+        help="Strength of the penalty on roughness (default: chosen from the noise).",
     ),
+    BACKGROUND,
+    cloup.option(
+        "--bootstrap",
+        type=click.IntRange(min=0),
+        default=20,
+        show_default=True,
+        help="Number of bootstrap draws (new noise, fitted again) for the error bars; 0: none.",
+    ),
+    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Seed of those draws."),
+    cloup.option(
+        "--colours",
+        type=FILE,
+        help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours. "
+        "SOURCE is in colour then; each colour is fitted, the soot's own absorption is corrected, "
+        "and FOLDER gets a folder for each.",
+    ),
+    cloup.option(
+        "--thin",
+        is_flag=True,
+        help="With --colours: take the flame for optically thin, as with a calibration whose gains "
+        "are not absolute.",
+    ),
+    cloup.option(
+        "--soot-exponent",
+        type=float,
+        help="With --colours: exponent a of soot's absorption, wavelength^-a, from -1 to 5 "
+        "(default: 1).",
+    ),
+)
+
+
+@cloup.command()
+@click.argument("source", type=PATH)
+@DEPTHS
+@cloup.option_group(
+    "How it is fitted",
+    camera_option(),
     cloup.option(
         "--optical-thickness",
         metavar="T",
@@ -161,54 +240,19 @@ FITTING = cloup.option_group(
         "that fills the field; a flame that does not fill the field gets too bright edges. "
         "Default: no absorption.",
     ),
-    cloup.option(
-        "--background",
-        type=click.Choice(["fit"]),
-        help="fit: subtract an even background of unknown level, measured in the pixels that no "
-        "emission reaches. Default: no background.",
-    ),
-    cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
-    cloup.option(
-        "--bootstrap",
-        type=click.IntRange(min=0),
-        help="Number of bootstrap light fields (new noise, fitted again) for the error bars; 0: "
-        "none (default: 20, and 0 with another --method than penalised).",
-    ),
-    cloup.option(
-        "--seed", type=SEED, default=0, show_default=True, help="Seed of the bootstrap draws."
-    ),
-    *SOOT,
+    *FITTING,
 )
-
-
-@cloup.command()
-@click.argument("source", type=PATH)
-@DEPTHS
-@FITTING
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
 @OVERWRITE
-def reconstruct(
-    source,
-    depths,
-    planes,
-    block,
-    camera,
-    out,
-    overwrite,
-    optical_thickness,
-    l_curve,
-    seed,
-    colours,
-    thin,
-    **options,
-) -> None:
-    """Find the emission at each depth that explains a light field of a flame.
+def reconstruct(source, depths, planes, block, camera, optical_thickness, **options) -> None:
+    """A light field gives almost no depth information for a smooth flame.
 
-    Refocused images do not show it: each holds the blurred light of all other depths. SOURCE is
-    read as by `lf-flame refocus`; it must be grey, linear in light, black at 0, divided by a white
-    image, and its camera known. `lf-flame resolution` prints what the result can resolve in depth;
-    read that first.
+    Find the emission at each depth that explains a light field of a flame. Refocused images do not
+    show it: each holds the blurred light of all other depths. Detail is blurred in depth over its
+    period divided by the angle of the aperture; `lf-flame resolution` prints the period in mm that
+    your camera resolves. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in light,
+    divided by a white image, and its camera known.
 
     \b
       lf-flame simulate flames.toml
@@ -217,102 +261,248 @@ def reconstruct(
       lf-flame reconstruct raw.png --white white.png --camera camera.toml --depths -12 12 2
       lf-flame reconstruct flame.npy --camera camera.toml --depths -12 12 2 \\
           --optical-thickness tau.tif
-    """  # noqa: D301 - click reads the backspace
-    from lf_flame.commands.emission import read_thickness
-    from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.tomography import FrustumGrid, Roughness
-    from lf_flame.tomography.emission_folder import RECORD
+    """  # noqa: D301, D401 - click reads the backspace; the first line is the finding
+    import numpy as np
+
+    from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography.frustum_grid import planes_between
 
     if bool(depths) == bool(planes):
         raise InputError(
             "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
         )
-    if l_curve and options["penalty"] != "roughness":
-        raise InputError(
-            "--l-curve tries the strengths of --penalty roughness; leave it out with "
-            f"--penalty {options['penalty']}, which has one strength."
-        )
-    if colours and options["method"] != "penalised":
-        raise InputError("--method does not apply with --colours, whose fits are penalised.")
-    if options["bootstrap"] is None:
-        options["bootstrap"] = 20 if options["method"] == "penalised" else 0
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
-    of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
-    if colours and optical_thickness is not None:
+    if options["colours"] and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
-    calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
-    out = out or Path("reconstructed") / source.stem
-    if calibration is not None:
-        check_colour_folders(out, calibration.responses.names, RECORD, overwrite)
-    reading = pick(Reading, options)
-    light_field, lens = reading.read_of_camera(source, grid.camera if camera else None)
-    grid = grid if lens is None else replace(grid, camera=lens)
-    facts = {"seed": seed, "bootstrap": options["bootstrap"]}
-    facts["notes"] = [*notes, *notes_on_coding(source)]
-    if l_curve:
-        options["penalty"] = Roughness(whole_curve=True)
-    fit = _Fit(light_field, grid, options, source, out, overwrite, facts)
-    if calibration is None:
-        _write_emission(fit, thickness, optical_thickness)
-    else:
-        _write_soot(fit, calibration, of_soot)
+    job = _Job.begun(source, Path("reconstructed"), options)
+    job.options["optical_thickness"] = thickness
+    planes_of = thickness if isinstance(thickness, float | None) else thickness.sum(axis=0)
+    greatest = None if planes_of is None else float(np.max(planes_of))
+    job.facts |= {"optical_thickness": optical_thickness, "greatest_optical_thickness": greatest}
+    light_field, lens = job.reading.read_of_camera(source, grid.camera if camera else None)
+    job.find(light_field, grid if lens is None else replace(grid, camera=lens))
 
 
-class _Fit(NamedTuple):
-    """A light field to fit, the options of the fit, and what is recorded of the call."""
+@cloup.command()
+@click.argument("source", type=PATH)
+@AXIS
+@cloup.option_group("How it is fitted", *FITTING)
+@READING
+@click.option("--out", type=FOLDER, help="Folder for the files; default abel/SOURCE.")
+@OVERWRITE
+def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **options) -> None:
+    """Find the emission of an axisymmetric flame with an upright axis.
 
-    light_field: "LightField"
-    grid: "FrustumGrid"
-    options: dict[str, Any]
+    It is an Abel inversion from all views of a light field at once, along the camera's rays,
+    without negative emission. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in
+    light, and divided by a white image. For other flames use `lf-flame reconstruct`.
+
+    The assumptions are checked on the light field. A warning is printed if the axis leans, is not
+    straight or is at another place, if there is light outside the radius, if the halves differ, or
+    if the flame is deeper than wide. The last, and a lean in depth, are visible only by parallax; a
+    note says if noise, a small aperture or a single view would hide them.
+
+    One picture of an ordinary camera is enough, with --axis-depth and a camera file that says
+    views = 1, the pixel pitch as lenslet pitch, and that pitch times the f-number (image distance
+    over aperture) as lenslet focal length.
+
+    \b
+      lf-flame abel flame.npz --camera camera.toml
+      lf-flame abel raw.png --white white.png --camera camera.toml --burner -12.5 --radius 10
+      lf-flame abel photograph.png --camera one_view.toml --axis-depth 0
+      lf-flame abel raw.tif --bayer rggb --white white.tif --camera camera.toml \\
+          --colours colours.toml
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame.tomography import AxisymmetricGrid, find_axis
+
+    lens = _read_camera(camera)
+    if radius is not None and not 0 < radius <= lens.focus_distance_mm:
+        raise InputError(
+            f"--radius must be above 0 and at most the camera's focus distance, "
+            f"{lens.focus_distance_mm:g} mm, got {radius:g}."
+        )
+    job = _Job.begun(source, Path("abel"), options)
+    light_field, lens = _read_views(source, job.reading, lens)
+    columns = light_field.views.shape[1]
+    if columns < 3 and axis_depth is None:
+        raise InputError(
+            f"{source} holds {columns} view columns, which do not show the axis' depth: state it, "
+            f"--axis-depth."
+        )
+    grey = light_field if job.calibration is None else light_field.grey()
+    axis = find_axis(grey, lens, None if columns >= 3 else axis_depth)
+    job.find(
+        light_field,
+        AxisymmetricGrid(
+            lens,
+            axis.across_mm if axis_mm is None else axis_mm,
+            axis.depth_mm if axis_depth is None else axis_depth,
+            axis.radius_mm if radius is None else radius,
+            block,
+            "central" if central else "all",
+            burner,
+        ),
+    )
+
+
+def _read_views(source: Path, reading: Reading, lens: "Lens") -> "tuple[LightField, Lens]":
+    """Read a light field of a camera, or any picture if the camera has a single view."""
+    from lf_flame.formats.view_files.folder import is_view_folder
+
+    if lens.views == 1 and reading == Reading() and not is_view_folder(source):
+        reading = Reading(views=1)
+    return reading.read_of_camera(source, lens)  # type: ignore[return-value]
+
+
+def read_thickness(given: str) -> "float | np.ndarray":
+    """Read an optical thickness: a number, or a TIFF file of planes (planes, rows, columns)."""
+    from lf_flame._common.images import TIFF_SUFFIXES, read_tiff
+
+    try:
+        return float(given)
+    except ValueError:
+        path = Path(given)
+    if path.suffix.lower() not in TIFF_SUFFIXES:
+        raise InputError(f"--optical-thickness must be a number or a TIFF file, got {given}.")
+    stack = read_tiff(path)
+    if stack.dtype.kind != "f" or stack.ndim < 2:
+        raise InputError(
+            f"{path} must hold planes of optical thickness as floating-point numbers, got "
+            f"{stack.dtype} of shape {stack.shape}."
+        )
+    return stack.reshape(-1, *stack.shape[-2:])
+
+
+@dataclass
+class _Job:
+    """Search for emission in a light field, in grey light or in each colour of a calibration."""
+
     source: Path
     out: Path
     overwrite: bool
+    reading: Reading
+    calibration: "ColourCalibration | None"
+    soot: dict[str, Any]
+    options: dict[str, Any]
     facts: dict[str, Any]
 
+    @classmethod
+    def begun(cls, source: Path, folder: Path, options: dict[str, Any]) -> "_Job":
+        """Check the options and folders, as reading and compiling are slow; print first notes."""
+        from lf_flame._common.output_folders import refuse_folder
+        from lf_flame.formats.coding import notes_on_coding
+        from lf_flame.tomography.emission_folder import RECORD
+        from lf_flame.tomography.fit import FitOptions, check_bootstrap
 
-def _write_emission(fit: _Fit, thickness: "float | np.ndarray | None", given: str | None) -> None:
-    """Find emission in grey light, write its folder, and say what was found."""
-    import numpy as np
+        FitOptions(options["noise"], options["strength"])
+        check_bootstrap(options["bootstrap"])
+        reading = pick(Reading, options)
+        out, overwrite = options.pop("out") or folder / source.stem, options.pop("overwrite")
+        colours, thin = options.pop("colours"), options.pop("thin")
+        exponent = options.pop("soot_exponent")
+        if colours is None:
+            for name, given in (("--thin", thin), ("--soot-exponent", exponent is not None)):
+                if given:
+                    raise InputError(
+                        f"{name} goes with --colours, without which no soot is fitted."
+                    )
+        soot = {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
+        notes, calibration = notes_on_coding(source), None
+        if colours is not None:
+            calibration, said = _read_exposed_colours(colours, source)
+            notes += said
+            for name in calibration.responses.names:
+                refuse_folder(out / name, RECORD, overwrite=overwrite)
+        tell_all("Note", notes)
+        facts = {"seed": options.pop("seed"), "bootstrap": options["bootstrap"], "notes": notes}
+        return cls(source, out, overwrite, reading, calibration, soot, options, facts)
 
-    from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.commands.emission import thickness_facts
-    from lf_flame.tomography import reconstruct as find_emission
-    from lf_flame.tomography.emission_folder import RECORD
-    from lf_flame.tomography.output import write_reconstruction
+    def find(self, light_field: "LightField", grid: "FrustumGrid | AxisymmetricGrid") -> None:
+        """Find the emission, write its folder or one for each colour, and say what was found."""
+        from lf_flame._common.output_folders import output_folder
+        from lf_flame.tomography import AxisymmetricGrid, ReconstructionPlan
+        from lf_flame.tomography.emission_folder import RECORD
 
-    with output_folder(fit.out, RECORD, overwrite=fit.overwrite) as folder:
-        found = find_emission(
-            fit.light_field,
-            fit.grid,
-            rng=np.random.default_rng(fit.facts["seed"]),
-            optical_thickness=thickness,
-            **fit.options,
+        if self.calibration is not None:
+            self._find_soot(light_field, grid)
+            return
+        bootstrap = self.options.pop("bootstrap")
+        with output_folder(self.out, RECORD, overwrite=self.overwrite) as folder:
+            plan = ReconstructionPlan(grid, **self.options)
+            found = plan.reconstruct(light_field, bootstrap=bootstrap, rng=self.facts["seed"])
+            self._write(found, light_field, folder, {})
+        place = ""
+        if isinstance(grid, AxisymmetricGrid):
+            place = f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; "
+        click.echo(
+            f"{place}noise {found.noise:.3g} a pixel, background {found.background:.3g} +- "
+            f"{found.background_sigma:.1g} subtracted; {', '.join(folder.files)} are in "
+            f"{printable(folder.folder)}"
         )
-        write_reconstruction(found, fit.light_field, folder)
-        folder.facts |= {"source": recorded_path(fit.source, folder.folder)} | fit.facts
-        folder.facts |= {"method": fit.options["method"]}
-        folder.facts |= thickness_facts(given, thickness)
-    tell_all("Note", fit.facts["notes"])
-    tell_all("Warning", found.warnings)
-    click.echo(
-        f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
-        f"trust.png and {RECORD} are in {printable(folder.folder)}"
-    )
+
+    def _find_soot(self, light_field: "LightField", grid: "FrustumGrid | AxisymmetricGrid") -> None:
+        """Find temperature and absorption from the colours; write a folder for each colour.
+
+        All records hold the same random `call`, as a call that is killed may leave colours of two.
+        """
+        from lf_flame._common.output_folders import output_folder
+        from lf_flame.tomography import reconstruct_soot
+        from lf_flame.tomography.emission_folder import RECORD
+        from lf_flame.tomography.soot import split_colours
+
+        calibration, call = self.calibration, secrets.token_hex(8)
+        assert calibration is not None
+        self.options.pop("optical_thickness", None)
+        seed, names = self.facts["seed"], calibration.responses.names
+        soot = reconstruct_soot(
+            light_field, grid, calibration, seed=seed, **self.soot, **self.options
+        )
+        lights = split_colours(light_field, names)
+        totals = [float(total) for total in soot.total_thickness]
+        for name, found, light, total in zip(names, soot.colours, lights, totals, strict=True):
+            more = {"colour": name, "call": call, "greatest_optical_thickness": total}
+            with output_folder(self.out / name, RECORD, overwrite=self.overwrite) as folder:
+                self._write(found, light, folder, self.soot | more, f"Warning: {name}")
+        tell_all("Warning", soot.warnings)
+        if any(totals):
+            both = zip(names, totals, strict=True)
+            thick = ", ".join(f"{name} {total:.2g}" for name, total in both)
+            click.echo(f"optical thickness of the soot, at most: {thick}")
+        click.echo(f"{', '.join(names)} are in {printable(self.out)}")
+
+    def _write(self, found, light_field, folder, more, word: str = "Warning") -> None:
+        from lf_flame._common.output_folders import recorded_path
+        from lf_flame.tomography import write_emission
+
+        write_emission(found, light_field, folder)
+        notes = [*self.facts["notes"], *found.unseen]
+        folder.facts |= self.facts | more | {"notes": notes}
+        folder.facts["source"] = recorded_path(self.source, folder.folder)
+        tell_all(word, found.warnings)
+        tell_all("Note", found.unseen)
 
 
-def _write_soot(fit: _Fit, calibration: "ColourCalibration", of_soot: dict[str, Any]) -> None:
-    """Find temperature and absorption from the colours, and write the folders of both."""
-    from lf_flame.tomography.emission_folder import RECORD
-    from lf_flame.tomography.output import write_reconstruction
-    from lf_flame.tomography.soot import reconstruct_soot
-    from lf_flame.tomography.soot_rounds import split_colours
+def _read_exposed_colours(path: Path, source: Path) -> "tuple[ColourCalibration, list[str]]":
+    """Read a calibration of colours with its gains for the exposure of a flame's picture.
 
-    soot = reconstruct_soot(
-        fit.light_field, fit.grid, calibration, seed=fit.facts["seed"], **of_soot, **fit.options
-    )
-    names = calibration.responses.names
-    lights = split_colours(fit.light_field, names)
-    facts, write = fit.facts | of_soot, write_reconstruction
-    write_soot(soot, lights, names, fit.out, RECORD, fit.overwrite, write, fit.source, facts)
+    Beside it a sentence where one exposure is known and not the other, or they differ.
+    """
+    from lf_flame.formats import read_exposure
+    from lf_flame.tomography import read_colours
+
+    calibration, exposure = read_colours(path), read_exposure(source)
+    if calibration.exposure is None:
+        return calibration, []
+    if exposure is None:
+        return calibration, [
+            f"{source} states no exposure: it is taken as that of the furnace's first picture, "
+            f"{calibration.exposure:.3g} s at ISO 100."
+        ]
+    times = exposure / calibration.exposure
+    if abs(times - 1) < 1e-6:
+        return calibration, []
+    return calibration.exposed(exposure), [
+        f"{source} was exposed {times:.3g} times as the furnace's first picture, as their files "
+        f"state; this is taken into account."
+    ]

@@ -25,7 +25,7 @@ from lf_flame.commands.options import (
     tell_all,
 )
 from lf_flame.commands.reading_options import READING, Reading
-from lf_flame.commands.tomography import DEPTHS
+from lf_flame.commands.tomography import BACKGROUND, DEPTHS
 from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
 
@@ -86,11 +86,7 @@ STEPS = cloup.option_group(
         help="Strength of the penalty of emission (default: chosen for each frame); "
         "stated, a fit starts from that of the frame before, in a third of the time.",
     ),
-    cloup.option(
-        "--background",
-        type=click.Choice(["fit"]),
-        help="fit: subtract an even background from the emission, see `lf-flame reconstruct`.",
-    ),
+    BACKGROUND,
     cloup.option(
         "--colours",
         type=FILE,
@@ -301,7 +297,7 @@ def status(folder) -> None:
 def _read_colours(path: Path, steps: str):
     """Read the calibration of colours, and tell if temperatures rest on single wavelengths."""
     from lf_flame.tomography import read_colours
-    from lf_flame.tomography.two_colours import SINGLE_WAVELENGTHS
+    from lf_flame.tomography.pyrometry import SINGLE_WAVELENGTHS
 
     if "emission" not in steps:
         raise InputError("--colours goes with the step emission, which it finds in each colour.")

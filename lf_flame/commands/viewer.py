@@ -113,8 +113,10 @@ def emission_exhibit(source: Path, title: str | None) -> "Exhibit":
     from lf_flame.viewer.exhibit import Exhibit
 
     folder = EmissionFolder(source)
+    if folder.is_section:
+        raise InputError(f"{source} is a half section of `lf-flame abel`, which has one plane.")
     order = np.argsort(folder.depths_mm)
-    depths, emission = np.array(folder.depths_mm)[order], folder.emission()[order]
+    depths, emission = np.array(folder.depths_mm)[order], folder.emission[order]
     brightest = depths[np.argmax(emission.sum(axis=(1, 2)))]
     return Exhibit(
         LightField(emission[None]),

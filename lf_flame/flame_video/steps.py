@@ -17,7 +17,8 @@ from lf_flame.optics.lens import Lens
 from lf_flame.refocus import farthest_slope, shift_and_sum
 
 if TYPE_CHECKING:
-    from lf_flame.tomography import ColourCalibration, Reconstruction, ReconstructionPlan
+    from lf_flame.tomography import ColourCalibration, ReconstructionPlan
+    from lf_flame.tomography import Emission as Reconstruction
 
 POINTS = 256
 """Number of points of a stored contour, at equal distances along it."""
@@ -176,7 +177,7 @@ class Emission:
     block: int = 1
     noise: float | None = None
     strength: float | None = None
-    background: str | None = None
+    background: str = "fit"
     colours: tuple[str, ...] = ()
 
     def __getstate__(self):
@@ -194,7 +195,7 @@ class Emission:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
-        from lf_flame.tomography.soot_rounds import split_colours
+        from lf_flame.tomography.soot import split_colours
 
         plan, colours = self._plan, self.colours
         lights = split_colours(frame.light_field, colours) if colours else [frame.light_field]
@@ -272,7 +273,7 @@ def find_steps(
     block: int = 1,
     noise: float | None = None,
     strength: float | None = None,
-    background: str | None = None,
+    background: str = "fit",
     colours: "ColourCalibration | None" = None,
     soot_exponent: float = 1.0,
     level: float = 0.5,

@@ -1,10 +1,10 @@
-"""Absorption: depth planes attenuate their own light and light from behind them.
+"""Absorption: slabs attenuate their own light and light from behind them.
 
 The optical thickness must be given, because a light field alone cannot separate emission from
 absorption. The convention is that of scenes (`lf_flame.scenes.Layer`): emission is the light that
-would leave a depth plane without absorption. A plane's own matter transmits ``(1 - exp(-tau)) /
-tau`` of it, with emission and absorption evenly mixed (Modest, Radiative Heat Transfer, chapter on
-the equation of transfer; for thin planes this is ``exp(-tau / 2)``, half the thickness). Each plane
+would leave a slab without absorption. A slab's own matter transmits ``(1 - exp(-tau)) / tau`` of
+it, with emission and absorption evenly mixed (Modest, Radiative Heat Transfer, chapter on the
+equation of transfer; for thin slabs this is ``exp(-tau / 2)``, half the thickness). Each slab
 nearer to the camera, at a smaller depth, transmits ``exp(-tau)`` of the rest.
 """
 
@@ -18,14 +18,9 @@ from scipy import sparse
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.simulation.slabs import self_absorbed
-from lf_flame.tomography.explanation import Explanation
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.projection_operator import (
-    ProjectionOperator,
-    as_raw,
-    as_views,
-    plane_bands,
-)
+from lf_flame.tomography.projection_operator import as_raw, as_views, layer_bands
 
 MOST_THICKNESS = 2.0
 """Largest total optical thickness along a ray of the central view. A seventh of the light from
@@ -44,116 +39,121 @@ contains the effect of absorption on single views; from the third on, a change o
 keep the rest from converging."""
 
 Bands = tuple[sparse.csr_array, sparse.csr_array]
-"""Bands of a depth plane, along y and along x: see `plane_bands`."""
+"""Bands of a slab, along y and along x: see `layer_bands`."""
 
 
 class AbsorbingOperator(LinearOperator):
-    """Linear operator from the emission of cells to attenuated views.
+    """Linear operator from emission, of cells or nodes, to attenuated views.
 
-    It maps emission, flattened (plane, row, column), to views (v, u, t, s). A pixel's light from a
-    depth plane is that of `ProjectionOperator`, times the mean transmission of each nearer plane
-    over the pixel's ray bundle. This is exact if emission or absorption is constant across a
-    bundle.
+    A pixel's light from a slab is that of `ProjectionOperator` or `AxisymmetricOperator`, times the
+    mean transmission of each nearer slab over the pixel's ray bundle. This is exact if emission or
+    absorption is constant across a bundle.
 
     Parameters
     ----------
-    grid : FrustumGrid
-        Cells at the depth planes.
-    thickness : ndarray of float64, shape (planes, rows, columns)
-        Optical thickness of the grid's cells, 0 or above: see `spread_thickness`.
+    grid : FrustumGrid or AxisymmetricGrid
+    absorption : ndarray of float64, shape of the grid
+        Optical thickness of cells, 0 or above (`spread_thickness`); absorption per mm at nodes.
     dtype : {"float32", "float64"}, optional
         Type for storage and sums; transmissions are multiplied in float64.
-
-    Raises
-    ------
-    InputError
-        If the type or the shape is another one, or the transmissions would exceed the memory
-        limit.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> import numpy as np
-    >>> from lf_flame import PAPER_CAMERA, render
-    >>> from lf_flame.tomography import FrustumGrid
-    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
-    >>> grid = FrustumGrid(camera, [6.0, -6.0])
-
-    >>> from lf_flame.tomography import AbsorbingOperator, ProjectionOperator
-    >>> thickness = np.zeros(grid.shape)
-    >>> dimmed = AbsorbingOperator(grid, thickness)
-    >>> light = np.ones(grid.shape, np.float32).ravel()
-    >>> bool(np.allclose(dimmed @ light, ProjectionOperator(grid) @ light, rtol=1e-5))
-    True
     """
 
-    def __init__(self, grid: FrustumGrid, thickness: np.ndarray, dtype: str = "float32"):
-        if np.dtype(dtype) not in (np.float32, np.float64):
-            raise InputError(f"dtype must be float32 or float64, got {dtype}.")
-        if thickness.shape != grid.shape:
+    def __init__(
+        self,
+        grid: FrustumGrid | AxisymmetricGrid,
+        absorption: np.ndarray,
+        dtype: str = "float32",
+    ):
+        if absorption.shape != grid.shape or not np.all((absorption >= 0) & (absorption < np.inf)):
             raise InputError(
-                f"The optical thickness must be of the grid's shape {grid.shape}, got "
-                f"{thickness.shape}."
+                f"The absorption must be finite, 0 or above, of the grid's shape {grid.shape}, got "
+                f"shape {absorption.shape}, from {np.min(absorption)} to {np.max(absorption)}."
             )
         super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=grid.data_shape)
         self._grid = grid
-        planes, views = grid.shape[0], grid.camera.views
-        one = views**2 * int(np.prod(grid.pixels)) * self.dtype.itemsize
-        check_memory(planes * one, f"Transmissions of {planes} planes, as every view sees them,")
-        exact = [(plane_bands(grid, p, 0), plane_bands(grid, p, 1)) for p in range(planes)]
-        self._own = self_absorbed(thickness).astype(dtype)
-        self._slabs = [Slab(bands, self.dtype) for bands in exact]
+        self._slabs = _slabs(grid, self.dtype)  # nearest to the main lens first
         through = np.ones(self._slabs[0].raw_shape)
-        for plane in np.argsort(grid.depths_mm):  # nearest to the main lens first
-            self._slabs[plane].seen = through.astype(dtype)
-            through = through * _apply(exact[plane], np.exp(-thickness[plane]))
+        one = through.size * self.dtype.itemsize
+        count = len(self._slabs)
+        check_memory(count * one, f"Transmissions of {count} slabs, as every view sees them,")
+        for slab in self._slabs:
+            slab.seen = through.astype(dtype)
+            tau = slab.spread(absorption)
+            slab.own = self_absorbed(tau).astype(dtype)
+            # Beside the cells nothing absorbs.
+            through = through * (1 + slab.views(np.expm1(-tau)))
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
-        glow = self._own * x.reshape(self.dims).astype(self.dtype, copy=False)
-        raw = sum(
-            slab.seen * slab.views(plane) for slab, plane in zip(self._slabs, glow, strict=True)
-        )
-        return self._grid.pick(as_views(np.asarray(raw), self._grid.pixels)).ravel()
+        glow = x.reshape(self.dims).astype(self.dtype, copy=False)
+        raw = sum(slab.seen * slab.views(slab.own * slab.spread(glow)) for slab in self._slabs)
+        return self._grid.pick(as_views(np.asarray(raw, self.dtype), self.dimsd[2:])).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
         raw = self._raw(y)
-        return (self._own * np.stack([slab.back(slab.seen * raw) for slab in self._slabs])).ravel()
+        return self._gather(lambda slab: slab.own * slab.back(slab.seen * raw)).ravel()
 
     def _raw(self, y: np.ndarray) -> np.ndarray:
         """Fitted views beside each other, with 0 elsewhere."""
         return as_raw(self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False)))
 
-    def mean_transmission(self) -> np.ndarray:
-        """Fraction of each cell's light that leaves towards the camera, averaged over the views.
-
-        Returns
-        -------
-        ndarray of float64, shape (planes, rows, columns)
-            Mean transmission, above 0, at most 1; the plane's own factor where no view sees a cell.
-        """
-        means, counted = [], self._raw(np.ones(self.dimsd, self.dtype))
+    def _gather(self, light: Callable[["_Slab"], np.ndarray]) -> np.ndarray:
+        gathered = np.zeros(self.dims, self.dtype)
         for slab in self._slabs:
-            weight = slab.back(counted).astype(np.float64)
-            through = slab.back(slab.seen * counted)
-            means.append(np.divide(through, weight, out=np.ones_like(weight), where=weight > 0))
-        return self._own * np.stack(means)
+            slab.gather(light(slab), gathered)
+        return gathered
+
+    def mean_transmission(self) -> np.ndarray:
+        """Fraction of the light that leaves towards the camera, averaged over the views.
+
+        float64, shape of the grid, above 0, at most 1; for cells that no view sees their own
+        factor, for nodes 1.
+        """
+        counted = self._raw(np.ones(self.dimsd, self.dtype))
+        if isinstance(self._grid, FrustumGrid):
+            means = np.empty(self.dims)
+            for slab in self._slabs:
+                weight = slab.back(counted).astype(np.float64)
+                through = np.ones_like(weight)
+                np.divide(slab.back(slab.seen * counted), weight, out=through, where=weight > 0)
+                slab.gather(slab.own * through, means, add=False)
+            return means
+        through = self._gather(lambda slab: slab.own * slab.back(slab.seen * counted))
+        thin = self._gather(lambda slab: slab.back(counted))
+        return np.divide(through, thin, out=np.ones(self.dims), where=thin > 0)
 
 
-class Slab:
+class _Slab:
     """Cells at one depth, and their light in all views beside each other (`as_raw`).
 
-    Attributes
-    ----------
-    seen : ndarray, shape (views * rows, views * columns)
-        Transmission of everything nearer to the camera, for each pixel of each view.
+    seen : transmission of everything nearer to the camera, for each pixel of each view.
+    own : fraction of the light of each cell that leaves the slab.
     """
 
     seen: np.ndarray
+    own: np.ndarray
 
-    def __init__(self, bands: Bands, dtype: DTypeLike):
+    def __init__(self, bands: Bands, dtype: DTypeLike, plane: int = 0, section=None):
         down, across = (one.astype(dtype) for one in bands)
         self._bands, self._back = (down, across), (down.T.tocsr(), across.T.tocsr())
         self.raw_shape = down.shape[0], across.shape[0]
+        self._plane, self._section = plane, section
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values of a grid in the cells of this slab."""
+        if self._section is None:
+            return values[self._plane]
+        heights, radii = self._section
+        return (heights @ values) @ radii.T
+
+    def gather(self, cells: np.ndarray, values: np.ndarray, add: bool = True) -> None:
+        """Add cells of this slab to the values of a grid: the adjoint of `spread`."""
+        if self._section is not None:
+            heights, radii = self._section
+            values += (heights.T @ cells) @ radii
+        elif add:
+            values[self._plane] += cells
+        else:
+            values[self._plane] = cells
 
     def views(self, cells: np.ndarray) -> np.ndarray:
         """Light of the cells, if nothing attenuates it."""
@@ -170,35 +170,50 @@ def _apply(bands: Bands, plane: np.ndarray) -> np.ndarray:
     return np.asarray(down @ np.ascontiguousarray((across @ plane.T).T))
 
 
-def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
-    """Spread a given optical thickness over the cells of a grid.
+def _slabs(grid: FrustumGrid | AxisymmetricGrid, dtype: DTypeLike) -> list[_Slab]:
+    """Slabs of a grid, nearest to the main lens first."""
+    if isinstance(grid, FrustumGrid):
+        found = []
+        for plane in np.argsort(grid.depths_mm):
+            layer = grid.empty_layer(plane)
+            down, across = (layer_bands(layer, grid.camera, grid.block, axis) for axis in (0, 1))
+            found.append(_Slab((down, across), dtype, plane))
+        return found
+    return [
+        _Slab(
+            (grid.bands(depth, 0), grid.bands(depth, 1)),
+            dtype,
+            section=(grid.cells_by_height, grid.cells_by_radius(depth)),
+        )
+        for depth in sorted(grid.slab_depths_mm)
+    ]
+
+
+def spread_thickness(
+    grid: FrustumGrid | AxisymmetricGrid, thickness: ArrayLike
+) -> np.ndarray | None:
+    """Spread a given absorption over the cells of a grid; None if there is none.
 
     Parameters
     ----------
-    grid : FrustumGrid
-    thickness : float, or array_like of shape (planes,) or (planes, rows, columns)
+    grid : FrustumGrid or AxisymmetricGrid
+    thickness : float, or array_like of shape (planes,), (planes, rows, columns), (heights, radii)
         Optical thickness: a number is the total, spread evenly over the depth planes; an array has
         a value for each plane, or for each plane and pixel of the central view. Cells outside the
-        central view get the value of its nearest pixel.
-
-    Returns
-    -------
-    ndarray of float64, shape (planes, rows, columns)
-        Optical thickness of all cells of the grid.
-
-    Raises
-    ------
-    InputError
-        If the shape is another one, or a value is not finite, below 0, or above `MOST_THICKNESS`
-        in total.
+        central view get the value of its nearest pixel. At nodes: absorption per mm.
     """
     given = np.asarray(thickness)
-    planes, (rows, columns) = grid.shape[0], grid.pixels
-    if given.dtype.kind not in "iuf" or given.shape not in ((), (planes,), (planes, rows, columns)):
+    shapes: tuple[tuple[int, ...], ...]
+    if isinstance(grid, AxisymmetricGrid):
+        shapes, names = (grid.shape,), f"numbers for {grid.shape[0]} x {grid.shape[1]} nodes"
+    else:
+        planes, (rows, columns) = grid.shape[0], grid.pixels
+        shapes = (), (planes,), (planes, rows, columns)
+        names = f"a number, or numbers for {planes} planes or for {planes} planes of {rows} x "
+        names += f"{columns} pixels"
+    if given.dtype.kind not in "iuf" or given.shape not in shapes:
         raise InputError(
-            f"The optical thickness must be a number, or numbers for {planes} planes or for "
-            f"{planes} planes of {rows} x {columns} pixels, got shape {given.shape} of type "
-            f"{given.dtype}."
+            f"The optical thickness must be {names}, got shape {given.shape} of type {given.dtype}."
         )
     given = given.astype(np.float64)
     if not np.isfinite(given).all() or given.min() < 0:
@@ -206,6 +221,8 @@ def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
             f"The optical thickness must be finite, 0 or above, got values from {given.min()} to "
             f"{given.max()}."
         )
+    if isinstance(grid, AxisymmetricGrid):
+        return given if given.any() else None
     by_plane = np.full(planes, given / planes) if given.ndim == 0 else given
     total = float(by_plane.sum(axis=0).max())
     if total > MOST_THICKNESS:
@@ -213,11 +230,10 @@ def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
             f"The optical thickness must be at most {MOST_THICKNESS:g} in total, got {total:.3g}: "
             f"of what lies behind, too little light is left."
         )
-    cells = np.broadcast_to(
-        by_plane.reshape(planes, *(by_plane.shape[1:] or (1, 1))), (planes, rows, columns)
-    )
+    shape = (planes, *(by_plane.shape[1:] or (1, 1)))
+    cells = np.broadcast_to(by_plane.reshape(shape), (planes, rows, columns))
     margin = (grid.reach, grid.reach)
-    return np.pad(cells, ((0, 0), margin, margin), mode="edge")
+    return np.pad(cells, ((0, 0), margin, margin), mode="edge") if total else None
 
 
 class Absorption:
@@ -231,38 +247,32 @@ class Absorption:
 
     Parameters
     ----------
-    operator : ProjectionOperator
-        Operator without absorption, float32.
-    grid : FrustumGrid
-    thickness : ndarray of float64, shape (planes, rows, columns)
-        Optical thickness of the grid's cells.
+    even : LinearOperator
+        Operator of the grid without absorption.
+    grid : FrustumGrid or AxisymmetricGrid
+    absorption : ndarray of float64, shape of the grid
 
     Attributes
     ----------
-    transmission : ndarray of float32, shape (planes, rows, columns)
+    transmission : ndarray, shape of the grid
         Fraction of each cell's emission that leaves towards the camera, averaged over the views.
     operator : LinearOperator
         Operator from the light that leaves each cell to the attenuated views, both flat.
     """
 
-    def __init__(self, operator: ProjectionOperator, grid: FrustumGrid, thickness: np.ndarray):
-        self._even = operator
-        absorbing = AbsorbingOperator(grid, thickness)
-        self.transmission = absorbing.mean_transmission().astype(np.float32)
-        self.operator = absorbing @ Diagonal(1 / self.transmission.ravel(), dtype="float32")
+    def __init__(self, even: LinearOperator, grid, absorption: np.ndarray):
+        self._even = even
+        absorbing = AbsorbingOperator(grid, absorption, even.dtype)
+        self.transmission = absorbing.mean_transmission().astype(even.dtype)
+        self.operator = absorbing @ Diagonal(1 / self.transmission.ravel(), dtype=even.dtype)
 
     def excess(self, leaving: np.ndarray) -> np.ndarray:
         """Difference of the views from those with the mean transmission, shape (v, u, t, s)."""
-        light = leaving.ravel()
+        light = leaving.ravel().astype(self._even.dtype, copy=False)
         more = self.operator.matvec(light) - self._even.matvec(light)
-        return more.reshape(self._even.dimsd)
+        return more.reshape(self._even.dimsd).astype(np.float32, copy=False)
 
-    def settle(
-        self,
-        views: np.ndarray,
-        fit: Callable[[np.ndarray, Explanation | None], Explanation],
-        start: Explanation | None = None,
-    ) -> tuple[Explanation, bool]:
+    def settle(self, views: np.ndarray, fit: Callable, start=None, most: int = MOST_FITS):
         """Fit, correct the light field, and fit again until the correction converges.
 
         Parameters
@@ -273,21 +283,23 @@ class Absorption:
             second argument is None, or the last fit, to keep its strength.
         start : Explanation, optional
             Fit of a similar light field, from which the first correction follows.
+        most : int, optional
+            Largest number of fits.
 
         Returns
         -------
         found : Explanation
             Result of the last fit.
         settled : bool
-            Whether the correction converged.
+            Whether the correction converged, or only one fit was allowed.
         """
         correction = np.zeros_like(views) if start is None else self.excess(start.cells)
         found, fits = fit(views - correction, None), 1
         while True:
             excess = self.excess(found.cells)
-            if _norm(excess - correction) <= SETTLED * _norm(views):
+            if most == 1 or _norm(excess - correction) <= SETTLED * _norm(views):
                 return found, True
-            if fits == MOST_FITS:
+            if fits == most:
                 return found, False
             correction = excess
             found, fits = fit(views - correction, found if fits >= SEARCHES else None), fits + 1

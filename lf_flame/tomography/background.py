@@ -1,14 +1,16 @@
-"""Light at the edges of the field, where nothing should emit: a background, or clipped blacks."""
+"""Light where nothing emits: a uniform background, measured in empty pixels; clipped blacks."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
+
+from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.geometries import Geometry, backproject, project
 
 LEAST_SIGNIFICANT = 5.0
 """Number of standard errors above which the edge's level is a background."""
-
-LEAST_LIGHT = 0.01
-"""Smallest fraction of all light that a background must add for a warning."""
 
 HALF_NORMAL = 1.35
 """Smallest ratio of mean square to squared mean of values above 0 that shows clipped noise: it is
@@ -17,23 +19,26 @@ HALF_NORMAL = 1.35
 SOME_ZEROS, MOST_ZEROS = 0.2, 0.9
 """Range of the fraction of exact zeros with which blacks count as clipped; 1 if nothing is lit."""
 
+LEAST_EMPTY = 0.02
+"""Smallest fraction of empty pixels with which a background is measured."""
+
+FITS, BRIGHT = 4, 3.0
+"""Largest number of measurements, and standard errors by which a cell that may emit is brighter
+than the background of the measurement before."""
+
+WIDENED = np.ones((1, 5, 5))
+"""Cells around a bright cell that may emit, too: their light is fainter than the noise."""
+
 
 @dataclass(frozen=True)
 class Edge:
     """Level of the outermost pixels of all views.
 
-    Attributes
-    ----------
-    level : float
-        Median over the pixels of their mean over the views.
-    error : float
-        Standard error of the level, from the scatter of those means.
-    adds : float
-        Light that this level adds to the field, relative to the rest of its light.
-    brightest : float
-        Largest of those means.
-    clipped : bool
-        Whether noise below 0 was clipped.
+    level : median over the pixels of their mean over the views
+    error : standard error of the level, from the scatter of those means
+    adds : light that this level adds to the field, relative to the rest of its light
+    brightest : largest of those means
+    clipped : whether noise below 0 was clipped
     """
 
     level: float
@@ -43,19 +48,15 @@ class Edge:
     clipped: bool
 
     @property
-    def is_background(self) -> bool:
-        """Whether the level is significant, and large enough for a warning."""
-        return abs(self.level) > LEAST_SIGNIFICANT * self.error and abs(self.adds) > LEAST_LIGHT
+    def is_significant(self) -> bool:
+        """Whether the level is more than noise."""
+        return abs(self.level) > LEAST_SIGNIFICANT * self.error
 
 
 def measure_edge(views: np.ndarray) -> Edge:
-    """Measure the level at the edge of the field, from all of its pixels together.
+    """Measure the level at the edge of the field, from all of its pixels together, (v, u, t, s).
 
     Medians exclude light that reaches only a part of the edge.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
     """
     frame = np.ones(views.shape[2:], bool)
     frame[1:-1, 1:-1] = False
@@ -66,7 +67,7 @@ def measure_edge(views: np.ndarray) -> Edge:
     scatter = 1.4826 * float(np.median(np.abs(means - level)))
     error = 1.2533 * scatter / np.sqrt(means.size)
     light = float(views.mean(dtype=np.float64)) - level
-    adds = level / light if light > 0 else np.inf * np.sign(level)
+    adds = level / light if light > 0 else (np.inf if level else 0.0)
     zeros = float(np.mean(pixels == 0))
     above = pixels[pixels > 0].astype(np.float64)
     cut = SOME_ZEROS < zeros < MOST_ZEROS and pixels.min() >= 0
@@ -74,30 +75,60 @@ def measure_edge(views: np.ndarray) -> Edge:
     return Edge(level, error, float(adds), float(means.max()), bool(clipped))
 
 
-@dataclass(frozen=True)
-class Level:
+class Level(NamedTuple):
     """Level of a background, and its standard error."""
 
-    mean: float
-    error: float
+    mean: float = 0.0
+    error: float = 0.0
 
 
-def fit_background(residual: np.ndarray, dark: np.ndarray) -> Level:
-    """Fit a constant to the part of a light field that no emission reaches.
+def fit_background(
+    views: np.ndarray, geometry: Geometry, valid: np.ndarray | None = None
+) -> Level | None:
+    """Measure a uniform background in the pixels that no emission reaches; None without any.
+
+    Cells that may emit are those whose rays are brighter, in the mean, than the background: first
+    that at the field's edge, then that of the measurement before. A half section may emit anywhere
+    within its radius.
 
     Parameters
     ----------
-    residual : ndarray, shape (v, u, t, s)
-        Light field minus that of the emission.
-    dark : ndarray of bool, same shape
-        Pixels that receive no light from cells with emission.
-
-    Returns
-    -------
-    Level
-        Mean, without the tails beyond three standard deviations.
+    views : ndarray of float32, shape (v, u, t, s)
+    geometry : PlaneGeometry or SectionGeometry
+    valid : ndarray of bool, shape of `views`, optional
+        Whether each ray is known. Default: all are.
     """
-    values = residual[dark].astype(np.float64)
+    operator, grid = geometry.operator, geometry.grid
+    on_planes = isinstance(grid, FrustumGrid)
+    edge = measure_edge(views)
+    level, before = Level(edge.level, edge.error), np.inf
+    if on_planes:
+        rays = np.maximum(backproject(operator, np.ones_like(views)), 1.0)
+        means = backproject(operator, views) / rays
+        means = ndimage.uniform_filter(means, (1, 3, 3))
+        seen = rays > grid.view_count / 2
+    for _ in range(FITS):
+        lit = np.ones(operator.dims, bool)
+        if on_planes:
+            dark = means[seen & (means < level.mean)] - level.mean
+            noise = np.sqrt(np.mean(np.square(dark))) if dark.size else 0.0
+            lit = seen & (means > level.mean + BRIGHT * noise)
+            lit = ndimage.binary_dilation(lit, WIDENED)
+        empty = project(operator, lit.astype(operator.dtype)) <= 0
+        if valid is not None:
+            empty &= valid
+        if np.mean(empty) < LEAST_EMPTY:
+            return None
+        level = _level(views[empty])
+        if abs(level.mean - before) <= level.error / 2:
+            break
+        before = level.mean
+    return level
+
+
+def _level(pixels: np.ndarray) -> Level:
+    """Mean of empty pixels, without the tails beyond three standard deviations, and its error."""
+    values = pixels.astype(np.float64)
     for _ in range(3):
         middle, scatter = float(np.mean(values)), float(np.std(values))
         kept = values[np.abs(values - middle) <= 3 * scatter]

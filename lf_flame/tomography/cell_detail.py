@@ -11,8 +11,6 @@ from functools import lru_cache
 import numpy as np
 from scipy import ndimage
 
-from lf_flame.tomography.projection_operator import ProjectionOperator
-
 FINER = 3
 """Number of parts of a cell along each axis, for the smooth function."""
 
@@ -23,16 +21,6 @@ def smooth_course(plane: np.ndarray) -> np.ndarray:
     It is a cubic spline along each axis with the means of the cells (a histospline; Boneva, Kendall
     and Stefanov, J. R. Stat. Soc. B 33, 1, 1971). Negative values are set to 0, and the light of
     the cell is then restored.
-
-    Parameters
-    ----------
-    plane : ndarray, shape (rows, columns)
-        Emission of the cells, 0 or above.
-
-    Returns
-    -------
-    ndarray of the plane's type, shape (FINER * rows, FINER * columns)
-        Smooth emission, 0 or above.
     """
     down, across = (_histospline(count).astype(plane.dtype) for count in plane.shape)
     course = np.clip(down @ plane @ across.T, 0, None)
@@ -53,22 +41,3 @@ def cell_means(course: np.ndarray) -> np.ndarray:
     """Average the parts of each cell, shape (rows, columns)."""
     rows, columns = (count // FINER for count in course.shape)
     return course.reshape(rows, FINER, columns, FINER).mean(axis=(1, 3))
-
-
-class SmoothStack:
-    """Filtered focal stack A'y of the light field y of smooth functions through cells.
-
-    Parameters
-    ----------
-    operator : ProjectionOperator
-        Operator of the cells.
-    """
-
-    def __init__(self, operator: ProjectionOperator):
-        self._operator, self._finer = operator, ProjectionOperator(operator.grid, finer=FINER)
-
-    def __call__(self, cells: np.ndarray) -> np.ndarray:
-        """Give the filtered focal stack of cells, float32, shape (planes, rows, columns)."""
-        courses = np.array([smooth_course(plane) for plane in cells], np.float32)
-        seen = self._finer.matvec(courses.ravel())
-        return self._operator.rmatvec(seen).reshape(cells.shape).astype(np.float32, copy=False)

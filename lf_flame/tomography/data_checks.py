@@ -1,53 +1,64 @@
-"""Warnings where a light field disagrees with the assumptions of the inversion."""
+"""Numbers on disagreements of a light field with the model, each with a limit and a sentence.
+
+There are twelve kinds: what is left out, depth, light, noise, single views, structure, background,
+edge, saturation, absorption, axis, roundness.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame.errors import InputError
+from lf_flame.tomography.axis import MARGIN, FlameAxis
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.background import measure_edge
+from lf_flame.tomography.depth_ratio import MOST_SIGMAS, DepthRatio
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.misfit import explain_misfit
-from lf_flame.tomography.resolution import depth_blur, finest_period
-
-SATURATED = 4
-"""Smallest number of pixels at exactly the brightest value that suggests saturation."""
+from lf_flame.tomography.resolution import angular_width, depth_blur, finest_period
 
 LARGEST = 1e15
 """Largest value of a light field: the fit sums squares of squares of pixels in float64."""
 
-BRIGHT = 5.0
-"""Number of standard errors by which the brightest pixel, averaged over views, exceeds darkness."""
+MODEL_ERROR = 2e-3
+"""Residual relative to the peak that may be due to the grid."""
+
+APART = 3
+"""Distance in pixels over which the residual is compared with itself: noise that decoding spreads
+over neighbours is hardly alike there, and what no emission explains is as broad as the flame's
+detail."""
+
+STRUCTURE, SHARED = 0.015, 0.005
+"""Correlation of residuals `APART` pixels apart above which they are not white noise, and its
+increase with the variance of sums of noise that neighbours share, relative to that of white noise:
+the penalty is stronger then, and leaves more of the light."""
 
 ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
 by side reach 0.15, flames behind each other 0.6 and more."""
 
-SUBTRACT = "subtract the dark frame, or a picture without the flame"
-FIT_EVEN = "subtract the dark frame, or fit the background (--background fit)"
-UNEVEN = (
-    "an even background was fitted and this is what is left, so it is uneven; subtract a picture "
-    "without the flame"
-)
-"""Advice against a background: without a fit of it, before and after one."""
+NO_DEPTH = "A light field gives almost no depth information for a smooth flame"
+
+
+class Check(NamedTuple):
+    """A number on a disagreement of data and model, and the sentence if it is above its limit."""
+
+    name: str
+    number: float
+    limit: float
+    sentence: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether the number is above its limit."""
+        return bool(self.number > self.limit)
 
 
 def check_range(views: np.ndarray, noise: float | None) -> None:
-    """Refuse values with squares that overflow, and a noise above all values.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-    noise : float or None
-        Standard deviation of a pixel's noise, as stated.
-
-    Raises
-    ------
-    InputError
-        If the light field exceeds `LARGEST`, or the noise its largest absolute value.
-    """
+    """Refuse values with squares that overflow or are not finite, and a noise above all values."""
     largest = max(float(views.max()), -float(views.min()))
-    if largest > LARGEST:
+    if not largest <= LARGEST:
         raise InputError(
-            f"The light field's values must be at most {LARGEST:g}, got {largest:g}: scale it."
+            f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
         )
     if noise is not None and 0 < largest < noise:
         raise InputError(
@@ -56,176 +67,273 @@ def check_range(views: np.ndarray, noise: float | None) -> None:
         )
 
 
-def check_data(
-    views: np.ndarray,
-    chi_squared: np.ndarray,
-    noise: float,
-    measured: float,
-    stated: bool,
-    *,
-    residual: np.ndarray | None = None,
-    correlation: float = 1.0,
-    advice: str = SUBTRACT,
-) -> tuple[str, ...]:
-    """Compare residuals and edges with the noise.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-    chi_squared : ndarray, shape (v, u)
-        Mean squared residual of each view, in units of the noise's variance.
-    noise, measured : float
-        Standard deviation of a pixel's noise as used, and of the part that no emission on the grid
-        explains.
-    stated : bool
-        Whether the user gave the noise.
-    residual : ndarray, shape of `views`, optional
-        Part that the emission does not explain. Default: unknown, and not checked.
-    correlation : float, optional
-        Factor by which correlation raises the noise of sums of pixels (`correlation_factor`).
-    advice : str, optional
-        Advice against a background, `SUBTRACT`, `FIT_EVEN` or `UNEVEN`.
-
-    Returns
-    -------
-    tuple of str
-        One sentence for each disagreement.
-    """
-    if not _has_light(views, noise):
-        if _has_light(-views, noise):
-            return (
-                f"The light field is negative (its darkest pixel, averaged over the views, is "
-                f"{float(views.mean(axis=(0, 1)).min()):.3g}), and no light explains that: its "
-                f"sign is turned, or too much was subtracted.",
-            )
-        return (
-            f"The light field holds no light above its noise (its brightest pixel, averaged over "
-            f"the views, is {float(views.mean(axis=(0, 1)).max()):.3g}): there is nothing to find; "
-            f"check the exposure, and what was subtracted.",
-        )
-    found = []
-    if stated and measured > 1.1 * noise:
-        found.append(
-            f"The light field holds {measured / max(noise, 1e-30):.3g} times the stated noise of "
-            f"what no emission at these depths explains: depths, alignment, gains or a background "
-            f"may be wrong."
-        )
-    found += explain_misfit(views, chi_squared, noise, residual, correlation)
-    found += _check_edges(views, noise, len(chi_squared), advice)
-    peak = views.max()
-    ceiling = int(np.count_nonzero(views == peak))
-    if peak > 0 and ceiling >= SATURATED:
-        found.append(
-            f"{ceiling} pixels stand at exactly the brightest value, {peak:g}: the sensor may be "
-            f"saturated, and emission is then too low."
-        )
-    return tuple(found)
-
-
-def check_unknown(valid: np.ndarray | None) -> tuple[str, ...]:
-    """Say how many rays are unknown, and what follows.
-
-    Raises
-    ------
-    InputError
-        If none is known.
-    """
-    if valid is None:
-        return ()
-    lost = int(np.count_nonzero(~valid))
-    if lost == valid.size:
+def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> list[Check]:
+    """Check how many views and rays are not fitted; refuse a light field without known rays."""
+    every = grid.camera.views**2
+    views = 0 if grid.counted is None else every - int(grid.counted.sum())
+    lost = 0 if valid is None else int(np.count_nonzero(~valid))
+    if valid is not None and lost == valid.size:
         raise InputError("A fit needs known pixels, and all of this light field are unknown.")
-    if not lost:
-        return ()
-    return (
-        f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
-        f"emission that hardly another ray sees is a guess from its neighbours, and its error bars "
-        f"are too narrow.",
-    )
+    said = []
+    if views:
+        said.append(
+            f"{every - views} of the {every} views are fitted: the others have weight 0, or the "
+            f"round aperture cuts them."
+        )
+    if valid is not None and lost:
+        said.append(
+            f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
+            f"emission that hardly another ray sees is a guess from its neighbours, and its error "
+            f"bars are too narrow."
+        )
+    return [Check("left out", max(views, lost), 0, sentence) for sentence in said]
 
 
-def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
-    """Warn if depth planes are closer to each other than the resolution in depth."""
-    steps = np.abs(np.diff(grid.depths_mm))
-    period = finest_period(grid.camera, grid.block)
-    blur, smooth = depth_blur(grid.camera, period), depth_blur(grid.camera, 10 * period)
-    if not steps.size or steps.min() >= blur:
-        return ()
-    return (
-        f"Planes are {steps.min():.3g} mm apart, and the finest detail that pixels hold, of "
-        f"{period:.2g} mm, is blurred over {blur:.2g} mm in depth, detail of {10 * period:.2g} mm "
-        f"over {smooth:.2g} mm (lf-flame resolution): neighbouring planes are not separated, and "
-        f"the penalty shares their light.",
-    )
+def depth_checks(grid: FrustumGrid, emission: np.ndarray) -> list[Check]:
+    """Check whether planes share light that the light field cannot separate in depth.
 
-
-def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
-    """Warn of light behind other light within the depth blur: error bars are too narrow there.
-
-    Parameters
-    ----------
-    grid : FrustumGrid
-    emission : ndarray, shape (planes, rows, columns)
-        Emission of the cells.
+    They do if they are closer than the blur of the finest detail, or if light of two planes that
+    are closer than the blur of its own detail is behind each other.
     """
+    steps = np.abs(np.diff(grid.depths_mm))
+    if not steps.size:
+        return []
+    finest = finest_period(grid.camera, grid.block)
     flat = emission.reshape(len(emission), -1).astype(np.float64)
     products = flat @ flat.T
     power = np.diagonal(products)
     # Mean squared frequency of the light's own detail.
-    steps = sum(float(np.sum(np.square(np.diff(emission, axis=axis)))) for axis in (1, 2))
-    if not steps > 0:
-        return ()
-    cell = grid.block * grid.camera.lenslet_in_focus_mm
-    period = 2 * np.pi * cell * float(np.sqrt(power.sum() / steps))
-    blur = depth_blur(grid.camera, period)
+    rough = sum(float(np.sum(np.square(np.diff(emission, axis=axis)))) for axis in (1, 2))
+    period = 2 * np.pi * finest / 2 * float(np.sqrt(power.sum() / rough)) if rough else finest
+    blur = depth_blur(grid.camera, max(period, finest))
     apart = np.abs(np.subtract.outer(grid.depths_mm, grid.depths_mm))
     alike = products / np.sqrt(np.maximum(np.outer(power, power), 1e-30))
-    alike[(apart == 0) | (apart >= blur)] = 0
-    if alike.max() < ALIKE:
-        return ()
-    one, other = (int(k) for k in np.unravel_index(np.argmax(alike), alike.shape))
-    return (
-        f"Flames stand behind each other, as at {grid.depths_mm[one]:g} and "
-        f"{grid.depths_mm[other]:g} mm, nearer than the {blur:.2g} mm over which their detail, of "
-        f"{period:.2g} mm, is blurred in depth: error bars hold noise and penalty, not all of how "
-        f"planes may share light, and at little noise bars of 95 % hold the truth more rarely.",
+    behind = (apart > 0) & (apart < blur) & (alike >= ALIKE)
+    least = float(apart[behind].min() if behind.any() else steps.min())
+    nearer = depth_blur(grid.camera, finest) > steps.min()
+    sentence = (
+        f"{NO_DEPTH}: its detail, of {period:.2g} mm, is blurred over {blur:.2g} mm in depth; "
+        f"planes {least:.3g} mm apart resolve periods up to "
+        f"{least * angular_width(grid.camera):.2g} mm. The penalty shares the rest of the light "
+        f"among planes, and error bars do not include all of that."
     )
+    return [Check("depth", blur / least if nearer or behind.any() else 0.0, 1.0, sentence)]
 
 
-def _has_light(views: np.ndarray, noise: float) -> bool:
-    error = noise / np.sqrt(np.prod(views.shape[:2]))
-    return float(views.mean(axis=(0, 1), dtype=np.float64).max()) > BRIGHT * error
+def data_checks(
+    views: np.ndarray,
+    residual: np.ndarray,
+    chi_squared: np.ndarray,
+    found,
+    *,
+    stated: bool = False,
+    fitted_background: bool = False,
+) -> list[Check]:
+    """Check light, noise, single views, structure of the residual, and the edge of the field.
 
-
-def _share(adds: float) -> str:
-    """Put into words what a background adds, relative to the rest of the light."""
-    return f"about {abs(adds):.0%} of" if abs(adds) < 1 else "more than the rest of its"
-
-
-def _check_edges(views: np.ndarray, noise: float, count: int, advice: str = SUBTRACT) -> list[str]:
-    """Warn of light at the edges of the field: a background, or emission that is cut off.
-
-    count: number of views along an axis; advice: what to do against a background.
+    Parameters
+    ----------
+    views : ndarray, shape (v, u, t, s)
+    residual : ndarray, shape of `views`
+        Part that the emission does not explain.
+    chi_squared : ndarray, shape (v, u)
+        Mean squared residual of each view, in units of the noise's variance.
+    found : Explanation
+        Fit, with the noise of a pixel, and how it is shared.
+    stated : bool, optional
+        Whether the noise was stated.
+    fitted_background : bool, optional
+        Whether an even background was fitted.
     """
-    edge = measure_edge(views)
-    if edge.is_background and edge.clipped:
-        return [
+    noise, peak = found.noise, float(views.max())
+    means = views.mean(axis=(0, 1), dtype=np.float64)
+    error = noise / np.sqrt(np.prod(views.shape[:2]))
+    brightest, darkest = float(means.max()), float(means.min())
+    if not brightest > 5 * error:
+        said = "holds no light above its noise"
+        if -darkest > 5 * error:
+            said = "is negative: its sign is flipped, or too much was subtracted"
+        sentence = (
+            f"The light field {said} (means over the views from {darkest:.3g} to {brightest:.3g}): "
+            f"check the exposure, and what was subtracted."
+        )
+        return [Check("light", 5 * (error + 1e-30) / max(brightest, 1e-30), 1, sentence)]
+    checks = [
+        Check(
+            "noise", found.measured / noise if stated and noise else 0.0, 1.1,
+            f"The light field holds {found.measured / max(noise, 1e-30):.3g} times the stated "
+            f"noise of what no emission explains: depths, alignment, gains or a background may be "
+            f"wrong.",
+        ),
+        *_misfit(views, residual, chi_squared, found),
+        *_edge(views, error, fitted_background),
+    ]  # fmt: skip
+    ceiling = int(np.count_nonzero(views == peak))
+    sentence = (
+        f"{ceiling} pixels are at exactly the brightest value, {peak:g}: the sensor may be "
+        f"saturated, and emission is then too low."
+    )
+    checks.append(Check("saturation", ceiling, 3, sentence))
+    if not found.settled:
+        sentence = "The correction for absorption has not converged: the flame is too thick."
+        checks.append(Check("absorption", 1, 0, sentence))
+    return checks
+
+
+def _misfit(views, residual, chi_squared, found) -> list[Check]:
+    """Check for a single view that is explained worse than all others, and for structure in all."""
+    peak = float(views.max())
+    worst = np.unravel_index(np.nanargmax(chi_squared), chi_squared.shape)
+    middle, highest = float(np.nanmedian(chi_squared)), float(chi_squared[worst])
+    known = np.sort(chi_squared[np.isfinite(chi_squared)])
+    alone = highest - middle > 2 * (known[-3:][0] - middle)
+    visible = np.sqrt(highest) * found.noise > MODEL_ERROR * peak
+    excess = highest / middle if alone and visible and middle > 0 else 1.0
+    by_view = residual.reshape(-1, *residual.shape[2:])
+    if excess > 1.3:
+        # Least squares leaves more of a fault in its view than in all other views together.
+        order = np.argsort(chi_squared[np.isfinite(chi_squared)])
+        rest, odd = by_view[order[:-2]], by_view[order[-2:]]
+        shared = _likeness(rest) * float(np.sum(np.square(rest, dtype=np.float64)))
+        by_view = rest
+        if shared < float(np.sum(np.square(odd, dtype=np.float64))):
+            by_view = np.zeros_like(rest)
+        else:
+            excess = 1.0
+    likeness = _likeness(by_view)
+    size = float(np.sqrt(np.mean(np.square(by_view, dtype=np.float64))))
+    # Five standard errors of a correlation of white noise, of pairs along rows and columns.
+    limit = max(STRUCTURE + SHARED * (found.shared**2 - 1), 5 / np.sqrt(2 * by_view.size))
+    structured = np.sqrt(max(likeness, 0)) * size > MODEL_ERROR * peak
+    far_above = middle > 1.3 and size > MODEL_ERROR * peak
+    number = max(likeness / limit if structured else 0.0, middle / 1.3 if far_above else 0.0)
+    return [
+        Check(
+            "view", excess, 1.3,
+            f"View {worst[0]}, {worst[1]} is explained {excess:.3g} times worse than the median "
+            f"view: its gain, or the alignment, may be off.",
+        ),
+        Check(
+            "structure", number, 1.0,
+            f"No emission explains the views: the residual is {size / peak:.1%} of the peak, "
+            f"{max(likeness, 0):.0%} of it is structure that noise does not have, and chi-squared "
+            f"of the median view is {middle:.3g}. Depths or axis, camera, alignment, gains, black "
+            f"level or linearity are wrong, or light is hidden; error bars do not include this.",
+        ),
+    ]  # fmt: skip
+
+
+def _likeness(residual: np.ndarray) -> float:
+    """Correlation of residuals of pixels `APART` from each other, over rows and columns."""
+    power = float(np.mean(np.square(residual, dtype=np.float64)))
+    products = (
+        residual[..., APART:, :] * residual[..., :-APART, :],
+        residual[..., APART:] * residual[..., :-APART],
+    )
+    found = [np.mean(one, dtype=np.float64) for one in products if one.size]
+    return float(np.mean(found)) / power if found and power else 0.0
+
+
+def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
+    """Check for light at the edges of the field: a background, or emission that is cut off."""
+    edge, peak = measure_edge(views), float(views.max())
+    share = f"{abs(edge.adds):.0%} of the" if abs(edge.adds) < 1 else "more than the rest of its"
+    adds = abs(edge.adds) if edge.is_significant else 0.0
+    if edge.clipped and adds > 0.01:
+        sentence = (
             f"Blacks are cut off at 0: many pixels of the field's edge are exactly 0 and none is "
-            f"below, which leaves a background of {edge.level:.3g} and adds {_share(edge.adds)} "
-            f"light. Record with a black level above the noise, and subtract it in numbers that "
-            f"may be negative."
-        ]
-    if edge.is_background:
+            f"below, which leaves a background of {edge.level:.3g} and adds about {share} light. "
+            f"Record with a black level above the noise."
+        )
+    else:
+        advice = "it is uneven: subtract a picture without the flame"
+        if not fitted:
+            advice = "subtract the dark frame, or fit the background (--background fit)"
         verb = "adds" if edge.level > 0 else "takes away"
-        return [
-            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} "
-            f"{_share(edge.adds)} light if nothing glows there: {advice}, or it becomes emission. "
-            f"A flame at the edge is cut there."
-        ]
-    error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
-    if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():
-        return [
-            f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and "
-            f"wrong within {count // 2} views' parallax of it."
-        ]
-    return []
+        sentence = (
+            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} about "
+            f"{share} light if nothing glows there; {advice}."
+        )
+    bright = edge.brightest if edge.brightest > 8 * max(error, 1e-6 * peak) else 0.0
+    cut = (
+        f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and wrong "
+        f"within the parallax of it."
+    )
+    return [
+        Check("background", adds, 0.01, sentence),
+        Check("edge", bright / peak if adds <= 0.01 else 0.0, 0.01, cut),
+    ]
+
+
+def axis_checks(
+    axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray, lit: np.ndarray, ratio: DepthRatio
+) -> list[Check]:
+    """Check whether a flame is upright, where it is stated, and axisymmetric.
+
+    `lit` is the light field of even emission within the grid's radius. A number is in units of its
+    limit: the larger of a tenth of a pixel, or of what hardly matters, and four standard errors.
+    """
+    least = 0.1 * grid.pixel_mm
+    pupil = grid.camera.views * grid.camera.view_step_mm
+    half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)
+    off, deep = grid.axis_mm - axis.across_mm, grid.depth_mm - axis.depth_mm
+    edge = axis.radius_mm / MARGIN
+    outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
+    places = [
+        (abs(axis.lean_deg), 1.0, 0.0, f"leans by {axis.lean_deg:.1f} degrees"),
+        (
+            abs(axis.depth_lean_deg), 5.0, axis.depth_lean_error_deg,
+            f"leans by {axis.depth_lean_deg:.0f} degrees in depth",
+        ),
+        (
+            axis.wander_mm, least, axis.wander_error_mm,
+            f"is not straight: it moves by up to {axis.wander_mm:.2g} mm across with height",
+        ),
+        (
+            abs(off), least, axis.across_error_mm,
+            f"was stated {grid.axis_mm:.3f} mm across, the light field shows it at "
+            f"{axis.across_mm:.3f} mm",
+        ),
+        # A wrong depth displaces the axis in the outermost views by the parallax.
+        (
+            abs(deep), least / half_angle, axis.depth_error_mm,
+            f"was stated at a depth of {grid.depth_mm:.2f} mm, the light field shows it at "
+            f"{axis.depth_mm:.2f} mm",
+        ),
+        (
+            outside, 1.0, 0.0,
+            f"is that of a flame of {grid.radius_mm:.3g} mm radius as stated, but there is light "
+            f"out to {edge:.3g} mm",
+        ),
+    ]  # fmt: skip
+    checks = [
+        Check("axis", number / max(limit, MOST_SIGMAS * error), 1.0,
+              f"The axis {words}: emission is wrong there by more than its error bars.")
+        for number, limit, error, words in places
+    ]  # fmt: skip
+    sentence = (
+        f"The flame is not axisymmetric: its halves differ by {axis.lopsided:.1%} of its light, "
+        f"and the result is the axisymmetric flame most like it."
+    )
+    checks.append(Check("roundness", axis.lopsided, 0.03, sentence))
+    # A wrong axis or radius would look like another depth ratio.
+    if not any(check.failed for check in checks):
+        deeper = "deeper" if ratio.ratio > 1 else "flatter"
+        sentence = (
+            f"The flame is {deeper} than wide: its extent in depth is about {ratio.ratio:.2f} "
+            f"times that across (standard error {ratio.error:.1g}); emission is wrong by that "
+            f"factor."
+        )
+        checks.append(Check("roundness", ratio.departure, 1.0, sentence))
+    return checks
+
+
+def _light_outside(grid: AxisymmetricGrid, views: np.ndarray, lit: np.ndarray) -> float:
+    """Light where no flame within a grid's radius can be, over 0.2 % of all, or 0 if noise."""
+    dark = grid.place(lit).max(axis=(0, 2)) <= 0  # view column, column
+    views = grid.place(views)
+    rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
+    # Noise differs between neighbouring rows, the flame hardly does.
+    error = np.sqrt(np.sum(np.square(np.diff(rows))) / 2)
+    light, total = float(rows.sum()), float(views.sum(dtype=np.float64))
+    return light / (2e-3 * total) if light > MOST_SIGMAS * error and total > 0 else 0.0

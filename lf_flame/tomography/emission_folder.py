@@ -1,48 +1,204 @@
-"""Reading folders of `lf-flame reconstruct`."""
+"""Folders of emission: one writer, one reader."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tifffile
 
-from lf_flame._common.config import load_record
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.config import load_record, to_json
 from lf_flame._common.images import read_tiff
+from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, SHORTEST
+from lf_flame.tomography.emission import Emission, Place
+from lf_flame.tomography.frustum_grid import FrustumGrid
 
-RECORD = "reconstruct.json"
+RECORD = "emission.json"
 EMISSION, SIGMA, DRAWS, CORRECTION = "emission.tif", "sigma.tif", "draws.tif", "correction.tif"
+
+UNITS = {
+    "planes": "radiance that each plane adds along the line of sight, as of the light field",
+    "section": "radiance per mm of the line of sight, as of the light field",
+}
+
+
+def write_emission(
+    found: Emission,
+    light_field: LightField,
+    folder: OutputFolder | str | Path,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write emission into a folder that `EmissionFolder` opens.
+
+    ``emission.tif`` has a page for each depth plane, or one with the half section, in the unit of
+    the light field. Other files are ``correction.tif`` (the part of the emission that corrects the
+    fit's bias); ``sigma.tif`` and ``draws.tif``, if there are bootstrap draws; ``trust.png``
+    (residual by view and by pixel). Of planes: ``depth.csv`` and ``depth.png`` (light against
+    depth) and ``slices.png`` (depth planes beside refocused images). Of a half section:
+    ``radial.csv`` (all heights and radii), ``axial.csv`` (the axis) and ``section.png``.
+
+    Parameters
+    ----------
+    found : Emission
+    light_field : LightField
+        Light field that was reconstructed.
+    folder : str, Path or OutputFolder
+        Folder to make, for `lf-flame temperature` and `lf-flame profiles` to read.
+    overwrite : bool, optional
+        Whether to replace a folder of an earlier call, if it holds nothing else.
+
+    Raises
+    ------
+    InputError
+        If the folder exists and may not be replaced, or another process writes there.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import LightField, PAPER_CAMERA
+    >>> from lf_flame.tomography import EmissionFolder, FrustumGrid, reconstruct, write_emission
+    >>> grid = FrustumGrid(replace(PAPER_CAMERA, views=3, lenslets=(20, 24)), [4.0, -4.0])
+    >>> y, x = np.mgrid[-1:1:20j, -1:1:24j]
+    >>> light_field = LightField(np.broadcast_to(np.exp(-8 * (x**2 + y**2)), (3, 3, 20, 24)))
+    >>> write_emission(reconstruct(light_field, grid), light_field, "emission")
+    >>> EmissionFolder("emission").depths_mm
+    [4.0, -4.0]
+    """
+    from lf_flame.tomography.figures import draw_emission
+
+    if not isinstance(folder, OutputFolder):
+        with output_folder(folder, RECORD, overwrite=overwrite) as opened:
+            write_emission(found, light_field, opened)
+        return
+    grid = found.grid
+    stacks = {EMISSION: found.emission, CORRECTION: found.correction}
+    if found.sigma is not None:
+        stacks |= {SIGMA: found.sigma, DRAWS: found.draws}
+    for name, stack in stacks.items():
+        stack = stack.astype(np.float32)
+        tifffile.imwrite(folder.path(name), stack, photometric="minisblack")
+    folder.facts |= {"camera": to_json(grid.camera), "block": grid.block}
+    if isinstance(grid, FrustumGrid):
+        light, error = found.light
+        errors = [""] * len(light) if error is None else error
+        write_table(
+            folder.path("depth.csv"),
+            ["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"],
+            zip(grid.depths_mm, grid.slopes, light, errors, strict=True),
+        )
+        folder.facts |= {
+            "geometry": "planes",
+            "depths_mm": list(grid.depths_mm),
+            "cell_mm": [grid.cell_mm(depth) for depth in grid.depths_mm],
+            "sigma_of_linear_fit": found.sigma_linear.tolist(),
+        }
+    else:
+        _write_section(found, folder)
+        folder.facts |= {
+            "geometry": "section",
+            "axis_mm": grid.axis_mm,
+            "axis_depth_mm": grid.depth_mm,
+            "radius_mm": grid.radius_mm,
+            "burner_mm": grid.burner_mm,
+            "views": grid.which,
+            "step_mm": grid.step_mm,
+            "top_mm": float(grid.heights_mm[0]),
+        }
+    draw_emission(found, light_field, folder)
+    folder.facts |= {
+        "unit": UNITS[folder.facts["geometry"]],
+        "noise": found.noise,
+        "background": found.background,
+        "background_sigma": found.background_sigma,
+        "strength": found.strength,
+        "tried": [[float(number) for number in tried] for tried in found.tried],
+        "checks": [[check.name, float(check.number), float(check.limit)] for check in found.checks],
+        "warnings": list(found.warnings),
+    }
+
+
+def _write_section(found: Emission, folder: OutputFolder) -> None:
+    """Write radial.csv and axial.csv."""
+    grid, values = found.grid, found.emission
+    columns = ["emission_per_mm", "standard_deviation", "low_95", "high_95"]
+    missing = np.full(values.shape, "")
+    sigma, low, high = missing, missing, missing
+    if found.sigma is not None:
+        sigma, low, high = found.sigma, np.clip(values - found.bar, 0, None), values + found.bar
+    every = list(zip(values, sigma, low, high, strict=True))
+    rows = (
+        (height, radius, *node)
+        for height, line in zip(grid.heights_mm, every, strict=True)
+        for radius, *node in zip(grid.radii_mm, *line, strict=True)
+    )
+    write_table(folder.path("radial.csv"), ["height_mm", "radius_mm", *columns], rows)
+    axis = (
+        (h, *(part[0] for part in line)) for h, line in zip(grid.heights_mm, every, strict=True)
+    )
+    write_table(folder.path("axial.csv"), ["height_mm", *columns], axis)
+
+
+def write_table(path: Path, names: Sequence[str], rows: Iterable[Iterable]) -> None:
+    """Write a CSV file with a heading."""
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows(rows)
 
 
 @dataclass(frozen=True)
-class EmissionRecord:
-    """Content of the record of a reconstruction on its depth planes.
+class _Record:
+    """Content of the record of an emission that other commands need."""
 
-    Attributes
-    ----------
-    depths_mm, cell_mm : list of float
-        Depth of each plane, and side of its cells, from `SHORTEST` to `LONGEST`; lists of equal
-        length.
-    """
-
-    depths_mm: list[float]
-    cell_mm: list[float]
+    geometry: str
+    depths_mm: list[float] = field(default_factory=list)
+    cell_mm: list[float] = field(default_factory=list)
+    axis_mm: float | None = None
+    axis_depth_mm: float | None = None
+    radius_mm: float | None = None
+    burner_mm: float | None = None
+    step_mm: float | None = None
+    top_mm: float | None = None
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    call: str | None = None
+    colour: str | None = None
+    absorbing: bool = False
+    soot_exponent: float | None = None
 
     def __post_init__(self):
-        if not 1 <= len(self.depths_mm) == len(self.cell_mm):
+        sides = self.cell_mm if self.geometry == "planes" else [self.step_mm]
+        if self.geometry not in UNITS or len(sides) != len(self.depths_mm or [0]):
             raise InputError(
-                f"depths_mm and cell_mm must hold a number for each plane, got "
-                f"{len(self.depths_mm)} and {len(self.cell_mm)}."
+                f"geometry must be one of {', '.join(UNITS)}, with a number in cell_mm for each of "
+                f"depths_mm, got {self.geometry!r}, {len(sides)} and {len(self.depths_mm)}."
             )
-        for side in self.cell_mm:
-            if not SHORTEST <= side <= LONGEST:
+        lengths = sides if self.geometry == "planes" else [self.step_mm, self.radius_mm]
+        for side in lengths:
+            if side is None or not SHORTEST <= side <= LONGEST:
                 raise InputError(
-                    f"cell_mm must hold lengths from {SHORTEST:g} to {LONGEST:g} mm, got {side}."
+                    f"cell_mm, step_mm and radius_mm must be lengths from {SHORTEST:g} to "
+                    f"{LONGEST:g} mm, got {side}."
                 )
+        places = [self.axis_mm, self.axis_depth_mm] if self.geometry == "section" else []
+        if any(place is None or not abs(place) <= LONGEST for place in places):
+            raise InputError(f"axis_mm and axis_depth_mm must be finite lengths, got {places}.")
 
 
 class EmissionFolder:
-    """A folder of `lf-flame reconstruct`.
+    """A folder of `lf-flame reconstruct` or `lf-flame abel`, all of whose numbers are checked.
+
+    A half section is one plane.
 
     Parameters
     ----------
@@ -52,174 +208,109 @@ class EmissionFolder:
     ----------
     depths_mm, cell_mm : list of float
         Depth of each plane, and side of its cells, in mm.
+    is_section : bool
+        Whether it is the half section of an axisymmetric flame.
+    emission : ndarray of float32, shape (planes, rows, columns)
+    sigma : ndarray of float32, shape of `emission`, or None
+    draws : ndarray of float32, shape (draws, planes, rows, columns)
+        Bootstrap draws, perhaps none.
 
     Raises
     ------
     InputError
-        If the folder has no such record.
+        If the folder has no such record, a file is missing or damaged, would need too much memory,
+        or has another shape than the emission, or a number that is not finite.
     """
 
     def __init__(self, folder: str | Path):
         self.folder = folder = Path(folder)
         if not (folder / RECORD).exists():
             raise InputError(
-                f"{folder} is no folder of `lf-flame reconstruct`: there is no {RECORD} in it."
+                f"{folder} is no folder of `lf-flame reconstruct` or `lf-flame abel`: there is no "
+                f"{RECORD} in it."
             )
-        record = load_record(EmissionRecord, folder / RECORD)
-        self.depths_mm, self.cell_mm = record.depths_mm, record.cell_mm
+        self.record = record = load_record(_Record, folder / RECORD)
+        self.is_section = record.geometry == "section"
+        self.depths_mm: list[Any] = record.depths_mm
+        self.cell_mm: list[Any] = record.cell_mm
+        if self.is_section:
+            self.depths_mm, self.cell_mm = [record.axis_depth_mm], [record.step_mm]
+        self.emission = self._read(EMISSION)[0]
+        stacks = {name: self._read(name, self.emission) for name in (SIGMA, DRAWS, CORRECTION)}
+        self.sigma = stacks[SIGMA][0] if len(stacks[SIGMA]) else None
+        self.draws = stacks[DRAWS]
 
-    def holds(self, name: str) -> bool:
-        """Whether the folder holds a file."""
-        return (self.folder / name).is_file()
-
-    def read(self, name: str) -> np.ndarray:
-        """Read a stack of depth planes, float32.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, planes, rows, columns)
-
-        Raises
-        ------
-        InputError
-            If the file is missing or damaged, would need too much memory, or is anything but finite
-            planes.
-        """
-        path = self.folder / name
+    def _read(self, name: str, like: np.ndarray | None = None) -> np.ndarray:
+        """Read a stack, float32, shape (n, planes, rows, columns), with the shape of another."""
+        path, planes = self.folder / name, len(self.depths_mm)
+        if like is not None and not path.is_file():
+            return np.empty((0, *like.shape), np.float32)
         stack = read_tiff(path)
-        planes = len(self.depths_mm)
         shape = stack.shape if stack.ndim > 2 else (1, *stack.shape)
-        flat = int(np.prod(shape[:-2]))
-        if stack.ndim < 2 or stack.dtype != np.float32 or flat == 0 or flat % planes:
+        whole = stack.ndim >= 2 and stack.size and int(np.prod(shape[:-2])) % planes == 0
+        if not whole or stack.dtype != np.float32:
             raise InputError(
                 f"{path} must hold {planes} planes of float32, got shape {stack.shape} of "
                 f"{stack.dtype}."
             )
+        stack = stack.reshape(-1, planes, *shape[-2:])
+        most = None if name == DRAWS else 1
+        wanted = stack.shape[1:] if like is None else like.shape
+        if stack.shape[1:] != wanted or (most and len(stack) > most):
+            raise InputError(
+                f"{path} must hold planes as {EMISSION} does, {wanted}, got {stack.shape}."
+            )
         if not np.isfinite(stack).all():
             raise InputError(f"{path} must hold finite numbers, and holds NaN or infinity.")
-        return stack.reshape(-1, planes, *shape[-2:])
-
-    def read_like(self, name: str, planes: np.ndarray, most: int | None = 1) -> np.ndarray:
-        """Read a stack with the shape of the emission, such as its standard deviation.
-
-        Parameters
-        ----------
-        name : str
-        planes : ndarray, shape (planes, rows, columns)
-            Emission.
-        most : int, optional
-            Largest number of stacks in the file; None for any number.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, planes, rows, columns)
-
-        Raises
-        ------
-        InputError
-            As for `read`, and if the shape is not that of the emission.
-        """
-        stack = self.read(name)
-        if stack.shape[1:] != planes.shape or (most is not None and len(stack) > most):
-            raise InputError(
-                f"{self.folder / name} must hold planes as {EMISSION} does, {planes.shape}, got "
-                f"{stack.shape[1:] if len(stack) == 1 else stack.shape}."
-            )
+        if name == SIGMA and stack.min() < 0:
+            raise InputError(f"{path} must hold numbers of 0 or above, got {stack.min():g}.")
         return stack
 
-    def emission(self) -> np.ndarray:
-        """Read the emission, float32, shape (planes, rows, columns)."""
-        stack = self.read(EMISSION)
-        if len(stack) > 1:
-            raise InputError(
-                f"{self.folder / EMISSION} must hold {len(self.depths_mm)} planes, got "
-                f"{len(stack) * len(self.depths_mm)}."
-            )
-        return stack[0]
+    @property
+    def places(self) -> list[Place]:
+        """Place of each plane, about the optical axis, or of the section through the axis.
+
+        Heights are from the section's lower edge if its top is unknown.
+        """
+        rows, columns = self.emission.shape[1:]
+        if self.is_section:
+            step, record = self.cell_mm[0], self.record
+            side = (columns - 0.5) * step
+            high = rows * step if record.top_mm is None else record.top_mm + step / 2
+            extent = (-side, side, high - rows * step, high)
+            return [Place("section", extent, self.depths_mm[0], "from the axis (mm)", True)]
+        found = []
+        for depth, side in zip(self.depths_mm, self.cell_mm, strict=True):
+            up, across = rows * side / 2, columns * side / 2
+            found.append(Place(f"at {depth:+g} mm", (-across, across, -up, up), depth))
+        return found
 
 
-Colours = tuple[np.ndarray, ...]
-
-
-@dataclass(frozen=True)
-class Place:
-    """Place of a map of temperatures: a depth plane, or the section through a flame's axis.
-
-    Attributes
-    ----------
-    title : str
-        Name of the place.
-    extent_mm : tuple of float
-        Left, right, lower and upper edge of the map.
-    depth_mm : float
-        Depth of the plane, or of the axis.
-    across : str
-        Label of the horizontal axis.
-    mirrored : bool
-        Whether maps are a half section, which begins on the axis; `extent_mm` is that of the whole.
-    """
-
-    title: str
-    extent_mm: tuple[float, float, float, float]
-    depth_mm: float
-    across: str = "across (mm)"
-    mirrored: bool = False
-
-    def whole(self, planes: np.ndarray) -> np.ndarray:
-        """Give the maps of the whole place: a half section with its mirror image."""
-        return np.concatenate([planes[..., :0:-1], planes], -1) if self.mirrored else planes
-
-
-def read_emissions(*paths: Path) -> tuple[Colours, Colours, list[Place]]:
-    """Read folders of one camera with the same depth planes, one for each colour.
-
-    Returns
-    -------
-    emissions, sigmas : tuple of ndarray, each of shape (planes, rows, columns)
-        Emission and standard deviation of each folder.
-    places : list of Place
-        Place of each plane.
-
-    Raises
-    ------
-    InputError
-        If a folder is not one of `lf-flame reconstruct` or has no error bars, or the planes differ.
-    """
+def read_colours_of(*paths: Path) -> list[EmissionFolder]:
+    """Read folders of one flame, one for each colour, which must have the same cells and bars."""
     folders = [EmissionFolder(path) for path in paths]
-    first, emissions = folders[0], [folder.emission() for folder in folders]
-    for folder, emission in zip(folders[1:], emissions[1:], strict=True):
-        same = f"{first.folder} and {folder.folder} must hold the same planes of one camera: their"
-        if (folder.depths_mm, folder.cell_mm) != (first.depths_mm, first.cell_mm):
-            raise InputError(f"{same} depths are {first.depths_mm} and {folder.depths_mm} mm.")
-        if emission.shape != emissions[0].shape:
-            raise InputError(f"{same} shapes are {emissions[0].shape} and {emission.shape}.")
-    for folder in folders:
-        if not folder.holds(SIGMA):
+    first = folders[0]
+    for one in folders:
+        both = f"{first.folder} and {one.folder}"
+        if one.is_section != first.is_section:
+            raise InputError(f"{both} must both be of lf-flame abel or both of reconstruct.")
+        known = first.record
+        names = "axis_mm", "axis_depth_mm", "radius_mm", "step_mm", "burner_mm"
+        if any(getattr(one.record, name) != getattr(known, name) for name in names):
+            place = f"--axis-mm {known.axis_mm!r} --axis-depth {known.axis_depth_mm!r} --radius "
+            place += f"{known.radius_mm!r}"
+            place += "" if known.burner_mm is None else f" --burner {known.burner_mm!r}"
             raise InputError(
-                f"{folder.folder} has no {SIGMA}; call lf-flame reconstruct with --bootstrap 20."
+                f"{both} must have the same axis, radius, burner and cells; call lf-flame abel for "
+                f"the second colour with the first one's numbers, {place}."
             )
-    sigmas = tuple(folder.read_like(SIGMA, emissions[0])[0] for folder in folders)
-    return tuple(emissions), sigmas, _places(first, emissions[0].shape[1:])
-
-
-def read_draws(*paths: Path) -> Colours | None:
-    """Read the bootstrap draws of folders, each (draws, planes, rows, columns); None without.
-
-    Raises
-    ------
-    InputError
-        If a file does not hold planes as the emission.
-    """
-    folders = [EmissionFolder(path) for path in paths]
-    if not all(folder.holds(DRAWS) for folder in folders):
-        return None
-    return tuple(one.read_like(DRAWS, one.emission(), most=None) for one in folders)
-
-
-def _places(folder: EmissionFolder, cells: tuple[int, ...]) -> list[Place]:
-    """Place of each depth plane: the field of the central view, about the optical axis."""
-    places = []
-    for depth, side in zip(folder.depths_mm, folder.cell_mm, strict=True):
-        up, across = (count * side / 2 for count in cells)
-        places.append(Place(f"at {depth:+g} mm", (-across, across, -up, up), depth))
-    return places
+        same = f"{both} must hold the same planes of one camera: their"
+        if (one.depths_mm, one.cell_mm) != (first.depths_mm, first.cell_mm):
+            raise InputError(f"{same} depths are {first.depths_mm} and {one.depths_mm} mm.")
+        if one.emission.shape != first.emission.shape:
+            shapes = f"{first.emission.shape} and {one.emission.shape}"
+            raise InputError(f"{same} shapes are {shapes}.")
+    for one in folders:
+        if one.sigma is None:
+            raise InputError(f"{one.folder} has no {SIGMA}; make it with --bootstrap 20.")
+    return folders

@@ -1,15 +1,22 @@
-"""Figures of emission by depth, and of its errors."""
+"""Figures of emission on planes and in a half section, of profiles, and of resolution."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LogNorm
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import MaxNLocator
 
+from lf_flame._common import figures
 from lf_flame._common.figures import subplots
+from lf_flame._common.output_folders import OutputFolder
+from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
-from lf_flame.tomography.frustum_grid import FEW_PLANES
+from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
+from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
 from lf_flame.tomography.resolution import (
     angular_width,
     depth_blur,
@@ -19,8 +26,7 @@ from lf_flame.tomography.resolution import (
 )
 
 if TYPE_CHECKING:
-    from lf_flame.tomography.profiles import Profile
-    from lf_flame.tomography.reconstruction_result import Reconstruction
+    from lf_flame.tomography.emission import Emission, Place
 
 MOST_SHOWN = 8
 """Largest number of depth planes that a figure shows side by side."""
@@ -28,109 +34,59 @@ MOST_SHOWN = 8
 MOST_NUMBERED = 9
 """Largest number of views along an axis with which each view's chi-squared is printed."""
 
+WIDTH_IN, FONT = 3.5, 6.5
+"""Width of a column of a paper in inches, and size of letters in points."""
 
-def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
-    """Depth blur against lateral period, and the decay of singular values.
 
-    Parameters
-    ----------
-    camera : Lens
-    thickness_mm : float
-        Extent in depth of the emission, centred on the focal plane.
-    periods_mm : sequence of float
-        Lateral periods for which singular values are drawn.
+def draw_emission(found: Emission, light_field: LightField, folder: OutputFolder) -> None:
+    """Write the figures of an emission into its folder."""
+    figures.save(trust_figure(found), folder.path("trust.png"))
+    if isinstance(found.grid, FrustumGrid):
+        figures.save(_depth_figure(found), folder.path("depth.png"))
+        figures.save(_slices_figure(found, light_field), folder.path("slices.png"))
+    else:
+        figures.save(_section_figure(found), folder.path("section.png"))
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    figure, (left, right) = subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
-    finest = finest_period(camera)
-    lengths = np.geomspace(finest, max(100 * finest, *periods_mm), 100)
-    left.loglog(lengths, depth_blur(camera, lengths), color="C0")
-    left.axhline(thickness_mm, color="C7", linestyle="--", linewidth=1)
-    left.annotate(
-        f"{thickness_mm:g} mm: beyond, one number for all depths",
-        (lengths[0], thickness_mm), textcoords="offset points", xytext=(2, 4), fontsize=8,
-    )  # fmt: skip
-    left.set_xlabel("lateral period in the focal plane (mm)")
-    left.set_ylabel("blur in depth (mm)")
-    left.set_title(f"period / {angular_width(camera):.3f} rad", fontsize=10)
-    left.grid(alpha=0.3, which="both")
-    depths = camera.focal_plane_mm + thickness_mm * np.linspace(-0.5, 0.5, 64)
-    for number, period in enumerate(periods_mm):
-        values = depth_singular_values(camera, period, depths)[:12]
-        modes = depth_modes(camera, period, thickness_mm)
-        label = f"{period:g} mm: {modes:.1f} modes"
-        right.semilogy(1 + np.arange(len(values)), values, "o-", color=f"C{number}", label=label)
-    right.axhline(0.01, color="C7", linestyle="--", linewidth=1)
-    right.set_ylim(1e-4, 1.5)
-    right.set_xlabel("number of the singular value")
-    right.set_ylabel("relative to the largest")
-    right.set_title(f"light within {thickness_mm:g} mm of depth", fontsize=10)
-    right.legend(fontsize=8, title="lateral period", title_fontsize=8)
-    right.grid(alpha=0.3)
+
+def trust_figure(found: Emission):
+    """Chi-squared by view, and the number of each check relative to its limit."""
+    figure, (left, right) = subplots(1, 2, figsize=(10, 4), layout="constrained")
+    shown = np.clip(found.chi_squared, 1e-3, 1e6)
+    most = max(2.0, float(np.exp(np.nanmax(np.abs(np.log(shown))))))
+    picture = left.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
+    if max(shown.shape) <= MOST_NUMBERED:
+        left.set_xticks(range(shown.shape[1]))
+        left.set_yticks(range(shown.shape[0]))
+        for (v, u), value in np.ndenumerate(found.chi_squared):
+            if np.isfinite(value):
+                ink = "w" if abs(np.log(shown[v, u])) > 0.6 * np.log(most) else "k"
+                left.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6, color=ink)
+    left.set_title("chi-squared of each view\n(1: noise alone is left)", fontsize=9)
+    left.set(xlabel="u", ylabel="v")
+    bar = figure.colorbar(picture, ax=left)
+    ticks = [1 / most, most**-0.5, 1.0, most**0.5, most]
+    bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks], minor=False)
+    bar.minorticks_off()
+    names = [check.name for check in found.checks]
+    numbers = [min(check.number / (check.limit or 1), 1e3) for check in found.checks]
+    colours = ["C3" if check.failed else "C0" for check in found.checks]
+    right.barh(range(len(names)), numbers, color=colours)
+    right.set_yticks(range(len(names)), names, fontsize=8)
+    right.set_xscale("symlog", linthresh=1)
+    right.axvline(1, color="C7", linewidth=1)
+    right.invert_yaxis()
+    right.set_title("checks, relative to their limits", fontsize=9)
     return figure
 
 
-def shown_planes(count: int) -> np.ndarray:
-    """Choose at most `MOST_SHOWN` of so many planes, spread evenly."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
-
-
-def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
-    """Depth planes of the emission above refocused images at the same depths, on separate scales.
-
-    Parameters
-    ----------
-    found : Reconstruction
-    focal_stack : ndarray, shape (planes, rows, columns)
-        Refocused images at the depths of the planes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    shown = shown_planes(len(found.emission))
-    rows, columns = found.grid.pixels
-    width = min(3.2, 14 / len(shown))
-    size = (width * len(shown), 2 * width * rows / columns + 1.2)
-    figure, axes = subplots(2, len(shown), figsize=size, layout="constrained", squeeze=False)
-    for line, (images, word) in enumerate(
-        ((found.emission, "emission"), (focal_stack, "refocused"))
-    ):
-        white = max(float(images[shown].max()), 1e-30)
-        for axis, plane in zip(axes[line], shown, strict=True):
-            depth = found.grid.depths_mm[plane]
-            half = found.grid.cell_mm(depth) / 2
-            extent = (-columns * half, columns * half, -rows * half, rows * half)
-            picture = axis.imshow(images[plane], "inferno", vmin=0, vmax=white, extent=extent)
-            axis.set_title(f"{word}, {depth:+g} mm", fontsize=8)
-            axis.tick_params(labelsize=7)
-        axes[line][0].set_ylabel("height (mm)", fontsize=8)
-        figure.colorbar(picture, ax=list(axes[line]), shrink=0.8, label="radiance")
-    for axis in axes[-1]:
-        axis.set_xlabel("across (mm)", fontsize=8)
-    return figure
-
-
-def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray | None):
-    """Light against depth with error bars, and the depth blur of detail of three sizes.
-
-    Parameters
-    ----------
-    found : Reconstruction
-    light, error : ndarray, shape (planes,)
-        Light of each depth plane and its standard error; `error` may be None.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+def _depth_figure(found: Emission):
+    """Light against depth with error bars, and the depth blur of detail of three sizes."""
     figure, (top, bottom) = subplots(
         2, 1, figsize=(7, 4.4), layout="constrained", sharex=True, height_ratios=(4, 1)
     )
+    assert isinstance(found.grid, FrustumGrid)
     depths = np.array(found.grid.depths_mm)
+    light, error = found.light
     bars = None if error is None else 1.96 * error
     line = "o-" if len(depths) > FEW_PLANES else "o"  # separate sheets form no curve
     top.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
@@ -151,91 +107,199 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     return figure
 
 
-def trust_figure(found: "Reconstruction"):
-    """Residual of each view beside the misfit by strength, with the chosen strength marked.
+def _slices_figure(found: Emission, light_field: LightField):
+    """Depth planes of the emission above refocused images at the same depths, separate scales."""
+    grid = found.grid
+    assert isinstance(grid, FrustumGrid)
+    (rows, columns), block = grid.pixels, grid.block
+    stack = shift_and_sum(grid.camera.corrected(light_field), grid.slopes)
+    stack = stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))
+    shown = shown_planes(len(found.emission))
+    width = min(3.2, 14 / len(shown))
+    size = (width * len(shown), 2 * width * rows / columns + 1.2)
+    figure, axes = subplots(2, len(shown), figsize=size, layout="constrained", squeeze=False)
+    for line, images, word in zip(
+        axes, (found.emission, stack), ("emission", "refocused"), strict=True
+    ):
+        white = max(float(images[shown].max()), 1e-30)
+        for axis, plane in zip(line, shown, strict=True):
+            depth = grid.depths_mm[plane]
+            half = grid.cell_mm(depth) / 2
+            extent = (-columns * half, columns * half, -rows * half, rows * half)
+            picture = axis.imshow(images[plane], "inferno", vmin=0, vmax=white, extent=extent)
+            axis.set_title(f"{word}, {depth:+g} mm", fontsize=8)
+            axis.tick_params(labelsize=7)
+        line[0].set_ylabel("height (mm)", fontsize=8)
+        figure.colorbar(picture, ax=list(line), shrink=0.8, label="radiance")
+    for axis in axes[-1]:
+        axis.set_xlabel("across (mm)", fontsize=8)
+    return figure
+
+
+def _section_figure(found: Emission):
+    """Draw the section through the axis, its standard deviation, and radial profiles."""
+    grid = found.grid
+    assert isinstance(grid, AxisymmetricGrid)
+    figure, axes = subplots(1, 3, figsize=(11, 4.6), layout="constrained", width_ratios=(1, 1, 1.3))
+    side, edge = grid.radii_mm[-1] + grid.step_mm / 2, grid.step_mm / 2
+    extent = (-side, side, grid.heights_mm[-1] - edge, grid.heights_mm[0] + edge)
+    for axis, half, word in (
+        (axes[0], found.emission, "emission"), (axes[1], found.sigma, "standard deviation"),
+    ):  # fmt: skip
+        if half is None:
+            axis.axis("off")
+            continue
+        whole = np.concatenate([half[:, :0:-1], half], axis=1)
+        white = max(float(half.max()), 1e-30)
+        picture = axis.imshow(whole, cmap="inferno", vmin=0, vmax=white, extent=extent)
+        axis.set_title(word, fontsize=9)
+        axis.set(xlabel="from the axis (mm)", ylabel="height (mm)")
+        figure.colorbar(picture, ax=axis, shrink=0.8, label="radiance / mm")
+    # At 1/4, 1/2 and 3/4 of the height of the bright part.
+    light = found.emission @ grid.radii_mm
+    bright = np.flatnonzero(light > 0.05 * light.max())
+    axis = axes[2]
+    for number, share in enumerate((0.25, 0.5, 0.75) if bright.size else ()):
+        row = int(round(bright[-1] + share * (bright[0] - bright[-1])))
+        values, colour = found.emission[row], f"C{number}"
+        axis.plot(grid.radii_mm, values, colour, label=f"{grid.heights_mm[row]:+.1f} mm high")
+        if found.bar is not None:
+            low, high = np.clip(values - found.bar[row], 0, None), values + found.bar[row]
+            axis.fill_between(grid.radii_mm, low, high, color=colour, alpha=0.3, linewidth=0)
+    axis.set(xlabel="distance from the axis (mm)", ylabel="radiance / mm")
+    axis.set_title("radial profiles, bars of 95 %", fontsize=9)
+    axis.set_ylim(bottom=0)
+    axis.grid(alpha=0.3)
+    if axis.lines:
+        axis.legend(fontsize=8)
+    return figure
+
+
+def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
+    """Depth blur against lateral period, and the decay of singular values.
 
     Parameters
     ----------
-    found : Reconstruction
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    camera : Lens
+    thickness_mm : float
+        Extent in depth of the emission, centred on the focal plane.
+    periods_mm : sequence of float
+        Lateral periods for which singular values are drawn.
     """
-    figure, (left, right) = subplots(1, 2, figsize=(10, 4), layout="constrained")
-    draw_chi_squared(figure, left, found.chi_squared)
-    if found.tried:
-        strengths = [tried.strength for tried in found.tried]
-        misfits = [max(tried.misfit, 1e-3) for tried in found.tried]
-        expected = [max(tried.expected, 1e-3) for tried in found.tried]
-        right.loglog(strengths, misfits, "o-", label="residual")
-        right.loglog(strengths, expected, "--", color="C7", label="what noise leaves")
-        right.axvline(found.strength, color="C1", linewidth=1, label="taken")
-        right.legend(fontsize=8)
-    right.set_xlabel("strength of the penalty")
-    right.set_ylabel("squared residual, relative to noise")
-    for axis in (right.xaxis, right.yaxis):  # 0.01 and 6, for 10 to a power
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.4)))
-    # Few strengths span less than a decade, where minor ticks have labels that would collide.
-    right.tick_params(axis="x", which="minor", labelsize=6, labelrotation=60)
+    figure, (left, right) = subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
+    finest = finest_period(camera)
+    lengths = np.geomspace(finest, max(100 * finest, *periods_mm), 100)
+    left.loglog(lengths, depth_blur(camera, lengths), color="C0")
+    left.axhline(thickness_mm, color="C7", linestyle="--", linewidth=1)
+    left.annotate(
+        f"{thickness_mm:g} mm: beyond, one number for all depths",
+        (lengths[0], thickness_mm), textcoords="offset points", xytext=(2, 4), fontsize=8,
+    )  # fmt: skip
+    left.set(xlabel="lateral period in the focal plane (mm)", ylabel="blur in depth (mm)")
+    left.set_title(f"period / {angular_width(camera):.3f} rad", fontsize=10)
+    left.grid(alpha=0.3, which="both")
+    depths = camera.focal_plane_mm + thickness_mm * np.linspace(-0.5, 0.5, 64)
+    for number, period in enumerate(periods_mm):
+        values = depth_singular_values(camera, period, depths)[:12]
+        modes = depth_modes(camera, period, thickness_mm)
+        label = f"{period:g} mm: {modes:.1f} modes"
+        right.semilogy(1 + np.arange(len(values)), values, "o-", color=f"C{number}", label=label)
+    right.axhline(0.01, color="C7", linestyle="--", linewidth=1)
+    right.set_ylim(1e-4, 1.5)
+    right.set(xlabel="number of the singular value", ylabel="relative to the largest")
+    right.set_title(f"light within {thickness_mm:g} mm of depth", fontsize=10)
+    right.legend(fontsize=8, title="lateral period", title_fontsize=8)
     right.grid(alpha=0.3)
     return figure
 
 
-def draw_chi_squared(figure, axis, chi_squared: np.ndarray, shrink: float = 1.0) -> None:
-    """Draw chi-squared by view on a logarithmic scale about 1; white if only noise remains."""
-    shown = np.clip(chi_squared, 1e-3, 1e6)
-    most = max(2.0, float(np.exp(np.nanmax(np.abs(np.log(shown))))))
-    picture = axis.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
-    if max(shown.shape) <= MOST_NUMBERED:
-        axis.set_xticks(range(shown.shape[1]))
-        axis.set_yticks(range(shown.shape[0]))
-        for (v, u), value in np.ndenumerate(chi_squared):
-            if np.isnan(value):  # not fitted
-                continue
-            ink = "w" if abs(np.log(shown[v, u])) > 0.6 * np.log(most) else "k"
-            axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6, color=ink)
-    axis.set_title("chi-squared of each view\n(1: noise alone is left)", fontsize=9)
-    axis.set_xlabel("u")
-    axis.set_ylabel("v")
-    bar = figure.colorbar(picture, ax=axis, shrink=shrink)
-    ticks = [1 / most, most**-0.5, 1.0, most**0.5, most]
-    bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks], minor=False)
-    bar.minorticks_off()
+def shown_planes(count: int) -> np.ndarray:
+    """Choose at most `MOST_SHOWN` of so many planes, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
 
 
-def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float]):
-    """Draw profiles up and across each depth plane with their bands, or one standard deviation.
+def temperature_figure(
+    kelvin: np.ndarray, sigma: np.ndarray, emission: np.ndarray, places: Sequence[Place]
+):
+    """Draw emission, temperature with isotherms, and its standard deviation side by side.
 
-    Parameters
-    ----------
-    found : dict
-        Lists "axial" and "radial", with a profile for each depth plane.
-    depths_mm : sequence of float
+    Isotherms are drawn where three standard deviations are less than their distance. The maps are
+    cut to the cells that have a temperature.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
+    kelvin, sigma : temperatures and their standard deviations in K, NaN where there is none, and
+    emission : emission in one colour, all (planes, rows, columns); places : place of each plane
     """
-    shown = shown_planes(len(depths_mm))
-    figure, axes = subplots(1, 2, figsize=(11, 4.2), layout="constrained")
-    places = (("axial", "height (mm)"), ("radial", "across (mm)"))
-    for axis, (name, label) in zip(axes, places, strict=True):
-        for colour, plane in enumerate(shown):
-            profile = found[name][plane]
-            style = {"color": f"C{colour}"}
-            depth = f"{depths_mm[plane]:+g} mm"
-            axis.plot(profile.places_mm, profile.values, linewidth=1.2, label=depth, **style)
-            half = profile.band if profile.band is not None else profile.sigma
-            if half is not None:
-                low, high = profile.values - half, profile.values + half
-                axis.fill_between(profile.places_mm, low, high, alpha=0.3, linewidth=0, **style)
-        axis.set_xlabel(label)
-        axis.set_ylabel("emission")
-        words = "band of 95 %" if found[name][0].band is not None else "one standard deviation"
-        axis.set_title(f"{name} profiles, {words}", fontsize=10)
-        axis.set_ylim(bottom=0)
-        axis.grid(alpha=0.3)
-    axes[1].legend(fontsize=8, title="depth", title_fontsize=8)
+    shown = shown_planes(len(kelvin))
+    columns = (
+        ("emission", "relative to the peak", emission / max(float(np.max(emission)), 1e-30)),
+        ("temperature", "K", kelvin),
+        ("standard deviation", "K", sigma),
+    )
+    beyond = "neither", "both", "max"  # a rim's temperatures are nearly noise
+    ranges = (0.0, 1.0), _range(kelvin, sigma), (0.0, _range(sigma, sigma)[1])
+    left, right, low, high = _window(kelvin[shown], places[shown[0]])
+    # A third of the width, less what ticks and labels take.
+    height = 0.24 * WIDTH_IN * (high - low) / (right - left)
+    size = (WIDTH_IN, len(shown) * (height + 0.3) + 1.0)
+    figure, axes = subplots(len(shown), 3, figsize=size, layout="constrained", squeeze=False)
+    for column, ((word, unit, maps), (least, most)) in enumerate(zip(columns, ranges, strict=True)):
+        for axis, plane in zip(axes[:, column], shown, strict=True):
+            place = places[plane]
+            picture = axis.imshow(
+                maps[plane], "inferno", vmin=least, vmax=most, extent=place.extent_mm
+            )
+            axis.set_facecolor("0.75")
+            axis.set(xlim=(left, right), ylim=(low, high))
+            axis.tick_params(labelsize=FONT, length=2, labelleft=column == 0)
+            axis.set_title(place.title if column == 0 else "", fontsize=FONT)
+        axes[-1, column].set_xlabel(place.across, fontsize=FONT)
+        bar = figure.colorbar(
+            picture, ax=list(axes[:, column]), location="top", aspect=12, extend=beyond[column]
+        )
+        bar.set_label(f"{word}\n({unit})", fontsize=FONT)
+        bar.ax.xaxis.set_major_locator(MaxNLocator(3))
+        bar.ax.tick_params(labelsize=FONT, length=2)
+    for axis, plane in zip(axes[:, 1], shown, strict=True):
+        _draw_isotherms(axis, kelvin[plane], sigma[plane], ranges[1], places[plane].extent_mm)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("height (mm)", fontsize=FONT)
     return figure
+
+
+def _draw_isotherms(axis, kelvin, sigma, limits: tuple[float, float], extent_mm) -> None:
+    """Draw isotherms at round temperatures, with their numbers."""
+    levels = [level for level in MaxNLocator(5).tick_values(*limits)
+              if limits[0] <= level <= limits[1]]  # fmt: skip
+    step = levels[1] - levels[0] if len(levels) > 1 else np.inf
+    well_known = np.where(3 * sigma < step, kelvin, np.nan)
+    if not levels or min(kelvin.shape) < 2 or not np.isfinite(well_known).any():
+        return
+    lines = axis.contour(
+        well_known, levels, colors="w", linewidths=0.5, extent=extent_mm, origin="upper"
+    )
+    axis.clabel(lines, fmt="%d", fontsize=0.7 * FONT)
+
+
+def _range(values: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
+    """Range of the better-known half of values: at a flame's rim temperatures are nearly noise."""
+    known = np.isfinite(values) & np.isfinite(sigma)
+    if not known.any():
+        return 0.0, 1.0
+    low, high = np.percentile(values[known & (sigma <= np.median(sigma[known]))], (1, 99))
+    return float(low), float(max(high, low + 1.0))
+
+
+def _window(kelvin: np.ndarray, place: Place) -> tuple[float, float, float, float]:
+    """Edges in mm around all cells with a temperature, with a margin; all of the map without."""
+    left, right, low, high = place.extent_mm
+    known = np.isfinite(kelvin).any(axis=0)
+    if not known.any():
+        return place.extent_mm
+    found = []
+    for axis, (begin, end) in ((0, (left, right)), (1, (high, low))):
+        lit = np.flatnonzero(known.any(axis=axis))
+        edges = np.linspace(begin, end, known.shape[1 - axis] + 1)
+        first, last = sorted((edges[lit[0]], edges[lit[-1] + 1]))
+        margin = 0.1 * (last - first)
+        found += [max(first - margin, min(begin, end)), min(last + margin, max(begin, end))]
+    return found[0], found[1], found[2], found[3]

@@ -9,29 +9,29 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import align_views
-from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FEWEST, FrustumGrid
 
-Grid = TypeVar("Grid", FrustumGrid, AxisymmetricGrid)
+Grid = TypeVar("Grid", bound=FrustumGrid | AxisymmetricGrid)
 
 
-def fitted_views(light_field: LightField, grid: Grid) -> tuple[Grid, tuple[str, ...]]:
-    """Leave out views without weight from the views that a grid fits.
+def fitted_views(light_field: LightField, grid: Grid) -> tuple[Grid, np.ndarray, np.ndarray | None]:
+    """Pick the views that a grid fits, in its pixels.
 
     Returns
     -------
     FrustumGrid or AxisymmetricGrid
-        Grid of the views that count.
-    tuple of str
-        A sentence that says so if views were left out.
-
-    Raises
-    ------
-    InputError
-        If too few views remain, or their weights differ.
+        Grid of the views with weight.
+    views : ndarray of float32, shape (v, u, t, s)
+    valid : ndarray of bool, same shape, or None
+        Whether each ray is known: all pixels of its block are; None if all are.
     """
-    weights, views = light_field.weights, grid.camera.views
-    if weights is not None and weights.shape == (views, views):
+    camera = grid.camera
+    if isinstance(grid, AxisymmetricGrid) and grid.which == "central":
+        if light_field.views.shape[:2] == (1, 1):
+            camera = camera.with_views(1)
+    elif light_field.weights is not None and light_field.weights.shape == (camera.views,) * 2:
+        weights = light_field.weights
         some = weights[weights > 0]
         if np.ptp(some) > 0:
             raise InputError(
@@ -40,29 +40,16 @@ def fitted_views(light_field: LightField, grid: Grid) -> tuple[Grid, tuple[str, 
             )
         counted = weights > 0 if grid.counted is None else (weights > 0) & grid.counted
         grid = replace(grid, counted=counted)
-    if grid.counted is None:
-        return grid, ()
-    return grid, (
-        f"{grid.view_count} of the {views**2} views are fitted: the others do not count, or the "
-        f"round aperture cuts them.",
-    )
+    views = grid.pick(_average_blocks(light_field, camera, grid.block))
+    if light_field.valid is None:
+        return grid, views, None
+    one = LightField.trusted(light_field.valid.astype(np.float32))
+    known = _average_blocks(one, camera, grid.block) > 1 - 1 / (2 * grid.block**2)
+    return grid, views, grid.pick(known)
 
 
 def inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Lens]:
-    """Cut a light field to the largest inner square of views that count and are whole.
-
-    Returns
-    -------
-    LightField
-        Views of the inner square.
-    Lens
-        Camera with this number of views, and the same pixels.
-
-    Raises
-    ------
-    InputError
-        If too few views remain, or their weights differ.
-    """
+    """Cut a light field, and its camera, to the largest inner square of whole views with weight."""
     if light_field.views.shape[:2] != (camera.views,) * 2:
         return light_field, camera
     counts = np.ones((camera.views,) * 2) if light_field.weights is None else light_field.weights
@@ -86,31 +73,8 @@ def inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Lens
     return LightField.trusted(views, valid=valid), camera.with_views(count)
 
 
-def known_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray | None:
-    """Find the blocks of a camera's lenslets of which all pixels are known; None if all are.
-
-    Returns
-    -------
-    ndarray of bool, shape (v, u, t, s), or None
-    """
-    if light_field.valid is None:
-        return None
-    known = LightField.trusted(light_field.valid.astype(np.float32))
-    return average_blocks(known, camera, block) > 1 - 1 / (2 * block**2)
-
-
-def average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray:
-    """Average blocks of a camera's lenslets.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, t, s)
-
-    Raises
-    ------
-    InputError
-        If the light field is not grey, or not of that camera.
-    """
+def _average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray:
+    """Average blocks of a camera's lenslets, float32, shape (v, u, t, s)."""
     views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:

@@ -17,9 +17,9 @@ from numba import get_num_threads
 from scipy import fft
 
 from lf_flame._common.memory import check_memory
-from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.penalties import ROUGHNESS_ORDER, depth_roughness
-from lf_flame.tomography.projection_operator import plane_bands
+from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
+from lf_flame.tomography.projection_operator import layer_bands
+from lf_flame.tomography.resolution import depth_blur, finest_period
 
 Result = TypeVar("Result")
 
@@ -32,6 +32,17 @@ KEPT = 4
 
 RIDGE = 1e-6
 """Ridge added where the unpenalised fit must be unique, relative to `FrequencyGram.scale`."""
+
+ROUGHNESS_ORDER = 3
+"""Order of the differences that are penalised: third, quadratic in the third derivatives of the
+emission. It hardly changes flames of millimetres; first or second differences shift light from
+plane to plane at strengths too low to help against noise."""
+
+DEPTH_WEIGHT, DEPTH_LENGTH = 1e-4, 0.5
+"""Weight of a penalty on third differences along depth, relative to the square of the number of
+views, for planes at a distance of this fraction of the finest depth blur. The light field hardly
+distinguishes the light of many planes; without this penalty one plane has too much and the next too
+little."""
 
 
 class FrequencyGram:
@@ -49,24 +60,6 @@ class FrequencyGram:
     matrices : ndarray of float64, shape (fy, fx, planes, planes)
         Symmetric matrices for the frequencies of `scipy.fft.rfft2`. They are real, because each
         view has a counterpart on the other side of the central view.
-
-    Raises
-    ------
-    InputError
-        If the matrices would exceed the memory limit.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> import numpy as np
-    >>> from lf_flame import PAPER_CAMERA, render
-    >>> from lf_flame.tomography import FrustumGrid
-    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
-    >>> grid = FrustumGrid(camera, [6.0, -6.0])
-
-    >>> from lf_flame.tomography import FrequencyGram
-    >>> FrequencyGram(grid).scale > 0
-    True
     """
 
     def __init__(self, grid: FrustumGrid):
@@ -113,15 +106,7 @@ class FrequencyGram:
 
     @cached_property
     def decomposition(self) -> tuple[np.ndarray, np.ndarray]:
-        """Decompose the matrices plus the penalty along depth, which is always included.
-
-        Returns
-        -------
-        values : ndarray, shape (fy, fx, planes)
-            Eigenvalues, 0 or above, rising.
-        vectors : ndarray, shape (fy, fx, planes, planes)
-            Eigenvectors, in columns.
-        """
+        """Eigenvalues (fy, fx, planes) and eigenvectors of the matrices plus the depth penalty."""
         along = self.scale * depth_roughness(self.grid)
         found = _in_threads(lambda some: np.linalg.eigh(some + along), self.matrices[: self._half])
         values, vectors = (np.concatenate(parts)[self._fold] for parts in zip(*found, strict=True))
@@ -166,10 +151,7 @@ class FrequencyGram:
         return self._count(np.einsum("yxpq,yxqp->yx", self.plain_inverse, self.matrices))
 
     def count_modes(self, strength: float) -> float:
-        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data.
-
-        Only the recorded pixels count, a part of the torus.
-        """
+        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data."""
         values, _ = self.decomposition
         kept = self.gains / (values + self.penalty(strength) + RIDGE * self.scale)
         return self._count(kept.sum(axis=-1))
@@ -202,27 +184,14 @@ class FrequencyGram:
         return np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
 
     def penalty(self, strength: float) -> np.ndarray:
-        """Value that a penalty on roughness adds to every eigenvalue of a frequency.
+        """Value that a penalty on roughness adds to every eigenvalue, shape (fy, fx, 1).
 
-        Parameters
-        ----------
-        strength : float
-            Strength relative to `scale`, 0 or above.
-
-        Returns
-        -------
-        ndarray of float64, shape (fy, fx, 1)
+        Its strength is relative to `scale`.
         """
         return (strength * self.scale * self.squared_frequency**ROUGHNESS_ORDER)[..., None]
 
     def draw_penalty(self, strength: float, rng: np.random.Generator) -> np.ndarray:
-        """Draw random cells with the penalty, including that along depth, as covariance.
-
-        Returns
-        -------
-        ndarray of float32, shape (planes, rows, columns)
-            Cells of the grid.
-        """
+        """Draw random cells, float32, with the penalty and that along depth as covariance."""
         white = rng.standard_normal((2, self.grid.shape[0], *self.size), np.float32)
         across, along = (self.transform(one) for one in white)
         values, vectors = np.linalg.eigh(self.scale * depth_roughness(self.grid))
@@ -263,18 +232,8 @@ def _in_threads(call: Callable[[np.ndarray], Result], array: np.ndarray) -> list
 
 
 def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
-    """Multiply real matrices by complex vectors, without NumPy's conversion to complex matrices.
-
-    Parameters
-    ----------
-    matrices : ndarray of float, shape (..., planes, planes)
-    spectrum : ndarray of complex, shape (..., planes)
-        Coefficients of the same precision.
-
-    Returns
-    -------
-    ndarray of complex, shape (..., planes)
-    """
+    """Multiply real matrices (..., planes, planes) by complex vectors of the same precision."""
+    # NumPy would convert the matrices to complex numbers.
     pairs = np.ascontiguousarray(spectrum).view(matrices.dtype)
     product = np.matmul(matrices, pairs.reshape(*spectrum.shape, 2))
     return product.reshape(*spectrum.shape[:-1], -1).view(spectrum.dtype)
@@ -293,7 +252,22 @@ def _transfer(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
     middle = length // 2
     transfer = []
     for plane in range(len(grid.depths_mm)):
-        bands = plane_bands(wide, plane, axis)
+        bands = layer_bands(wide.empty_layer(plane), wide.camera, wide.block, axis)
         seen = bands[:, [middle + wide.reach]].toarray().reshape(grid.camera.views, length)
         transfer.append(fft.fft(np.roll(seen, -middle, axis=1), axis=1))
     return np.stack(transfer, axis=-1)
+
+
+def depth_roughness(grid: FrustumGrid) -> np.ndarray:
+    """Penalty along depth for many evenly spaced planes, (planes, planes); zeros otherwise.
+
+    It is the integral of the squared third derivative of the emission per mm, so that it does not
+    depend on the spacing of planes in a volume: for planes with light x at a distance d, it is
+    ``sum (D3 x)^2 / d^7``, relative to `FrequencyGram.scale`.
+    """
+    count, steps = len(grid.depths_mm), np.diff(grid.depths_mm)
+    if count <= FEW_PLANES or np.ptp(steps) > 1e-6 * abs(steps[0]):
+        return np.zeros((count, count))
+    length = DEPTH_LENGTH * depth_blur(grid.camera, finest_period(grid.camera, grid.block))
+    differences = np.diff(np.eye(count), 3, axis=0)
+    return DEPTH_WEIGHT * (length / abs(steps[0])) ** 7 * (differences.T @ differences)

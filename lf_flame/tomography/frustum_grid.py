@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -127,8 +128,10 @@ class FrustumGrid:
         views[self.counted] = picked[:, 0]
         return views
 
-    def matches(self, other: FrustumGrid) -> bool:
+    def matches(self, other: Any) -> bool:
         """Whether another grid has the same cells, and fits the same views."""
+        if not isinstance(other, FrustumGrid):
+            return False
         every = np.ones((self.camera.views,) * 2, bool)
         mine, theirs = (every if one.counted is None else one.counted for one in (self, other))
         return self == other and np.array_equal(mine, theirs)

@@ -12,9 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common import figures
+from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import LONGEST, SHORTEST
-from lf_flame.tomography.error_bars import bar_times, scatter
+from lf_flame.tomography.emission import bar_times, scatter
+from lf_flame.tomography.emission_folder import EmissionFolder, write_table
+
+RECORD = "profiles.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,3 +170,71 @@ def _strip(places: np.ndarray, middle: float, width: float, cell: float, name: s
     )
     parts = np.clip(ends[0] - ends[1], 0, None)
     return parts / parts.sum()
+
+
+@dataclass(frozen=True)
+class Strips:
+    """Positions and widths of the strips of profiles in mm; None: at the centre of the light."""
+
+    across: float | None = None
+    width: float = 0.0
+    height: float | None = None
+    thickness: float = 0.0
+
+
+def take_profiles(folder: EmissionFolder, strips: Strips) -> dict[str, list[Profile]]:
+    """Take profiles up and across every depth plane: lists "axial" and "radial"."""
+    found: dict[str, list[Profile]] = {"axial": [], "radial": []}
+    for k, plane in enumerate(folder.emission):
+        one = plane, folder.draws[:, k], folder.cell_mm[k]
+        found["axial"].append(axial(*one, strips.across, strips.width))
+        found["radial"].append(radial(*one, strips.height, strips.thickness))
+    return found
+
+
+def write_profiles(
+    found: dict[str, list[Profile]], depths_mm: list[float], folder: OutputFolder
+) -> None:
+    """Write ``axial.csv``, ``radial.csv`` and ``profiles.png``."""
+    for name, place in (("axial", "height_mm"), ("radial", "across_mm")):
+        columns = ["depth_mm", place, "emission", "standard_deviation", "low_95", "high_95"]
+        both = zip(depths_mm, found[name], strict=True)
+        rows = ([depth, *row] for depth, profile in both for row in _rows(profile))
+        write_table(folder.path(f"{name}.csv"), columns, rows)
+    figures.save(_profiles_figure(found, depths_mm), folder.path("profiles.png"))
+    folder.facts["depths_mm"] = depths_mm
+
+
+def _rows(profile: Profile):
+    missing = np.full(len(profile.values), "")
+    sigma = missing if profile.sigma is None else profile.sigma
+    low, high = (
+        missing if profile.band is None else profile.values + sign * profile.band
+        for sign in (-1, 1)
+    )
+    return zip(profile.places_mm, profile.values, sigma, low, high, strict=True)
+
+
+def _profiles_figure(found: dict[str, list[Profile]], depths_mm: list[float]):
+    """Draw profiles up and across each depth plane with their bands, or one standard deviation."""
+    from lf_flame._common.figures import subplots
+    from lf_flame.tomography.figures import shown_planes
+
+    shown = shown_planes(len(depths_mm))
+    figure, axes = subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    places = (("axial", "height (mm)"), ("radial", "across (mm)"))
+    for axis, (name, label) in zip(axes, places, strict=True):
+        for colour, plane in enumerate(shown):
+            profile = found[name][plane]
+            style = {"color": f"C{colour}"}
+            depth = f"{depths_mm[plane]:+g} mm"
+            axis.plot(profile.places_mm, profile.values, linewidth=1.2, label=depth, **style)
+            if profile.band is not None:
+                low, high = profile.values - profile.band, profile.values + profile.band
+                axis.fill_between(profile.places_mm, low, high, alpha=0.3, linewidth=0, **style)
+        axis.set(xlabel=label, ylabel="emission")
+        axis.set_title(f"{name} profiles, band of 95 %", fontsize=10)
+        axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.3)
+    axes[1].legend(fontsize=8, title="depth", title_fontsize=8)
+    return figure

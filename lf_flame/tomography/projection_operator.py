@@ -1,9 +1,10 @@
-"""Light field of cells in space as a linear operator, with its exact adjoint.
+"""Light field of cells or nodes in space as a linear operator, with its exact adjoint.
 
 A pixel's weights of the cells are the closed-form integral with which scenes are rendered
 (`lf_flame.simulation.exact`), so that operator and simulation agree. Along each axis the weights
 are a banded matrix K for each depth plane. The light field is the sum of ``Ky X Kx'`` over the
-planes; the adjoint uses the transposed bands.
+planes; the adjoint uses the transposed bands. An axisymmetric flame is cut into slabs, which are
+seen as planes are.
 """
 
 import numpy as np
@@ -11,7 +12,6 @@ from pylops import LinearOperator
 from scipy import sparse
 
 from lf_flame._common.arrays import centred
-from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.lens import Lens
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -34,11 +34,6 @@ class ProjectionOperator(LinearOperator):
     finer : int, optional
         Number of parts along each axis into which the cells are divided.
 
-    Raises
-    ------
-    InputError
-        If the type is another one.
-
     Examples
     --------
     >>> from dataclasses import replace
@@ -55,8 +50,6 @@ class ProjectionOperator(LinearOperator):
     """
 
     def __init__(self, grid: FrustumGrid, dtype: str = "float32", *, finer: int = 1):
-        if np.dtype(dtype) not in (np.float32, np.float64):
-            raise InputError(f"dtype must be float32 or float64, got {dtype}.")
         planes, rows, columns = grid.shape
         dims = planes, finer * rows, finer * columns
         super().__init__(dtype=np.dtype(dtype), dims=dims, dimsd=grid.data_shape)
@@ -87,6 +80,48 @@ class ProjectionOperator(LinearOperator):
         return np.stack(cells).ravel()
 
 
+class AxisymmetricOperator(LinearOperator):
+    """Linear operator from an axisymmetric flame's emission at nodes to views, float64.
+
+    It maps emission, flattened (height, radius), in radiance per mm of the line of sight, to the
+    views (v, u, t, s) that are fitted.
+
+    Parameters
+    ----------
+    grid : AxisymmetricGrid
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.tomography import AxisymmetricGrid
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+
+    >>> from lf_flame.tomography import AxisymmetricOperator
+    >>> AxisymmetricOperator(grid).dims == grid.shape
+    True
+    """
+
+    def __init__(self, grid):
+        super().__init__(dtype=np.dtype(float), dims=grid.shape, dimsd=grid.data_shape)
+        self.grid = grid
+        self._down = sparse.vstack([one.T for one in grid.by_height], format="csr")
+        self._across = np.concatenate(list(grid.by_radius), axis=1)
+
+    def _matvec(self, x: np.ndarray) -> np.ndarray:
+        section = x.reshape(self.dims)
+        lines = np.concatenate([one @ section for one in self.grid.by_height], axis=1)
+        return self.grid.pick(as_views(lines @ self._across.T, self.dimsd[2:])).ravel()
+
+    def _rmatvec(self, y: np.ndarray) -> np.ndarray:
+        raw = as_raw(self.grid.place(y.reshape(self.dimsd)))
+        heights, radii = self.dims
+        slabs = len(self.grid.by_radius)
+        lines = (self._down @ (raw @ self._across)).reshape(slabs, heights, slabs, radii)
+        return np.einsum("khkr->hr", lines).ravel()
+
+
 def as_raw(views: np.ndarray) -> np.ndarray:
     """Lay views (v, u, t, s) beside each other: one array with rows (v, t) and columns (u, s)."""
     v, u, t, s = views.shape
@@ -99,18 +134,10 @@ def as_views(raw: np.ndarray, pixels: tuple[int, ...]) -> np.ndarray:
     return raw.reshape(-1, t, raw.shape[1] // s, s).transpose(0, 2, 1, 3)
 
 
-def plane_bands(grid: FrustumGrid, plane: int, axis: int) -> sparse.csr_array:
-    """Weight of each line of a grid's cells in a pixel's ray bundles: `layer_bands`."""
-    return layer_bands(grid.empty_layer(plane), grid.camera, grid.block, axis)
-
-
 def layer_bands(layer: Layer, camera: Lens, block: int, axis: int) -> sparse.csr_array:
     """Weight of each line of a layer's cells in each pixel's ray bundles, along one axis.
 
-    Returns
-    -------
-    scipy.sparse.csr_array of float64, shape (views * pixels, cells)
-        Weights in row ``view * pixels + pixel``; the mean over a pixel's lenslets.
+    float64, shape (views * pixels, cells), rows ``view * pixels + pixel``: means over lenslets.
     """
     start, weight = band_weights(layer.cell_edges_mm(axis), *_bundles(camera, layer, axis))
     views, lenslets, band = weight.shape

@@ -1,16 +1,37 @@
-"""Emission by depth from one light field, with error bars and warnings."""
+"""Emission from one light field, on depth planes or of an axisymmetric flame, with error bars."""
 
 from __future__ import annotations
+
+import copy
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
+from lf_flame.tomography.axis import find_axis
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
+from lf_flame.tomography.background import Level, fit_background
+from lf_flame.tomography.data_checks import (
+    Check,
+    axis_checks,
+    check_range,
+    data_checks,
+    depth_checks,
+    left_out,
+)
+from lf_flame.tomography.depth_ratio import DepthRatio, name_unseen
+from lf_flame.tomography.emission import Emission
+from lf_flame.tomography.fit import Explanation, Fit, FitOptions, check_bootstrap
+from lf_flame.tomography.fitted_views import fitted_views
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.iterative_methods import PENALISED
-from lf_flame.tomography.penalties import ROUGHNESS, Penalty
-from lf_flame.tomography.reconstruction_plan import ReconstructionPlan
-from lf_flame.tomography.reconstruction_result import Reconstruction
+from lf_flame.tomography.geometries import PlaneGeometry, geometry_of, project
+from lf_flame.tomography.noise import noise_variance
+
+BACKGROUNDS = "fit", "none"
+"""Values of `background`."""
 
 
 def reconstruct(
@@ -23,10 +44,8 @@ def reconstruct(
     bootstrap: int = 0,
     rng: int | np.random.Generator | None = 0,
     optical_thickness: ArrayLike | None = None,
-    penalty: str | Penalty = ROUGHNESS,
-    background: str | None = None,
-    method: str = PENALISED,
-) -> Reconstruction:
+    background: str = "fit",
+) -> Emission:
     """Find the emission on a grid's depth planes that explains a light field.
 
     It is a least-squares fit with regularisation (a penalty on roughness) and no negative light.
@@ -44,17 +63,16 @@ def reconstruct(
         Depth planes and cells.
     noise : float, optional
         Standard deviation of a pixel's noise in the unit of the light field (of the mean of a block
-        of pixels, if the grid's cells are blocks). Default: measured from the residual that no
-        emission on the grid can make.
+        of pixels, if the grid's cells are blocks), above 0. Default: measured from the residual
+        that no emission on the grid can make.
     strength : float, optional
-        Strength of the regularisation. Default: by the discrepancy principle.
+        Strength of the regularisation, above 0. Default: by the discrepancy principle.
     iterations : int, optional
-        Largest number of iterations. Default: 80 of ADMM, which keep the emission from being
-        negative, for "penalised"; 1000 for the other methods.
+        Largest number of iterations of the splitting. Default: 80.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
-        measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
-        or 2 and more.
+        measured dependence of noise on brightness, and fitted again for `Emission.sigma`: 0, or 2
+        and more.
     rng : int, numpy.random.Generator or None, optional
         Seed or generator of the bootstrap; with None every call draws differently.
     optical_thickness : float, or array_like of shape (planes,) or (planes, rows, columns), optional
@@ -63,24 +81,13 @@ def reconstruct(
         `Layer`, a plane transmits ``(1 - exp(-tau)) / tau`` of its own light and ``exp(-tau)`` of
         the light from behind it, at greater depth. The penalty then acts on what is left of the
         emission after its own absorption. Default: no absorption.
-    penalty : {"roughness", "variation"}, Roughness or TotalVariation, optional
-        Kind of regularisation: roughness for flames, which are smooth, and total variation for
-        emission with sharp edges, by name or as `lf_flame.tomography.Roughness` with its options.
-        Strengths of "variation" are in standard deviations of a cell's filtered noise, 2 by
-        default.
-    background : {"fit"}, optional
-        "fit" subtracts a uniform background of unknown level: the mean of the pixels that no
-        emission reaches, so some of the field must be dark. Its error is in the error bars.
-        Default: no background.
-    method : {"penalised", "sart", "mlem", "lsqr", "nnls"}, optional
-        Method: the penalised fit; or, to compare with, a classical one that has no penalty but
-        stops as soon as the squared residual of the known rays falls to the noise. SART takes all
-        views at once (SIRT), MLEM is Richardson-Lucy, NNLS is non-negative least squares by
-        accelerated gradients, and LSQR is linear, with negative light. They have no error bars.
+    background : {"fit", "none"}, optional
+        "fit" subtracts a uniform background, the mean of the pixels that no emission reaches, if
+        there are such pixels; its error is in the error bars. "none" takes black for 0.
 
     Returns
     -------
-    Reconstruction
+    Emission
         Emission of shape (planes, rows, columns) in the unit of the light field, with warnings,
         and with error bars if `bootstrap` is not 0.
 
@@ -114,8 +121,293 @@ def reconstruct(
         strength=strength,
         iterations=iterations,
         optical_thickness=optical_thickness,
-        penalty=penalty,
         background=background,
-        method=method,
     )
     return plan.reconstruct(light_field, bootstrap=bootstrap, rng=rng)
+
+
+def reconstruct_axisymmetric(
+    light_field: LightField,
+    grid: AxisymmetricGrid,
+    *,
+    noise: float | None = None,
+    strength: float | None = None,
+    bootstrap: int = 0,
+    rng: int | np.random.Generator | None = 0,
+    background: str = "fit",
+) -> Emission:
+    """Find the emission of an axisymmetric flame that explains a light field: Abel inversion.
+
+    For one view with parallel rays this is Abel's integral equation (Hansen and Law, J. Opt. Soc.
+    Am. A 2, 510, 1985, for its numerical side). Here rays are those of the camera, all views are
+    used, and the fit is regularised and without negative light. The strength of the penalty is that
+    of the least expected error of the light field (Mallows, Technometrics 15, 661, 1973).
+
+    Parameters
+    ----------
+    light_field : LightField
+        Grey light field of the grid's camera, black level subtracted, divided by a white image
+        (flat field). If the grid uses only the central view, that view alone is enough.
+    grid : AxisymmetricGrid
+        Grid with the axis, as `lf_flame.tomography.find_axis` finds it or as it is known.
+    noise, strength, bootstrap, rng, background
+        As for `reconstruct`; a background is measured in the columns beyond the grid's radius.
+
+    Returns
+    -------
+    Emission
+        Emission of shape (heights, radii), per mm, with warnings, error bars, and departures from
+        an axisymmetric flame that would not show (`unseen`).
+
+    Raises
+    ------
+    InputError
+        If light field and grid do not match, or a value cannot be used.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.tomography import AxisymmetricGrid
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+
+    >>> import numpy as np
+    >>> from lf_flame import LightField
+    >>> from lf_flame.tomography import AxisymmetricOperator, reconstruct_axisymmetric
+    >>> glow = np.outer(np.ones(grid.shape[0]), np.exp(-4 * grid.radii_mm**2))
+    >>> operator = AxisymmetricOperator(grid)
+    >>> views = np.reshape(operator @ glow.ravel(), operator.dimsd)
+    >>> found = reconstruct_axisymmetric(LightField(views), grid)
+    >>> bool(np.abs(found.emission - glow)[2:-2].max() < 0.02)  # but at the field's edges
+    True
+    """
+    plan = ReconstructionPlan(grid, noise=noise, strength=strength, background=background)
+    return plan.reconstruct(light_field, bootstrap=bootstrap, rng=rng)
+
+
+class ReconstructionPlan:
+    """Everything of `reconstruct` that does not depend on the light field, for videos.
+
+    Parameters
+    ----------
+    grid : FrustumGrid or AxisymmetricGrid
+        Depth planes and cells, or nodes of a half section.
+    noise, strength, iterations, optical_thickness, background
+        As for `reconstruct`; the thickness of a half section is absorption per mm at its nodes.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA, render
+    >>> from lf_flame.scenes.flames import flame_texture
+    >>> from lf_flame.tomography import FrustumGrid, ReconstructionPlan
+    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
+    >>> plan = ReconstructionPlan(FrustumGrid(camera, [6.0, -6.0]))
+
+    >>> from lf_flame import Layer, Scene
+    >>> last = None
+    >>> for height in (2.0, 2.2):
+    ...     flame = Layer(flame_texture(height, 0.3, cell_mm=0.05), 6.0, (height, 1.92))
+    ...     last = plan.reconstruct(render(Scene([flame]), camera), start=last)
+    >>> last.emission.shape
+    (2, 32, 40)
+    """
+
+    def __init__(
+        self,
+        grid: FrustumGrid | AxisymmetricGrid,
+        *,
+        noise: float | None = None,
+        strength: float | None = None,
+        iterations: int | None = None,
+        optical_thickness: ArrayLike | None = None,
+        background: str = "fit",
+    ):
+        if background not in BACKGROUNDS:
+            raise InputError(f"background must be 'fit' or 'none', got {background!r}.")
+        self.grid, self._background = grid, background
+        self._options = FitOptions(noise, strength, iterations)
+        self._thickness = None
+        if optical_thickness is not None:
+            self._thickness = spread_thickness(grid, optical_thickness)
+        self._geometry = geometry_of(grid)
+        self._absorption: Absorption | None = None
+
+    def absorbing(
+        self, optical_thickness: ArrayLike | None, *, strength: float | None = None
+    ) -> ReconstructionPlan:
+        """Plan with the same operators and options, and another optical thickness.
+
+        Parameters
+        ----------
+        optical_thickness, strength
+            As for `reconstruct`. Default of the strength: as in this plan.
+
+        Raises
+        ------
+        InputError
+            If a shape or a value cannot be used.
+        """
+        plan = copy.copy(self)
+        if strength is not None:
+            plan._options = replace(self._options, strength=strength)
+        plan._thickness = plan._absorption = None
+        if optical_thickness is not None:
+            plan._thickness = spread_thickness(self.grid, optical_thickness)
+        return plan
+
+    def reconstruct(
+        self,
+        light_field: LightField,
+        *,
+        start: Emission | None = None,
+        bootstrap: int = 0,
+        rng: int | np.random.Generator | None = 0,
+        prior_rng: np.random.Generator | None = None,
+        fits: int = MOST_FITS,
+    ) -> Emission:
+        """Find the emission that explains a light field.
+
+        Parameters
+        ----------
+        light_field : LightField
+            As for `reconstruct`.
+        start : Emission, optional
+            Result of the frame before. The fit starts from it, and takes from it the strength, and
+            how noise depends on pixel and brightness, and is correlated. Default: the light field
+            alone decides.
+        bootstrap, rng
+            As for `reconstruct`.
+        prior_rng : numpy.random.Generator, optional
+            Generator of the bootstrap's prior and multiples of the correction. Colours of one flame
+            share it, each with a new one of the same seed: penalty and cells act on all colours
+            alike, and the ratio of two does not feel it. Default: `rng`.
+        fits : int, optional
+            Largest number of fits until the correction for absorption converges.
+
+        Returns
+        -------
+        Emission
+
+        Raises
+        ------
+        InputError
+            If the light field does not match the grid, or `start` is of another grid.
+        """
+        check_bootstrap(bootstrap)
+        rng = np.random.default_rng(rng)
+        even = self.grid.camera.corrected(light_field)
+        grid, views, valid = fitted_views(even, self.grid)
+        check_range(views, self._options.noise)
+        checks = left_out(grid, valid)
+        geometry = self._prepare(grid)
+        first = None if start is None else _checked_start(start, grid)
+        fit = Fit(geometry, self._options, valid, first)
+        level = None
+        if self._background == "fit":
+            level = fit_background(views, geometry, valid)
+        measured = level is not None
+        level = level or Level()
+        if level.mean:
+            views = views - np.float32(level.mean)
+        absorption, excess = self._absorption, np.zeros_like(views)
+        if absorption is None:
+            found = fit.explain(views)
+        else:
+            found, settled = absorption.settle(views, fit.explain, first, fits)
+            found = replace(found, settled=settled)
+            excess = absorption.excess(found.cells)
+        # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
+        # does not change.
+        whole = fit.correct(found)
+        drawn = fit.redraw(
+            found, views - excess, whole, level.error, bootstrap, rng, prior_rng or rng
+        )
+        emission, correction, *draws = (
+            self._leaving(one) for one in (found.cells + whole, whole, *drawn)
+        )
+        seen = geometry.smooth_views(found.cells + whole) + excess
+        known = views if valid is None else np.where(valid, views, seen)
+        residual = (known - seen).astype(np.float32)
+        power = np.square(residual, dtype=np.float64).sum(axis=(2, 3))
+        with np.errstate(invalid="ignore"):  # of a view of which nothing is known
+            rays = np.prod(views.shape[2:]) if valid is None else valid.sum(axis=(2, 3))
+            chi_squared = power / rays / noise_variance(found.noise)
+        unseen: tuple[str, ...] = ()
+        if isinstance(grid, FrustumGrid) and isinstance(geometry, PlaneGeometry):
+            checks = depth_checks(grid, emission) + checks
+            sigma_linear = geometry.linear_errors(found.summed_noise, found.strength)
+            if absorption is not None:
+                leaves = np.square(1 / grid.crop(absorption.transmission), dtype=np.float64)
+                sigma_linear = sigma_linear * np.sqrt(leaves.mean(axis=(1, 2)))
+        else:
+            sigma_linear = np.empty(0)
+            more, unseen = self._axis(even, level, geometry, found, known - excess)
+            checks += more
+        checks += data_checks(
+            known,
+            residual,
+            chi_squared,
+            found,
+            stated=self._options.noise is not None,
+            fitted_background=measured,
+        )
+        return Emission(
+            grid=grid,
+            emission=emission,
+            correction=correction,
+            draws=np.array(draws, np.float32).reshape(-1, *emission.shape),
+            sigma_linear=sigma_linear,
+            noise=found.noise,
+            strength=found.strength,
+            tried=found.tried,
+            chi_squared=grid.place(chi_squared, np.nan),
+            checks=tuple(checks),
+            fit=found,
+            unseen=unseen,
+            background=level.mean,
+            background_sigma=level.error,
+        )
+
+    def _axis(
+        self, even: LightField, level: Level, geometry, found: Explanation, views: np.ndarray
+    ) -> tuple[list[Check], tuple[str, ...]]:
+        """Compare the grid's axis with that of the light field, and the depth with the width."""
+        grid, light_field = geometry.grid, replace(even, views=even.views - np.float32(level.mean))
+        depth = grid.depth_mm if even.views.shape[1] < 3 else None
+        axis = find_axis(light_field, grid.camera, depth)
+        ratio = DepthRatio(geometry, found.cells, views, found.pixel_noise)
+        lit = project(geometry.operator, np.ones(grid.shape))
+        checks = axis_checks(axis, grid, views, lit, ratio)
+        return checks, name_unseen(axis, ratio)
+
+    def _leaving(self, cells: np.ndarray) -> np.ndarray:
+        """Emission at the result's pixels or nodes, for the light that leaves each cell."""
+        if self._absorption is not None:
+            cells = cells / self._absorption.transmission
+        cells = self.grid.crop(cells) if isinstance(self.grid, FrustumGrid) else cells
+        return np.ascontiguousarray(cells, np.float32)
+
+    def _prepare(self, grid: FrustumGrid | AxisymmetricGrid):
+        """Keep the operators of the views with weight, made anew where others have weight."""
+        if not grid.matches(self._geometry.grid):
+            self._geometry, self._absorption = geometry_of(grid), None
+        if self._absorption is None and self._thickness is not None:
+            self._absorption = Absorption(self._geometry.operator, grid, self._thickness)
+        return self._geometry
+
+
+def _checked_start(start: Emission, grid: FrustumGrid | AxisymmetricGrid) -> Explanation:
+    """Fit from which to start; refused if it is of another grid."""
+    if not grid.matches(start.grid):
+        raise InputError(
+            f"start must be a reconstruction on the plan's grid with the same views, got one of "
+            f"{start.grid.view_count} views on {start.grid}."
+        )
+    return start.fit

@@ -1,56 +1,71 @@
-"""Emission, temperature and absorption of soot at depth planes, from one colour light field."""
+"""Temperature and absorption of a sooty flame together, from one colour light field.
 
+Soot absorbs as it emits (Kirchhoff): in each colour, a cell's emission is its optical thickness
+times the signal of a black body of its temperature. With absolute gains of the colours, emission
+therefore gives the absorption, and the absorption corrects the emission. Both are found in turn:
+emission in each colour, from it temperature and optical thickness, from that the attenuation of
+each ray, and emission again, until the optical thickness converges.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from lf_flame._common import progress
+from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.tomography.absorption import MOST_THICKNESS
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.colour_calibration import ColourCalibration
+from lf_flame.tomography.emission import Emission
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.reconstruction_plan import ReconstructionPlan
-from lf_flame.tomography.reconstruction_result import Reconstruction
-from lf_flame.tomography.soot_rounds import Soot, Steps, solve_soot, split_colours
+from lf_flame.tomography.pyrometry import Temperatures, soot_temperature
+from lf_flame.tomography.reconstruction import ReconstructionPlan
+
+MOST_ROUNDS = 30
+"""Largest number of rounds; at a total thickness of 1, each leaves about half of the change."""
+
+SETTLED = 2e-3
+"""Largest change of the total optical thickness, in one round, at which the rounds end."""
+
+CLIPPED = 1.25
+"""Total thickness in rounds under way, relative to `MOST_THICKNESS`."""
+
+UNSETTLED = (
+    "Emission and absorption have not converged: the flame is too thick for this light field, or "
+    "its colours contradict each other."
+)
 
 
-class _PlaneSteps(Steps[Reconstruction]):
-    """Fits of depth planes to each colour."""
+@dataclass(frozen=True, eq=False)
+class Soot:
+    """Emission, temperature and absorption of a sooty flame.
 
-    def __init__(
-        self, lights: list[LightField], plan: ReconstructionPlan, bootstrap: int, seed: int
-    ):
-        self._lights, self._plan = lights, plan
-        self._bootstrap, self._seed = bootstrap, seed
+    Attributes
+    ----------
+    colours : tuple of Emission
+        Emission in each colour, without absorption.
+    temperatures : Temperatures
+        Temperatures of the soot; `Temperatures.amount` is the optical thickness at 600 nm.
+    optical_thickness : ndarray of float64, shape (colours, ...)
+        Absorption in each colour, by plane or by mm, as the emission.
+    total_thickness : ndarray of float64, shape (colours,)
+        Largest total along a ray through the flame in each colour.
+    warnings : tuple of str
+    """
 
-    def first(self, c: int) -> Reconstruction:
-        return self._plan.reconstruct(self._lights[c])
-
-    def again(self, c: int, thickness: np.ndarray, last: Any) -> Reconstruction:
-        return self._plan.absorbing(thickness).reconstruct(self._lights[c], start=last)
-
-    def finish(self, thickness: np.ndarray | None, last: Any) -> tuple[Reconstruction, ...]:
-        by_colour = [None] * len(self._lights) if thickness is None else thickness
-        # With one strength for all colours, the effect of the penalty cancels in their ratios.
-        strength = max(
-            self._plan.absorbing(one).reconstruct(light).strength
-            for one, light in zip(by_colour, self._lights, strict=True)
-        )
-        return tuple(
-            self._plan.absorbing(one, strength=strength).reconstruct(
-                self._lights[c],
-                bootstrap=self._bootstrap,
-                rng=np.random.default_rng((self._seed, c)),
-                prior_rng=np.random.default_rng(self._seed),  # all colours draw the same prior
-            )
-            for c, one in enumerate(by_colour)
-        )
-
-    def total(self, thickness: np.ndarray) -> float:
-        return float(thickness.sum(axis=0).max())
+    colours: tuple[Emission, ...]
+    temperatures: Temperatures
+    optical_thickness: np.ndarray
+    total_thickness: np.ndarray
+    warnings: tuple[str, ...]
 
 
 def reconstruct_soot(
     light_field: LightField,
-    grid: FrustumGrid,
+    grid: FrustumGrid | AxisymmetricGrid,
     calibration: ColourCalibration,
     *,
     absorbing: bool = True,
@@ -58,16 +73,16 @@ def reconstruct_soot(
     bootstrap: int = 0,
     seed: int = 0,
     **options: Any,
-) -> Soot[Reconstruction]:
-    """Find emission, temperature and absorption of soot at depth planes.
+) -> Soot:
+    """Find emission, temperature and absorption of soot, on planes or of an axisymmetric flame.
 
     Parameters
     ----------
     light_field : LightField
         Light field of the grid's camera with a channel for each colour, linear in light, black
         subtracted, divided by the white image with which the colours were calibrated.
-    grid : FrustumGrid
-        Depth planes and cells, the same for all colours.
+    grid : FrustumGrid or AxisymmetricGrid
+        Depth planes and cells, or nodes of the half section, the same for all colours.
     calibration : ColourCalibration
         Gains and spectral responses of the channels.
     absorbing : bool, optional
@@ -112,5 +127,101 @@ def reconstruct_soot(
     1800.0
     """
     lights = split_colours(light_field, calibration.responses.names)
-    steps = _PlaneSteps(lights, ReconstructionPlan(grid, **options), bootstrap, seed)
-    return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)
+    plan, count = ReconstructionPlan(grid, **options), len(lights)
+    found = [plan.reconstruct(light) for light in lights]
+    # With one strength for all colours, the effect of the penalty cancels in their ratios.
+    strength = max(one.strength for one in found)
+    thickness, settled = np.zeros((count, *found[0].emission.shape)), not absorbing
+    rounds = range(MOST_ROUNDS) if absorbing else ()
+    for number in progress.steps(rounds, "absorption", MOST_ROUNDS, "round"):
+        if number:
+            found = [
+                plan.absorbing(tau).reconstruct(light, start=last, fits=1)
+                for tau, light, last in zip(thickness, lights, found, strict=True)
+            ]
+        fresh = _thickness(found, calibration, soot_exponent)
+        fresh *= min(1.0, CLIPPED * MOST_THICKNESS / max(_total(grid, one) for one in fresh))
+        change = max(_total(grid, one) for one in np.abs(fresh - thickness))
+        thickness = fresh
+        if change < SETTLED:
+            settled = True
+            break
+    totals = np.array([_total(grid, one) for one in thickness])
+    if totals.max() > MOST_THICKNESS:
+        name = calibration.responses.names[int(np.argmax(totals))]
+        raise InputError(
+            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
+            f"comes out at {totals.max():.2g} or more in {name}: hardly any light leaves from "
+            f"behind; or the flame was exposed longer than the furnace (--exposure of "
+            f"calibrate-colours), or the colours are in another order than the channels."
+        )
+    colours = tuple(
+        plan.absorbing(tau if absorbing else None, strength=strength).reconstruct(
+            light,
+            bootstrap=bootstrap,
+            rng=np.random.default_rng((seed, c)),
+            prior_rng=np.random.default_rng(seed),  # all colours draw the same prior
+        )
+        for c, (tau, light) in enumerate(zip(thickness, lights, strict=True))
+    )
+    temperatures = _temperatures(colours, calibration, soot_exponent)
+    return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
+
+
+def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightField]:
+    """Give each colour of a light field as a grey one; refuse another number than of names."""
+    if light_field.channels != len(names) or len(names) < 2:
+        raise InputError(
+            f"The light field must have a channel for each of the calibration's {len(names)} "
+            f"colours ({', '.join(names)}), two or more, got {light_field.channels}."
+        )
+    return [
+        replace(light_field, views=np.ascontiguousarray(light_field.views[..., c]))
+        for c in range(len(names))
+    ]
+
+
+def _total(grid: FrustumGrid | AxisymmetricGrid, thickness: np.ndarray) -> float:
+    """Largest total of an optical thickness along a ray."""
+    if isinstance(grid, FrustumGrid):
+        return float(thickness.sum(axis=0).max())
+    return float(2 * thickness.sum(axis=1).max() * grid.step_mm)
+
+
+def _temperatures(
+    colours: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float
+) -> Temperatures:
+    """Temperature of soot from its emission in the colours of a calibration."""
+    bars = all(len(one.draws) for one in colours)
+    return soot_temperature(
+        [one.emission for one in colours],
+        calibration.responses,
+        sigmas=[one.sigma for one in colours] if bars else None,  # type: ignore[misc]
+        draws=[one.draws for one in colours] if bars else None,
+        gains=calibration.gains,
+        soot_exponent=soot_exponent,
+    )
+
+
+def _thickness(
+    found: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float
+) -> np.ndarray:
+    """Optical thickness of each cell in each colour, float64, shape (colours, ...)."""
+    light = np.stack([one.emission for one in found]).astype(float)
+    kelvin = soot_temperature(
+        list(light), calibration.responses, gains=calibration.gains, soot_exponent=soot_exponent
+    ).kelvin
+    bright = light.sum(axis=0)
+    known = np.isfinite(kelvin) & (bright > bright.max() / 5)
+    if not known.any():
+        raise InputError(
+            "No bright cell has a temperature: the ratios of the colours are not those of soot. "
+            "See whether the calibration's colours are in another order than the channels."
+        )
+    # Faint cells hold little soot; they count as being as hot as the flame's bright part.
+    typical = float(np.median(kelvin[known]))
+    faint = ~np.isfinite(kelvin) | (bright < bright.max() / 20)
+    kelvin = np.where(faint, typical, kelvin)
+    shape = (-1, *[1] * kelvin.ndim)
+    black = calibration.gains.reshape(shape) * calibration.responses.black_body(kelvin)
+    return np.maximum(light, 0) / black

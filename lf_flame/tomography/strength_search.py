@@ -1,13 +1,9 @@
-"""Strength of the regularisation: as strong as the noise allows, by the discrepancy principle."""
+"""Strength of the regularisation: by the discrepancy principle, or of least expected error."""
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
-
-from lf_flame.errors import InputError
-from lf_flame.tomography.penalised_fit import Fit
 
 STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
 """Strengths of the regularisation that are tried, from no visible effect to strong smoothing."""
@@ -16,64 +12,17 @@ FIRST = 13
 """Index of the strength that is tried first: a strong one, as weaker fits need a start nearby."""
 
 
-MOST = 1e30
-"""Largest noise and strength: far above any use, and their products are float64 numbers."""
-
-
-def check_noise_and_strength(noise: float | None, strength: float | None) -> None:
-    """Refuse a noise or a strength of the penalty that cannot be used; None is to be found.
-
-    Raises
-    ------
-    InputError
-        If one is negative, not finite, or above `MOST`.
-    """
-    for name, value in (("noise", noise), ("strength", strength)):
-        if value is not None and not 0 <= value <= MOST:
-            raise InputError(f"{name} must be a finite number from 0 to {MOST:g}, got {value}.")
-
-
-@dataclass(frozen=True)
-class TriedStrength:
+class TriedStrength(NamedTuple):
     """A strength of the regularisation and its result.
 
-    Attributes
-    ----------
-    strength : float
-        Strength of the regularisation.
-    misfit : float
-        Squared residual in the operator's range, in units of the noise's part there: a perfect
-        solution has 1.
-    expected : float
-        Misfit that noise leaves for a solution with as many degrees of freedom.
-    roughness : float
-        Root-mean-square third difference of the emission, relative to its peak.
+    strength : strength of the regularisation
+    misfit : squared residual in the operator's range, in units of the noise's part there
+    expected : misfit that noise leaves for a solution with as many degrees of freedom
     """
 
     strength: float
     misfit: float
     expected: float
-    roughness: float
-
-
-class Problem(Protocol):
-    """Problem to fit, for example `lf_flame.tomography.penalised_fit.RangeFit`."""
-
-    @property
-    def modes(self) -> float:
-        """Degrees of freedom of the fit without a penalty."""
-
-    def solve(
-        self,
-        strength: float,
-        nonnegative: bool,
-        iterations: int,
-        start: np.ndarray | None = None,
-    ) -> Fit:
-        """Fit with one strength of the regularisation."""
-
-    def count_modes(self, strength: float) -> float:
-        """Count the degrees of freedom of a linear fit."""
 
 
 class StrengthSearch:
@@ -81,30 +30,25 @@ class StrengthSearch:
 
     Parameters
     ----------
-    problem : Problem
+    problem : PlaneProblem or SectionProblem
     variance : float
         Variance of a pixel's noise, above 0.
-    noise_share : ndarray, shape (rows, columns)
-        Fraction of the noise in each cell of a plane; the sum is 1.
-    nonnegative : bool
-        Whether emission is kept at 0 or above.
+    noise_share : ndarray
+        Fraction of the noise in each cell, in a shape that broadcasts to cells.
     iterations : int
         Number of iterations for each strength, starting from the nearest one's solution.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        variance: float,
-        noise_share: np.ndarray,
-        nonnegative: bool,
-        iterations: int,
-    ):
-        self.tried: dict[float, TriedStrength] = {}
+    def __init__(self, problem, variance: float, noise_share: np.ndarray, iterations: int):
+        self._tried: dict[float, TriedStrength] = {}
         self._starts: dict[float, np.ndarray] = {}
         self._problem, self._noise_share = problem, noise_share
-        self._variance = variance
-        self._options = (nonnegative, iterations)
+        self._variance, self._iterations = variance, iterations
+
+    @property
+    def tried(self) -> tuple[TriedStrength, ...]:
+        """Strengths that were tried, weakest first."""
+        return tuple(self._tried[key] for key in sorted(self._tried))
 
     def find(self) -> float:
         """Find the strongest with a residual within the noise, or else the least excess."""
@@ -134,32 +78,24 @@ class StrengthSearch:
             here += 1
         return STRENGTHS[here]
 
-    def try_all(self) -> None:
-        """Try every strength, strongest first."""
-        for strength in reversed(STRENGTHS):
-            self.attempt(strength)
-
     def nearest(self, strength: float) -> np.ndarray | None:
-        """State, or cells, of the nearest fit that was tried, to start from."""
+        """State of the nearest fit that was tried, to start from."""
         if not self._starts:
             return None
-        least = STRENGTHS[0]
-        key = min(self._starts, key=lambda tried: abs(math.log(tried / max(strength, least))))
+        key = min(self._starts, key=lambda tried: abs(math.log(tried / strength)))
         return self._starts[key]
 
     def attempt(self, strength: float) -> TriedStrength:
         """Fit with a strength, unless this was done before."""
-        if strength not in self.tried:
-            nonnegative, iterations = self._options
-            start = self.nearest(strength)
-            fit = self._problem.solve(strength, nonnegative, iterations, start)
-            free = self._problem.count_modes(strength) / self._problem.modes
-            if nonnegative:
-                free *= float(np.sum((fit.cells > 0).mean(axis=0) * self._noise_share))
-            self._starts[strength] = fit.cells if fit.state is None else fit.state
-            misfit = fit.misfit / (self._variance * self._problem.modes)
-            self.tried[strength] = TriedStrength(strength, misfit, 1 - free, roughness(fit.cells))
-        return self.tried[strength]
+        if strength not in self._tried:
+            problem = self._problem
+            fit = problem.solve(strength, self._iterations, self.nearest(strength))
+            free = problem.count_modes(strength) / problem.modes
+            free *= float(np.sum((fit.cells > 0) * self._noise_share))
+            self._starts[strength] = fit.state
+            misfit = fit.misfit / (self._variance * problem.modes)
+            self._tried[strength] = TriedStrength(strength, misfit, 1 - free)
+        return self._tried[strength]
 
     def _risk(self, index: int) -> float:
         if not 0 <= index < len(STRENGTHS):
@@ -172,10 +108,3 @@ class StrengthSearch:
             return math.inf
         tried = self.attempt(STRENGTHS[index])
         return tried.misfit - tried.expected
-
-
-def roughness(cells: np.ndarray) -> float:
-    """Root-mean-square third difference along rows and columns, relative to the peak."""
-    peak = max(float(cells.max()), float(np.finfo(np.float32).tiny))
-    squares = [np.mean(np.square(np.diff(cells, 3, axis) / peak)) for axis in (1, 2)]
-    return float(np.sqrt(sum(squares)))

@@ -1,29 +1,26 @@
 """Output files of soot temperatures, and notes on them."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import tifffile
 
 from lf_flame._common import figures
-from lf_flame._common.config import load_record
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.formats.coding import CODED
-from lf_flame.tomography import emission_folder
-from lf_flame.tomography.axisymmetric import section_folder
 from lf_flame.tomography.colour_calibration import ColourCalibration
-from lf_flame.tomography.emission_folder import Place
+from lf_flame.tomography.emission import Place
+from lf_flame.tomography.emission_folder import RECORD as SOURCE
+from lf_flame.tomography.emission_folder import EmissionFolder
+from lf_flame.tomography.figures import temperature_figure
 from lf_flame.tomography.pyrometry import (
     LEAST_K,
     LEAST_SIGNAL,
     MOST_K,
+    SINGLE_WAVELENGTHS,
     Temperatures,
     soot_temperature,
 )
-from lf_flame.tomography.temperature_figure import temperature_figure
-from lf_flame.tomography.two_colours import SINGLE_WAVELENGTHS
 
 RECORD = "temperature.json"
 SIGMA_FILE = "temperature_sigma.tif"
@@ -38,22 +35,6 @@ furnace are ordinary, so the calibration's range alone would warn of sound resul
 
 MOST_MISFIT = 4.0
 """Largest chi-squared of the median cell without a note."""
-
-
-@dataclass(frozen=True)
-class SourceRecord:
-    """Content of the record of an emission on its light field.
-
-    Attributes
-    ----------
-    notes : list of str, optional
-        Notes on how it was read.
-    warnings : list of str, optional
-        Warnings of its fit.
-    """
-
-    notes: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
 
 
 def temperature_warnings(found: Temperatures, calibration: ColourCalibration) -> list[str]:
@@ -75,7 +56,7 @@ def temperature_warnings(found: Temperatures, calibration: ColourCalibration) ->
 
 def temperature_notes(
     found: Temperatures,
-    folders: Iterable[Path],
+    folders: Iterable[EmissionFolder],
     calibration: ColourCalibration,
     soot_exponent: float,
 ) -> list[str]:
@@ -84,14 +65,15 @@ def temperature_notes(
     if calibration.responses.single_wavelengths:
         notes.append(SINGLE_WAVELENGTHS)
     for folder in folders:
-        kind = section_folder if section_folder.is_section(folder) else emission_folder
-        record = load_record(SourceRecord, folder / kind.RECORD)
+        record = folder.record
         if any(CODED in note for note in record.notes):
-            notes.append(f"{folder} was made of files that are not made for measuring. {CODED}")
+            notes.append(
+                f"{folder.folder} was made of files that are not made for measuring. {CODED}"
+            )
         if record.warnings:
             notes.append(
-                f"The fit of {folder} has {len(record.warnings)} warnings, see its {kind.RECORD}: "
-                f"what they say of emission holds for its temperature."
+                f"The fit of {folder.folder} has {len(record.warnings)} warnings, see its "
+                f"{SOURCE}: what they say of emission holds for its temperature."
             )
     known = np.isfinite(found.kelvin)
     if not known.any():

@@ -50,7 +50,7 @@ def source(views, tmp_path):
 def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     result = run("abel", *source, "--bootstrap", 3, "--out", tmp_path / "found")
     assert result.exit_code == 0, result.output
-    record = json.loads((tmp_path / "found" / "abel.json").read_text())
+    record = json.loads((tmp_path / "found" / "emission.json").read_text())
     assert record["axis_mm"] == pytest.approx(ACROSS, abs=0.03)
     assert record["axis_depth_mm"] == pytest.approx(DEPTH, abs=0.2)
     with (tmp_path / "found" / "radial.csv").open() as file:
@@ -64,7 +64,7 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
     with (tmp_path / "found" / "axial.csv").open() as file:
         axis = [float(row["emission_per_mm"]) for row in csv.DictReader(file)]
     assert axis == [row["emission_per_mm"] for row in rows if row["radius_mm"] == 0]
-    section = tifffile.imread(tmp_path / "found" / "section.tif")
+    section = tifffile.imread(tmp_path / "found" / "emission.tif")
     assert section.shape == tifffile.imread(tmp_path / "found" / "sigma.tif").shape
     assert section.shape[0] == len(axis)
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
@@ -74,18 +74,20 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path, drawn):
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
     assert run("abel", *source, "--central", *COARSE, "--out", out).exit_code == 0
-    section = tifffile.imread(out / "section.tif")
+    section = tifffile.imread(out / "emission.tif")
     assert section.max() == pytest.approx(PEAK, rel=0.2)
-    assert json.loads((out / "abel.json").read_text())["views"] == "central"
+    assert json.loads((out / "emission.json").read_text())["views"] == "central"
 
 
 @pytest.mark.slow
-def test_a_background_is_told_with_an_advice_that_abel_can_follow(source, views, tmp_path):
+def test_a_background_is_measured_beside_the_flame(source, views, tmp_path):
     np.save(tmp_path / "bright.npy", views + np.float32(0.1))
     out = ["--out", tmp_path / "out"]
-    result = run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE, *out)
-    assert "subtract the dark frame, or a picture without the flame" in result.output
-    assert "--background" not in result.output
+    run("abel", tmp_path / "bright.npy", *source[1:], "--central", *COARSE, *out)
+    section = tifffile.imread(tmp_path / "out" / "emission.tif")
+    assert section.max() == pytest.approx(PEAK, rel=0.2)
+    record = json.loads((tmp_path / "out" / "emission.json").read_text())
+    assert record["background"] == pytest.approx(0.1, abs=5e-3)
 
 
 def test_light_that_is_not_round_is_told(source, views, tmp_path):
@@ -112,5 +114,5 @@ def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path, dr
     result = run(*words, *where)
     assert result.exit_code == 0, result.output
     assert "would not show" in result.output
-    section = tifffile.imread(tmp_path / "out" / "section.tif") * views.max()
+    section = tifffile.imread(tmp_path / "out" / "emission.tif") * views.max()
     assert section.max() == pytest.approx(PEAK, rel=0.2)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner
+from lf_flame.commands.colour_fits import read_exposed_colours
 
 from experiments.emission.truth import Lens, SootFlame, planck, trace
 from lf_flame.commands.cli import commands
-from lf_flame.commands.colour_fits import read_exposed_colours
 
 COLOURS = (480.0, 640.0)
 LENS = Lens(views=3, lenslets=(36, 32))
@@ -70,7 +70,7 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     assert "optical thickness of the soot, at most: blue 0.6" in shown.output
     run("temperature", "abel/flame", "--colours", "colours/colours.toml")
     kelvin = tifffile.imread("temperature/flame/temperature.tif").squeeze()
-    step = json.loads(Path("abel/flame/red/abel.json").read_text())["step_mm"]
+    step = json.loads(Path("abel/flame/red/emission.json").read_text())["step_mm"]
     rows, columns = kelvin.shape
     h, r = np.meshgrid(
         step * ((rows - 1) / 2 - np.arange(rows)), step * np.arange(columns), indexing="ij"
@@ -82,7 +82,7 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     assert abs(np.mean(apart)) < 8  # taken for thin it would be 30 K too cold
     thick = tifffile.imread("temperature/flame/optical_thickness.tif").squeeze()
     assert np.median(thick[bright] / flame.absorption(r, h)[bright]) == pytest.approx(1, abs=0.06)
-    red = Path("abel/flame/red/abel.json")
+    red = Path("abel/flame/red/emission.json")
     other = run("temperature", "abel/flame", *CALIBRATION, "--soot-exponent", 1.4, code=1)
     assert "with which the absorption in abel/flame/blue was found, 1, got 1.4" in str(
         other.exception

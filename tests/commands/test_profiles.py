@@ -24,8 +24,8 @@ def folder(tmp_path):
 
 def sign(path, **changes):
     """Write what is read of the record of reconstruct."""
-    record = {"depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5], **changes}
-    (path / "reconstruct.json").write_text(json.dumps(record))
+    record = {"geometry": "planes", "depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5], **changes}
+    (path / "emission.json").write_text(json.dumps(record))
 
 
 def rows_of(path):

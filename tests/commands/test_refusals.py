@@ -47,35 +47,42 @@ BROKEN_PLANES = {
     "one": ("draws.tif", PLANES[:1]), "row": ("emission.tif", PLANES[0, 0]),
     "float64": ("emission.tif", PLANES.astype(np.float64)),
     "nan": ("draws.tif", PLANES * np.float32(np.nan)),
+    "correction": ("correction.tif", PLANES * np.float32(np.nan)),
     "ones": ("emission.tif", b"II*\0\x08\0\0\0" + 300 * b"\xff"), "text": ("draws.tif", b"none"),
-    "cell": ("reconstruct.json", {"cell_mm": [1.0]}),
-    "zero": ("reconstruct.json", {"cell_mm": [1, 0]}),
-    "none": ("reconstruct.json", {"cell_mm": [], "depths_mm": []}),
-    "far": ("reconstruct.json", {"cell_mm": [1.0, 1e308]}),
-    "moved": ("reconstruct.json", {"depths_mm": [4.0, -3.0]}), "alone": ("draws.tif", None),
+    "cell": ("emission.json", {"cell_mm": [1.0]}),
+    "zero": ("emission.json", {"cell_mm": [1, 0]}),
+    "none": ("emission.json", {"cell_mm": [], "depths_mm": []}),
+    "far": ("emission.json", {"cell_mm": [1.0, 1e308]}),
+    "moved": ("emission.json", {"depths_mm": [4.0, -3.0]}), "alone": ("draws.tif", None),
 }  # fmt: skip
 
 
 def write_planes(folder, name="", content=None):
     """A folder of `lf-flame reconstruct`, one file of it or values of its record changed."""
     folder.mkdir()
-    record = {"depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5]}
+    record = {"geometry": "planes", "depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5]}
     files = {"emission.tif": PLANES, "draws.tif": np.stack([PLANES] * 4)}
-    if name == "reconstruct.json":
+    if name == "emission.json":
         record |= content
     elif name:
         files[name] = content
     if name and content is None:
         files.pop(name, None)
-    write_folder(folder, "reconstruct.json", record, files)
+    write_folder(folder, "emission.json", record, files)
 
 
 def write_section(folder, emission=SECTION, sigma=SECTION, **facts):
     """A folder of `lf-flame abel`."""
     folder.mkdir()
-    record = {"axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0, "burner_mm": -12.5}
-    files = {"section.tif": emission} | ({} if sigma is None else {"sigma.tif": sigma})
-    write_folder(folder, "abel.json", record | {"step_mm": 0.5, "notes": []} | facts, files)
+    record = {
+        "geometry": "section",
+        "axis_mm": 0.25,
+        "axis_depth_mm": -3.0,
+        "radius_mm": 4.0,
+        "burner_mm": -12.5,
+    }
+    files = {"emission.tif": emission} | ({} if sigma is None else {"sigma.tif": sigma})
+    write_folder(folder, "emission.json", record | {"step_mm": 0.5, "notes": []} | facts, files)
 
 
 def write_folder(folder, name, record, files):
@@ -255,21 +262,22 @@ REFUSED = [
         (f"profiles planes_{name} --out out", said)
         for name, said in {
             "low": "must hold planes as emission.tif does",
-            "double": "must hold 2 planes, got 4",
+            "double": "must hold planes as emission.tif does",
             "one": "must hold 2 planes of float32",
             "row": "must hold pictures of rows and columns",
             "float64": "must hold 2 planes of float32",
             "nan": "must hold finite numbers",
+            "correction": "correction.tif must hold finite numbers",
             "ones": "emission.tif cannot be read",
             "text": "draws.tif cannot be read: it is damaged",
-            "cell": "must hold a number for each plane",
-            "none": "must hold a number for each plane",
-            "zero": "cell_mm must hold lengths from",
-            "far": "cell_mm must hold lengths from",
+            "cell": "with a number in cell_mm for each of",
+            "none": "with a number in cell_mm for each of",
+            "zero": "must be lengths from",
+            "far": "must be lengths from",
         }.items()
     ),
     ("profiles planes --across 9 --out out", "must lie within"),
-    ("profiles empty", "is no folder of `lf-flame reconstruct`: there is no reconstruct.json"),
+    ("profiles empty", "or `lf-flame abel`: there is no emission.json"),
     ("profiles green", "has written its profiles: axial.csv and radial.csv"),
     *each(
         RECONSTRUCT,
@@ -283,7 +291,8 @@ REFUSED = [
     ),
     *each(
         f"{RECONSTRUCT} --depth-mm 0",
-        ("--l-curve --penalty variation", "leave it out with"),
+        ("--noise 0", "x>0"),
+        ("--strength 0", "x>0"),
         ("--dark small.npy", "must have the light field's shape"),
         ("--noise 1e20", "at most the light field's largest"),
         ("--bootstrap 1000000000", "2 to 10000"),
@@ -334,11 +343,11 @@ REFUSED = [
         (HOT.format(name), said)
         for name, said in {
             "aside": "--axis-mm 0.25 --axis-depth -3.0 --radius 4.0 --burner -12.5",
-            "bare": "call lf-flame abel with --bootstrap 20",
-            "low": "must be of one shape",
-            "nan": "finite float32",
-            "cut": "section.tif cannot be read: it is damaged",
-            "empty": "must all be of lf-flame abel or all of lf-flame reconstruct",
+            "bare": "make it with --bootstrap 20",
+            "low": "must hold the same planes",
+            "nan": "must hold finite numbers",
+            "cut": "emission.tif cannot be read: it is damaged",
+            "empty": "there is no emission.json",
         }.items()
     ),
     *(

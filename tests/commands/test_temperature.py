@@ -10,9 +10,9 @@ from programs import run
 
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
-from lf_flame.tomography.axisymmetric.section_folder import read_sections
-from lf_flame.tomography.emission_folder import Place
-from lf_flame.tomography.temperature_figure import temperature_figure
+from lf_flame.tomography.emission import Place
+from lf_flame.tomography.emission_folder import EmissionFolder
+from lf_flame.tomography.figures import temperature_figure
 from lf_flame.tomography.temperature_output import temperature_warnings
 
 HEIGHTS, RADII = 12, 8
@@ -34,14 +34,20 @@ def kelvin_of_nodes():
 def write_section(folder, emission, sigma=None, **facts):
     """A folder as lf-flame abel writes it."""
     folder.mkdir()
-    stacks = {"section.tif": emission}
+    stacks = {"emission.tif": emission}
     if sigma is not None:
         stacks["sigma.tif"] = sigma
     for name, stack in stacks.items():
         tifffile.imwrite(folder / name, np.asarray(stack, np.float32))
-    record = {"axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0, "burner_mm": -12.5}
+    record = {
+        "geometry": "section",
+        "axis_mm": 0.25,
+        "axis_depth_mm": -3.0,
+        "radius_mm": 4.0,
+        "burner_mm": -12.5,
+    }
     record |= {"step_mm": 0.5, "notes": [], **facts}
-    (folder / "abel.json").write_text(json.dumps(record))
+    (folder / "emission.json").write_text(json.dumps(record))
     return folder
 
 
@@ -75,7 +81,7 @@ def test_isotherms_are_where_the_temperatures_are():
 def test_a_section_s_heights_are_from_the_optical_axis(tmp_path):
     light = np.ones((HEIGHTS, RADII))
     folder = write_section(tmp_path / "red", light, light, top_mm=3.0)
-    place = read_sections(folder)[2][0]
+    place = EmissionFolder(folder).places[0]
     assert place.extent_mm == pytest.approx((-3.75, 3.75, 3.25 - 0.5 * HEIGHTS, 3.25))
     assert place.whole(light).shape == (HEIGHTS, 2 * RADII - 1)
 
@@ -108,9 +114,9 @@ def test_sections_of_abel_have_their_temperatures(colours, tmp_path, drawn):
 
 @pytest.mark.slow
 def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
-    record = json.loads((colours[1] / "abel.json").read_text())
+    record = json.loads((colours[1] / "emission.json").read_text())
     record["notes"] = [f"flame.jpg is a JPEG file. {CODED}"]
-    (colours[1] / "abel.json").write_text(json.dumps(record))
+    (colours[1] / "emission.json").write_text(json.dumps(record))
     words = ["--wavelengths", 650, 550, "--out", tmp_path / "out"]
     result = run("temperature", *colours, *words)
     assert result.exit_code == 0, result.output

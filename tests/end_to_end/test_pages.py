@@ -97,9 +97,9 @@ KELVIN = (1750.0, 1850.0, 1800.0)
 
 @pytest.mark.slow
 def test_from_raw_image_to_temperature_ends_in_what_it_began_with(tmp_path):
-    pytest.importorskip("pyproximal")
+    pytest.importorskip("pylops")
     (tmp_path / "data_gen").symlink_to(ROOT / "data_gen")
-    blocks = code_blocks(page("from_raw_image_to_temperature"), "sh")
+    blocks = code_blocks(page("emission_by_depth"), "sh")
     results = run_lines("".join(blocks), tmp_path)
     assert len(results) == 7
     assert not any("Warning" in done.stderr for done in results)
@@ -127,7 +127,7 @@ def tip_of(height_mm):
 
 @pytest.mark.slow
 def test_videos_end_in_the_flames_that_were_filmed(tmp_path):
-    for name in ("distributed", "xarray", "pyproximal"):
+    for name in ("distributed", "xarray", "pylops"):
         pytest.importorskip(name)
     zarr = pytest.importorskip("zarr")
 

@@ -1,14 +1,9 @@
 """What lies within cells, against courses of light that are known there."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 from scipy.special import erf
 
-from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.tomography import FrustumGrid, ProjectionOperator
-from lf_flame.tomography.cell_detail import FINER, SmoothStack, cell_means, smooth_course
+from lf_flame.tomography.cell_detail import FINER, cell_means, smooth_course
 
 
 def blob_means(edges, middle, width):
@@ -44,24 +39,3 @@ def test_no_light_is_below_zero_and_darkness_stays_dark():
     assert not smooth_course(plane).any()
     plane[3, 3] = 1.0
     assert smooth_course(plane).min() >= 0
-
-
-@pytest.mark.parametrize(("block", "counted"), [(1, None), (2, None), (1, np.eye(5) + 1 < 2)])
-def test_the_stack_is_that_of_a_rendered_light_field(block, counted):
-    """Of two planes that differ: rendered from the same course, then filtered by the operator."""
-    camera = replace(PAPER_CAMERA, views=5, lenslets=(20, 28))
-    grid = FrustumGrid(camera, [4.0, -3.0], block, counted)
-    rng = np.random.default_rng(0)
-    cells = rng.uniform(0, 1, grid.shape) * np.array([1.0, 0.3])[:, None, None]
-    layers = [
-        Layer(smooth_course(plane), depth, tuple(grid.cell_mm(depth) * n for n in plane.shape))
-        for plane, depth in zip(cells, grid.depths_mm, strict=True)
-    ]
-    views = render(Scene(layers), camera, tolerance=1e-7).views
-    v, u, t, s = views.shape
-    blocks = views.reshape(v, u, t // block, block, s // block, block).mean(axis=(3, 5))
-    operator = ProjectionOperator(grid, "float64")
-    seen = grid.pick(blocks.astype(np.float64))
-    wanted = operator.rmatvec(seen.ravel()).reshape(grid.shape)
-    found = SmoothStack(ProjectionOperator(grid))(cells)
-    assert np.abs(found - wanted).max() < 2e-6 * wanted.max()

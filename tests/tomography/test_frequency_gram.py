@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from lf_flame import LightField
-from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.frequency_gram import COPIES
-from lf_flame.tomography.penalties import depth_roughness
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
+from lf_flame.tomography.frequency_gram import COPIES, FrequencyGram, depth_roughness
 
 DEPTHS = [18.0, 4.0, 0.0, -9.0]
 

@@ -12,9 +12,9 @@ from lf_flame.tomography import (
     AxisymmetricOperator,
     FrustumGrid,
     reconstruct,
+    reconstruct_axisymmetric,
 )
-from lf_flame.tomography.axisymmetric.section_fit import SectionFit
-from lf_flame.tomography.noise_correlation import correlation_factor
+from lf_flame.tomography.noise import correlation_factor
 
 KERNEL = np.array([0.25, 1.0, 0.25])
 
@@ -78,12 +78,12 @@ def test_bars_of_a_section_are_wider_by_the_factor(rng):
     )
     height, radius = np.meshgrid(grid.heights_mm, grid.radii_mm, indexing="ij")
     glow = np.exp(-((height / 0.6) ** 2) - (radius / 0.4) ** 2)
-    views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.view_shape)
+    views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.data_shape)
     bars = []
     for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
-        fit = SectionFit(grid, (views + 0.02 * views.max() * noise).astype(np.float32), None, rng)
-        draws = fit.draw(fit.solve(0.1), 20, rng)
-        bars.append(draws.std(axis=0)[glow > 0.3].mean())
+        lit = LightField((views + 0.02 * views.max() * noise).astype(np.float32))
+        found = reconstruct_axisymmetric(lit, grid, strength=0.1, bootstrap=20, rng=rng)
+        bars.append(found.sigma[glow > 0.3].mean())
     assert bars[1] / bars[0] == pytest.approx(of_a_mean(5), rel=0.12)
 
 

@@ -10,8 +10,7 @@ from scipy.special import erf
 
 from experiments.emission.truth import Lens, Sheet, cells, record, slabs
 from lf_flame import PAPER_CAMERA, InputError, LightField
-from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.two_colours import two_colour_temperature
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct, two_colour_temperature
 
 LENS = Lens(lenslets=(40, 48))
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))
@@ -32,34 +31,24 @@ def photons(views, electrons, seed=0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("background", "sd"), [(0.02, 0.05), (-0.01, 0.02)])
-def test_a_background_is_fitted(background, sd):
+@pytest.mark.parametrize(("background", "sd"), [(0.01, 0.02), (0.02, 0.05), (-0.01, 0.02)])
+def test_a_background_is_fitted_where_a_margin_is_empty(background, sd):
+    """Light within 2 %; taken for black, a background of 1 % of the peak adds 28 % of light."""
     lit = gaussian(CLEAN + background, sd)
-    found = reconstruct(lit, GRID, background="fit")
+    found, plain = reconstruct(lit, GRID), reconstruct(lit, GRID, background="none")
     assert found.background == pytest.approx(background, abs=1e-3)
     assert found.emission.sum() == pytest.approx(TRUTH.sum(), rel=0.02)
     assert found.warnings == ()
+    assert abs(plain.emission.sum() / TRUTH.sum() - 1) > 0.04
+    assert any("--background fit" in one for one in plain.warnings)
 
 
 @pytest.mark.slow
-def test_advice_against_a_background_is_what_was_not_done_yet():
-    """A background that grows to the right: to fit an even one helps once."""
-    uneven = gaussian(CLEAN + 0.05 * CLEAN.max() * (np.arange(48) / 47) ** 2, 0.01)
-    for background, advised in ((None, "fit the background"), ("fit", "so it is uneven; subtract")):
-        (said,) = (
-            one
-            for one in reconstruct(uneven, GRID, background=background, bootstrap=0).warnings
-            if one.startswith("The field's edge is at")
-        )
-        assert advised in said
-        assert ("--background fit" in said) == (background is None)
-
-
-@pytest.mark.slow
-def test_a_background_needs_darkness():
-    wide = [Sheet(3.0, (0.0, 0.0), (40.0, 40.0)), Sheet(-4.0, (0.0, 0.0), (40.0, 40.0))]
-    with pytest.raises(InputError, match="part of the field that no emission reaches"):
-        reconstruct(gaussian(record(LENS, wide), 0.001), GRID, background="fit")
+def test_without_darkness_no_background_is_fitted():
+    wide = [Sheet(3.0, (0.0, 0.0), (2.5, 2.5)), Sheet(-4.0, (0.0, 0.0), (2.5, 2.5))]
+    found = reconstruct(gaussian(record(LENS, wide), 0.001), GRID)
+    assert (found.background, found.background_sigma) == (0, 0)
+    assert any("field's edge" in one for one in found.warnings)
 
 
 def hidden(views):
@@ -74,21 +63,19 @@ GAINS = 1 + 0.1 * np.random.default_rng(1).standard_normal((7, 7, 1, 1))
 AT_EDGE, AWAY = [Sheet(3.0, (0.0, -2.9), (0.9, 0.6))], FrustumGrid(CAMERA, [-4.0, -8.0])
 
 WRONG = {
-    "depths": (lambda views: views, FrustumGrid(CAMERA, [9.0, 6.0]), "depths that are wrong"),
-    "hidden": (hidden, GRID, "light that is hidden"),
-    "gains": (lambda views: views * GAINS, GRID, "light that is hidden or absorbed on its way, or"),
-    "too much off": (lambda views: views - 0.03, GRID, "a background that was not subtracted"),
-    "at the edge": (lambda views: record(LENS, AT_EDGE), AWAY, "light at the field's edge"),
+    "depths": (lambda views: views, FrustumGrid(CAMERA, [9.0, 6.0])),
+    "hidden": (hidden, GRID),
+    "gains": (lambda views: views * GAINS, GRID),
+    "at the edge": (lambda views: record(LENS, AT_EDGE), AWAY),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", WRONG)
 def test_what_no_emission_explains_is_said_and_not_blamed_on_a_view(what):
-    change, grid, first = WRONG[what]
+    change, grid = WRONG[what]
     said = " ".join(reconstruct(gaussian(change(CLEAN), 0.005), grid).warnings)
-    assert "No emission at these depths explains the views" in said
-    assert f"Most likely first: {first}" in said
+    assert "No emission explains the views" in said
     assert "median view: its gain" not in said
 
 
@@ -98,7 +85,7 @@ def test_noise_does_not_hide_what_no_emission_explains():
     farther = record(replace(LENS, focus=1.05 * LENS.focus), FLAMES)
     for views in (farther, (CLEAN / CLEAN.max()) ** (1 / 2.2)):
         said = " ".join(reconstruct(gaussian(views, 0.05), GRID).warnings)
-        assert "No emission at these depths explains the views" in said
+        assert "No emission explains the views" in said
 
 
 @pytest.mark.parametrize(("axes", "level"), [((2, 3), 0.05), ((0, 1), 0.05), ((0, 1, 3), 0.01)])
@@ -116,7 +103,7 @@ def test_one_view_that_is_wrong_is_still_named(gain):
     views[1, 5] *= gain
     said = " ".join(reconstruct(gaussian(views, 0.005), GRID).warnings)
     assert "View 1, 5" in said
-    assert "No emission at these depths" not in said
+    assert "No emission explains" not in said
 
 
 @pytest.mark.slow
@@ -133,7 +120,7 @@ def test_planes_twice_as_fine_make_it_no_worse():
         sheets = zip(depths, slab, strict=True)
         truth = np.array([cells(lens, Sheet(z, (0, 0), (1.0, 0.8), light)) for z, light in sheets])
         found = reconstruct(noisy, FrustumGrid(camera, depths))
-        assert any("neighbouring planes are not separated" in one for one in found.warnings)
+        assert found.warnings[0].startswith("A light field gives almost no depth information")
         assert found.emission.max() < 1.1 * truth.max()
         errors.append(np.linalg.norm(found.emission - truth) / np.linalg.norm(truth))
     assert max(errors) < 0.2
@@ -157,7 +144,8 @@ def test_error_bars_hold_the_truth(record_noise):
         off = np.abs(found[-1].emission - TRUTH)
         held.append((off <= TIMES * found[-1].sigma)[lit])
         total = np.abs(np.sum(found[-1].emission - TRUTH, axis=(1, 2)))
-        sums.append(total / found[-1].light_sigma)
+        areas = np.square([GRID.cell_mm(depth) for depth in GRID.depths_mm])
+        sums.append(total * areas / found[-1].light[1])
         assert (total < 0.012 * np.sum(TRUTH, axis=(1, 2))).all()
         errors.append([np.mean(np.square(x[lit])) for x in (off, found[-1].sigma)])
     # Rather too wide than too narrow; by less than three.

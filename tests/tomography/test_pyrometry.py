@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame.tomography.two_colours import two_colour_temperature
+from lf_flame.tomography import two_colour_temperature
 
 PLANCK, LIGHT, BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 COLOURS = (550.0, 650.0)

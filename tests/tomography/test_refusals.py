@@ -13,9 +13,7 @@ from lf_flame.calibration import CameraLaw
 from lf_flame.tomography import (
     AbsorbingOperator,
     AxisymmetricGrid,
-    FrequencyGram,
     FrustumGrid,
-    ProjectionOperator,
     SpectralResponses,
     calibrate_colours,
     depth_blur,
@@ -30,6 +28,7 @@ from lf_flame.tomography import (
     two_colour_temperature,
 )
 from lf_flame.tomography.absorption import spread_thickness
+from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import planes_between
 
 NAN, INF = float("nan"), float("inf")
@@ -117,20 +116,20 @@ REFUSED = [
         lambda: FrequencyGram(FrustumGrid(PAPER_CAMERA, np.linspace(-20, 20, 200))),
         "200 planes of .* GB",
     ),
-    (partial(ProjectionOperator, GRID, "int16"), "float32 or float64"),
-    (partial(AbsorbingOperator, GRID, THICKNESS, "int16"), "float32 or float64"),
     (partial(AbsorbingOperator, GRID, THICKNESS[:2]), "grid's shape"),
-    (partial(limited, partial(AbsorbingOperator, GRID, THICKNESS)), "Transmissions of 3 planes"),
+    (partial(limited, partial(AbsorbingOperator, GRID, THICKNESS)), "Transmissions of 3 slabs"),
     *each(
         partial(reconstruct, EVEN, GRID),
         ({"noise": -1.0}, "noise must be"),
+        ({"noise": 0.0}, "noise must be above 0.*leave it out to have it measured"),
         ({"noise": NAN}, "noise must be"),
+        ({"strength": 0.0}, "strength must be above 0.*leave it out to have it chosen"),
+        ({"strength": NAN}, "strength must be"),
         ({"strength": INF}, "strength must be"),
         ({"strength": 1e300}, "strength must be"),
         ({"iterations": 0}, "iterations must be"),
         ({"bootstrap": 1}, "bootstrap must be"),
-        ({"background": "even"}, "'fit'"),
-        ({"penalty": "edges"}, "penalty must be one of roughness, variation"),
+        ({"background": "even"}, "'fit' or 'none'"),
         ({"optical_thickness": NAN}, "must be finite"),
         ({"optical_thickness": [0.1, -0.1, 0.1]}, "0 or above"),
         ({"optical_thickness": [1.0, 0.5, 0.6]}, "at most 2 in total, got 2.1"),
@@ -165,7 +164,8 @@ REFUSED = [
     ),
     *each(
         partial(reconstruct_axisymmetric, EVEN, ROUND),
-        ({"noise": -1.0}, "noise must be"),
+        ({"noise": 0.0}, "noise must be"),
+        ({"strength": 0.0}, "strength must be"),
         ({"bootstrap": 1}, "bootstrap must be"),
     ),
     (

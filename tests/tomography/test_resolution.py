@@ -5,12 +5,12 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, PlenopticCamera
 from lf_flame.tomography import (
-    FrequencyGram,
     FrustumGrid,
     depth_blur,
     depth_modes,
     depth_singular_values,
 )
+from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.resolution import angular_width, finest_period
 
 

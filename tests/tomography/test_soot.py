@@ -7,11 +7,11 @@ from builders import camera_of
 from experiments.emission.truth import Lens, SootFlame, planck, trace
 from lf_flame import LightField
 from lf_flame.tomography import (
-    AbsorbingSection,
+    AbsorbingOperator,
     AxisymmetricGrid,
     ColourCalibration,
     SpectralResponses,
-    reconstruct_axisymmetric_soot,
+    reconstruct_soot,
 )
 
 COLOURS = (480.0, 640.0)
@@ -41,7 +41,7 @@ def test_views_of_an_absorbing_flame_are_those_of_rays(light_field):
     for c, nm in enumerate(COLOURS):
         tau = kappa * 600 / nm
         light = GAINS[c] * tau * planck(nm, FLAME.kelvin(r, h))
-        seen = (AbsorbingSection(GRID, tau) @ light.ravel()).reshape(GRID.view_shape)
+        seen = (AbsorbingOperator(GRID, tau, "float64") @ light.ravel()).reshape(GRID.data_shape)
         wanted = light_field.views[..., c]
         inner = (..., slice(5, -5), slice(None))
         assert np.abs(seen - wanted)[inner].max() < 0.012 * wanted.max()
@@ -49,10 +49,10 @@ def test_views_of_an_absorbing_flame_are_those_of_rays(light_field):
 
 def test_its_adjoint_and_mean_transmission_are_those_of_the_operator(rng):
     tau = 0.2 * rng.random(GRID.shape)
-    operator = AbsorbingSection(GRID, tau)
+    operator = AbsorbingOperator(GRID, tau, "float64")
     x, y = rng.random(operator.shape[1]), rng.random(operator.shape[0])
     assert (operator @ x) @ y == pytest.approx(x @ operator.rmatvec(y), rel=1e-6)
-    clear = AbsorbingSection(GRID, 0 * tau)
+    clear = AbsorbingOperator(GRID, 0 * tau, "float64")
     assert clear.mean_transmission() == pytest.approx(1, abs=1e-12)
     ones = np.ones(operator.shape[0])
     seen = clear.rmatvec(ones) > 0
@@ -64,7 +64,7 @@ def test_its_adjoint_and_mean_transmission_are_those_of_the_operator(rng):
 def test_temperature_and_absorption_come_from_one_exposure(light_field):
     """Within 6 K; taken for thin, the flame is 30 K too cold."""
     thin, soot = (
-        reconstruct_axisymmetric_soot(light_field, GRID, CALIBRATION, absorbing=absorbing)
+        reconstruct_soot(light_field, GRID, CALIBRATION, absorbing=absorbing)
         for absorbing in (False, True)
     )
     h, r, bright = lit(GRID.heights_mm, GRID.radii_mm)
@@ -83,5 +83,5 @@ def test_all_colours_are_fitted_with_the_strength_that_the_noisiest_asks_for(lig
     """So that what the penalty does cancels in the ratios of the colours."""
     views = light_field.views.copy()
     views[..., 0] += 0.1 * views.max() * rng.standard_normal(views.shape[:-1])
-    found = reconstruct_axisymmetric_soot(LightField(views), GRID, CALIBRATION, absorbing=False)
+    found = reconstruct_soot(LightField(views), GRID, CALIBRATION, absorbing=False)
     assert len({colour.strength for colour in found.colours}) == 1

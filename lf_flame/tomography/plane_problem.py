@@ -1,11 +1,10 @@
-"""Least squares with regularisation (roughness) and no negative light, by frequency."""
+"""Least squares on depth planes with a penalty on roughness and no negative light, by frequency."""
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import get_num_threads
-from pyproximal import ProxOperator
 from scipy import fft
 
 from lf_flame._common import progress
@@ -25,102 +24,39 @@ RELAXATION = 1.8
 1992); with it, flames behind each other take half the iterations."""
 
 
-class FrequencyFit(ProxOperator):
-    """Proximal operator of a quadratic form ``x'Gx / 2 - b'x`` with G known by frequency.
+class Solution(NamedTuple):
+    """Solution of a problem.
 
-    Parameters
-    ----------
-    gram : FrequencyGram
-    focal_stack : ndarray, shape (planes, rows, columns)
-        Linear term b, on the torus.
-    strength : float
-        Strength of the penalty on roughness.
-    step : float, optional
-        Step of the proximal operator, in units of 1 / `FrequencyGram.scale`.
-
-    Attributes
-    ----------
-    step : float
-        Step of the proximal operator.
-    shift : ndarray of float32, shape (planes, rows, columns)
-        Linear term times the step.
-    """
-
-    def __init__(
-        self,
-        gram: FrequencyGram,
-        focal_stack: np.ndarray,
-        strength: float,
-        step: float = STEPS[-1],
-    ):
-        super().__init__(None, False)
-        self._size = gram.size
-        self.step = step / gram.scale
-        self._inverse = gram.inverse(self.step, strength)
-        self.shift = np.float32(self.step) * focal_stack.astype(np.float32, copy=False)
-
-    def __call__(self, x: np.ndarray) -> float:
-        """Give 0: no solver here looks at the value."""
-        return 0.0
-
-    def prox(self, x: np.ndarray, tau: float) -> np.ndarray:
-        """Minimise the quadratic form plus ``|z - x|^2 / (2 tau)`` over z."""
-        if abs(tau / self.step - 1) > 1e-6:  # solvers of float32 round it
-            raise ValueError(f"The matrices are inverted for the step {self.step}, not {tau}.")
-        torus = x.reshape(self.shift.shape).astype(np.float32, copy=False)
-        return self.solve(torus + self.shift).ravel()
-
-    def solve(self, torus: np.ndarray) -> np.ndarray:
-        """Multiply by the inverse of the unit matrix plus the step times G."""
-        spectrum = fft.rfft2(torus, workers=get_num_threads())
-        solved = np.empty_like(spectrum)
-        _multiply_frequencies(self._inverse, spectrum.view(np.float32), solved.view(np.float32))
-        return fft.irfft2(solved, s=self._size, workers=get_num_threads(), overwrite_x=True)
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Result of a fit.
-
-    Attributes
-    ----------
-    cells : ndarray of float32, shape (planes, rows, columns)
-        Cells of the grid.
-    misfit : float
-        Squared residual of the light field, without the part outside the operator's range.
-    state : ndarray of float32, or None
-        State of the splitting, from which a similar fit starts; None if it starts from the cells.
+    cells : ndarray, shape of the grid
+    misfit : squared residual of the light field, without the part outside the operator's range
+    state : state of the splitting, from which a similar fit starts
     """
 
     cells: np.ndarray
     misfit: float
-    state: np.ndarray | None = None
+    state: np.ndarray
 
 
-class RangeFit:
-    """Fits to one light field, which enters only through its filtered focal stack.
+class PlaneProblem:
+    """Fits of depth planes to one light field, which enters only through its focal stack.
 
     Parameters
     ----------
     gram : FrequencyGram
     focal_stack : ndarray, shape (planes, rows, columns)
         Filtered focal stack A'y on the grid.
-    squared : float
-        Sum of the squares of y.
-    pixels : int
-        Number of pixels of y.
-
-    Attributes
-    ----------
-    gram : FrequencyGram
-    stack : ndarray
-        Filtered focal stack on the torus.
+    squared : float, optional
+        Sum of the squares of y. Default: unknown; the residual is then undefined.
+    rays : int, optional
+        Number of known pixels of y.
     """
 
-    def __init__(self, gram: FrequencyGram, focal_stack: np.ndarray, squared: float, pixels: int):
+    def __init__(
+        self, gram: FrequencyGram, focal_stack: np.ndarray, squared: float = 0.0, rays: int = 0
+    ):
         self.gram = gram
         self.stack = gram.spread(focal_stack)
-        self._squared, self._pixels = squared, pixels
+        self._squared, self._rays = squared, rays
 
     @cached_property
     def _spectrum(self) -> np.ndarray:
@@ -135,11 +71,6 @@ class RangeFit:
         """Part of the light field's sum of squares that the unpenalised fit explains."""
         return self._explain(self._fitted)
 
-    @property
-    def outside(self) -> float:
-        """Sum of the squares of the part that no cells explain."""
-        return max(self._squared - self._explained, 0.0)
-
     @cached_property
     def modes(self) -> float:
         """Degrees of freedom of the fit without a penalty."""
@@ -147,42 +78,33 @@ class RangeFit:
 
     def measure_noise(self) -> float:
         """Measure the standard deviation per pixel of the part that no emission explains."""
-        return float(np.sqrt(self.outside / (self._pixels - self.modes)))
+        outside = max(self._squared - self._explained, 0.0)
+        return float(np.sqrt(outside / (self._rays - self.modes)))
 
     def unpenalised(self) -> np.ndarray:
         """Cells of the unpenalised fit, which explain as much light as any, float32."""
         return self.gram.gather(self.gram.inverse_transform(self._fitted)).astype(np.float32)
 
     def count_modes(self, strength: float) -> float:
-        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data.
-
-        Only the recorded pixels count, a part of the torus.
-        """
+        """Degrees of freedom of a linear fit with a penalty."""
         return self.gram.count_modes(strength)
-
-    def _solve_linear(self, inverse: np.ndarray) -> np.ndarray:
-        """Coefficients of the cells, from the eigenvalues of the inverse matrices."""
-        return multiply(self.gram.compose(inverse), self._spectrum)
 
     def solve(
         self,
         strength: float,
-        nonnegative: bool,
         iterations: int,
         start: np.ndarray | None = None,
         foreground: np.ndarray | None = None,
         long: float = LONG,
-    ) -> Fit:
-        """Fit with one strength of the regularisation.
+    ) -> Solution:
+        """Fit with one strength of the regularisation, by a splitting.
 
         Parameters
         ----------
         strength : float
             Strength, as for `FrequencyGram.penalty`.
-        nonnegative : bool
-            Whether cells are kept at 0 or above; if not, the fit is linear, and takes one step.
         iterations : int
-            Largest number of iterations of the splitting.
+            Largest number of iterations.
         start : ndarray of float32, optional
             State of a similar fit. Default: the linear fit.
         foreground : ndarray of bool, shape (planes, rows, columns), optional
@@ -194,13 +116,11 @@ class RangeFit:
         first = round(long * iterations)
         parts = [part for part in zip(STEPS, (first, iterations - first), strict=True) if part[1]]
         before = STEPS[-1]
-        if start is None or not nonnegative:
+        if start is None:
             before = parts[0][0]
-            values, _ = gram.decomposition
-            penalised = values + gram.penalty(strength) + RIDGE * gram.scale
-            start = gram.inverse_transform(self._solve_linear(1 / penalised)).astype(np.float32)
-        if not nonnegative:
-            return Fit(gram.gather(start), self.misfit(gram.gather(start)))
+            values = gram.decomposition[0] + gram.penalty(strength) + RIDGE * gram.scale
+            linear = multiply(gram.compose(1 / values), self._spectrum)
+            start = gram.inverse_transform(linear).astype(np.float32)
         may_glow = np.ones(gram.grid.shape, bool) if foreground is None else foreground
         # There is no emission beyond the grid.
         roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0)))
@@ -208,10 +128,32 @@ class RangeFit:
         with progress.bar("fitting", iterations) as shown:
             for step, most in parts:
                 state = _scaled(state, roof, step / before)
-                fit, before = FrequencyFit(gram, self.stack, strength, step), step
-                _split(fit, roof, state, most, shown)
+                before = step
+                self._split(step / gram.scale, strength, roof, state, most, shown)
         cells = gram.gather(np.clip(state, 0, roof))
-        return Fit(cells, self.misfit(cells), state)
+        return Solution(cells, self.misfit(cells), state)
+
+    def _split(
+        self, step: float, strength: float, roof: np.ndarray, state: np.ndarray, most: int, shown
+    ) -> None:
+        """Relaxed Douglas-Rachford splitting, until fit and cells without negative light agree."""
+        gram = self.gram
+        inverse = gram.inverse(step, strength)
+        shift = np.float32(step) * self.stack.astype(np.float32, copy=False)
+        solved = np.clip(state, 0, roof)
+        turned, gaps = np.empty_like(state), np.empty((*state.shape[:2], 2), np.float32)
+        for _ in range(most):
+            _advance(state, solved, roof, shift, np.float32(RELAXATION), turned, gaps)
+            gap, peak = gaps.max(axis=(0, 1))
+            if 0 < gap <= CONVERGED * peak:
+                break
+            # The proximal step on the data: the inverse of the unit matrix plus step times G.
+            spectrum = fft.rfft2(turned, workers=get_num_threads())
+            product = np.empty_like(spectrum)
+            _multiply_frequencies(inverse, spectrum.view(np.float32), product.view(np.float32))
+            solved = fft.irfft2(product, s=gram.size, workers=get_num_threads(), overwrite_x=True)
+            shown.update()
+        _advance(state, solved, roof, shift, np.float32(RELAXATION), turned, gaps)
 
     def misfit(self, cells: np.ndarray) -> float:
         """Squared residual of cells, without the part outside the operator's range."""
@@ -222,20 +164,6 @@ class RangeFit:
         """Find the part of the light field's sum of squares that cells explain."""
         seen = multiply(self.gram.matrices, spectrum)
         return 2 * self.gram.inner(self._spectrum, spectrum) - self.gram.inner(spectrum, seen)
-
-
-def _split(fit: FrequencyFit, roof: np.ndarray, state: np.ndarray, iterations: int, shown) -> None:
-    """Relaxed Douglas-Rachford splitting, until fit and cells without negative light agree."""
-    solved = np.clip(state, 0, roof)
-    turned, gaps = np.empty_like(state), np.empty((*state.shape[:2], 2), np.float32)
-    for _ in range(iterations):
-        _advance(state, solved, roof, fit.shift, np.float32(RELAXATION), turned, gaps)
-        gap, peak = gaps.max(axis=(0, 1))
-        if 0 < gap <= CONVERGED * peak:
-            break
-        solved = fit.solve(turned)
-        shown.update()
-    _advance(state, solved, roof, fit.shift, np.float32(RELAXATION), turned, gaps)
 
 
 def _scaled(state: np.ndarray, roof: np.ndarray, ratio: float) -> np.ndarray:

@@ -86,7 +86,8 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     Parameters
     ----------
     light_field : LightField
-        Grey light field of `camera`, with black at 0.
+        Grey light field of `camera`; the median of its outermost columns is taken
+        for black.
     camera : PlenopticCamera or CameraLaw
     depth_mm : float, optional
         Depth of the axis, for a light field of fewer than 3 view columns, which cannot show it.
@@ -135,9 +136,11 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
             f"The axis is found in views of {LEAST_PIXELS} columns of pixels or more, got views of "
             f"{views.shape[2]} x {views.shape[3]}."
         )
+    # A background, as beside an upright flame, would draw the axis to the middle of the field.
+    views = views - np.float32(np.median(views[..., [0, -1]].mean(axis=(0, 1))))
     columns = views.sum(axis=(0, 2), dtype=np.float64)  # view column, lenslet column
     if not columns.max() > 0:
-        raise InputError(f"The light field holds no light: its brightest is {views.max():g}.")
+        raise InputError("The light field holds no light above that at its sides.")
     middles = np.array([_middle(line) for line in columns])
     at = np.arange(len(middles)) - (len(middles) - 1) / 2
     if depth_mm is None or len(middles) > 2:
@@ -149,7 +152,7 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     # An image for each view column, with its view rows focused on the axis.
     by_column = [LightField.trusted(views[:, u : u + 1]) for u in range(views.shape[1])]
     pictures = np.array([shift_and_sum(one, [slope])[0] for one in by_column], np.float64)
-    picture = shift_and_sum(light_field, [slope])[0].astype(np.float64)
+    picture = shift_and_sum(LightField.trusted(views), [slope])[0].astype(np.float64)
     focused = picture.sum(axis=0)
     across = middle - (views.shape[3] - 1) / 2
     return FlameAxis(

@@ -10,6 +10,7 @@ small matrices for each slab, and its Gram matrix is a short sum of Kronecker pr
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -61,6 +62,8 @@ class AxisymmetricGrid:
         sharply at its burner, and a smooth section could not. Default: no burner.
     depth_ratio : float, optional
         Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, axisymmetric.
+    finer : int, optional
+        Number of steps between nodes for each pixel, for a flame that is known in detail.
     counted : array_like of bool, shape (views, views), optional
         Views that are fitted, as for `FrustumGrid`. Default: all that the aperture leaves whole.
 
@@ -89,6 +92,7 @@ class AxisymmetricGrid:
     which: str = "all"
     burner_mm: float | None = None
     depth_ratio: float = 1.0
+    finer: int = 1
     counted: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
@@ -102,25 +106,28 @@ class AxisymmetricGrid:
         if not 0.1 <= self.depth_ratio <= 10:
             raise InputError(f"depth_ratio must be 0.1 to 10, got {self.depth_ratio}.")
         object.__setattr__(self, "counted", self._middle.counted)
-        half_width = self.step_mm * self._middle.shape[2] / 2
+        half_width = self.pixel_mm * self._middle.shape[2] / 2
         if abs(self.axis_mm) >= half_width:
             raise InputError(
                 f"The axis must stand within the field, {half_width:.3g} mm to either side, got "
                 f"{self.axis_mm} mm."
             )
         widest = min(2 * half_width, self.camera.distance_mm(self.depth_mm) / 2)
-        if not 4 * self.step_mm <= self.radius_mm <= widest:
+        if not 4 * self.pixel_mm <= self.radius_mm <= widest:
             raise InputError(
-                f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, and at most "
+                f"radius_mm must be at least four pixels, {4 * self.pixel_mm:.3g} mm, and at most "
                 f"the field's width, {widest:.4g} mm, got {self.radius_mm}."
             )
         top = self._highest_mm
-        if self.burner_mm is not None and not -top < self.burner_mm < top - 4 * self.step_mm:
+        if self.burner_mm is not None and not -top < self.burner_mm < top - 4 * self.pixel_mm:
             raise InputError(
-                f"burner_mm must be within the field, {-top:.3g} to {top - 4 * self.step_mm:.3g} "
+                f"burner_mm must be within the field, {-top:.3g} to {top - 4 * self.pixel_mm:.3g} "
                 f"mm from the optical axis, got {self.burner_mm}."
             )
-        if np.prod(self.shape) > MOST_NODES or len(self.slab_depths_mm) > MOST_PLANES:
+        if (
+            np.prod(self.shape) > MOST_NODES * self.finer**2
+            or len(self.slab_depths_mm) > MOST_PLANES
+        ):
             raise InputError(
                 f"{self.shape[0]} heights x {self.shape[1]} radii in {len(self.slab_depths_mm)} "
                 f"slabs are more than {MOST_NODES} nodes or {MOST_PLANES} slabs: take larger "
@@ -132,14 +139,19 @@ class AxisymmetricGrid:
         return FrustumGrid(self.camera, [self.depth_mm], self.block, self.counted)
 
     @cached_property
-    def step_mm(self) -> float:
-        """Distance between nodes in mm, along height and radius: one pixel at the axis."""
+    def pixel_mm(self) -> float:
+        """Side of a pixel at the axis, in mm."""
         return self._middle.cell_mm(self.depth_mm)
+
+    @property
+    def step_mm(self) -> float:
+        """Distance between nodes in mm, along height and radius: one pixel, or a part of it."""
+        return self.pixel_mm / self.finer
 
     @property
     def _highest_mm(self) -> float:
         """Height in mm of the highest cells that any view sees at the axis."""
-        return self.step_mm * (self._middle.shape[1] - 1) / 2
+        return self.pixel_mm * (self._middle.shape[1] - 1) / 2
 
     @cached_property
     def slab_depths_mm(self) -> Sequence[float]:
@@ -149,7 +161,7 @@ class AxisymmetricGrid:
         farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
         slope = (aperture / 2 + farthest) / self.camera.distance_mm(self.depth_mm)
         reach = self.depth_ratio * self.radius_mm
-        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.step_mm))))
+        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.pixel_mm))))
         edges = np.linspace(reach, -reach, count + 1)
         return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
 
@@ -185,13 +197,14 @@ class AxisymmetricGrid:
         """Heights of the nodes from the optical axis, in mm, the highest first."""
         top = self._highest_mm
         lowest = -top if self.burner_mm is None else self.burner_mm
-        count = int(np.ceil((top - lowest) / self.step_mm - 1e-9)) + 1
-        return lowest + np.arange(count)[::-1] * self.step_mm
+        pixels = int(np.ceil((top - lowest) / self.pixel_mm - 1e-9))
+        return lowest + np.arange(pixels * self.finer + 1)[::-1] * self.step_mm
 
     @cached_property
     def radii_mm(self) -> np.ndarray:
         """Radii of the nodes in mm; emission is 0 at the next radius."""
-        return np.arange(int(np.ceil(self.radius_mm / self.step_mm - 1e-9))) * self.step_mm
+        pixels = int(np.ceil(self.radius_mm / self.pixel_mm - 1e-9))
+        return np.arange(pixels * self.finer) * self.step_mm
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -199,7 +212,7 @@ class AxisymmetricGrid:
         return len(self.heights_mm), len(self.radii_mm)
 
     @property
-    def view_shape(self) -> tuple[int, int, int, int]:
+    def data_shape(self) -> tuple[int, int, int, int]:
         """Shape of the views that are used: (v, u, t, s), or one after the other, (n, 1, t, s)."""
         if self.which == "all":
             return self._middle.data_shape
@@ -211,7 +224,7 @@ class AxisymmetricGrid:
         return self._middle.view_count if self.which == "all" else 1
 
     def pick(self, views: np.ndarray) -> np.ndarray:
-        """Select the views that are used, in the shape `view_shape`."""
+        """Select the views that are used, in the shape `data_shape`."""
         if self.which == "all":
             return self._middle.pick(views)
         if views.shape[:2] == (1, 1):
@@ -227,6 +240,14 @@ class AxisymmetricGrid:
         """Rows of views that use the same columns, and these: indices, together each view once."""
         one = np.zeros(1, int)
         return self._middle.view_groups() if self.which == "all" else [(one, one)]
+
+    def matches(self, other: Any) -> bool:
+        """Whether another grid has the same nodes, and fits the same views."""
+        return (
+            isinstance(other, AxisymmetricGrid)
+            and self == other
+            and self._middle.matches(other._middle)
+        )
 
     @cached_property
     def by_height(self) -> list[sparse.csr_array]:

@@ -1,4 +1,4 @@
-"""Correlation of the noise of neighbouring pixels and views, which decoding of a raw image makes.
+"""Noise of a light field: by pixel, and as neighbouring pixels and views share it.
 
 Decoded views are interpolated, so neighbouring ones share pixels of the sensor. A sum over views,
 as every cell of a fit is, then has more noise than its number of pixels says.
@@ -8,6 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy import ndimage
+
+NOISE_BLOCK = 9
+"""Number of pixels along each axis over which noise is averaged beyond the photon noise."""
 
 DARK = 0.01
 """Brightness of the smoothed mean of the views, relative to its maximum, below which a pixel holds
@@ -33,6 +36,48 @@ of white noise, or None if it is nearly white."""
 
 NEIGHBOURS = (0, 1), (1, -1), (1, 0), (1, 1)
 """One of each pair of opposite steps to a neighbour."""
+
+
+def noise_variance(sd: float) -> float:
+    """Variance of the noise, bounded above 0 so that one can divide by it."""
+    return max(sd**2, float(np.finfo(np.float32).tiny))
+
+
+def noise_by_pixel(views: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Variance of each pixel's noise: from its light (photon noise), and from its position.
+
+    The variance of a sensor's pixel rises in proportion to its light (the photon transfer curve;
+    EMVA standard 1288). Other effects, such as a division by a white image, vary slowly over the
+    field.
+
+    views and seen: the light field, and that of the unpenalised fit, which explains as much of it
+    as any cells. Gives the variance relative to its mean, float32, shape (v, u, t, s).
+    """
+    power = np.square(views - seen, dtype=np.float32)
+    if not power.any():
+        return np.ones_like(power)
+    light = np.clip(seen, 0, None)
+    by_light = _photon_transfer(power, light)
+    place, wanted = (
+        ndimage.uniform_filter(one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest")
+        for one in (power, by_light)
+    )
+    # A running sum may end slightly below 0 where there is no noise.
+    least = 1e-6 * float(wanted.max())
+    by_light *= (np.clip(place, 0, None) / np.maximum(wanted, least)).astype(np.float32)
+    return by_light / by_light.mean(dtype=np.float64)
+
+
+def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Fit squared noise with a constant plus a multiple of the light, both 0 or above; float32."""
+    mean_power, mean_light = (float(one.mean(dtype=np.float64)) for one in (power, light))
+    bright = light - np.float32(mean_light)
+    spread = float(np.mean(np.square(bright, dtype=np.float64)))
+    slope = float(np.mean(bright * power, dtype=np.float64)) / spread if spread else 0.0
+    steepest = mean_power / mean_light if mean_light else 0.0
+    slope = min(max(slope, 0.0), steepest)
+    line = mean_power + np.float32(slope) * (light - np.float32(mean_light))
+    return np.maximum(line, np.float32(1e-6 * mean_power))
 
 
 def correlation_factor(
@@ -62,18 +107,6 @@ def correlation_factor(
     -------
     float
         1 or above; 1 where there are too few pixels with noise.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame.tomography.noise_correlation import correlation_factor
-    >>> noise = np.random.default_rng(1).standard_normal((6, 5, 40, 50))
-    >>> noise[..., 20, 25] = 1000.0  # a flame
-    >>> correlation_factor(noise[1:], np.ones((5, 5), bool))
-    1.0
-    >>> shared = (noise[1:] + noise[:-1]) / 2**0.5  # half of each view in the next one
-    >>> 1.35 < correlation_factor(shared, np.ones((5, 5), bool)) < 1.45  # of sums along v: 2**0.5
-    True
     """
     photograph = np.einsum("vu,vuts->ts", counted / np.count_nonzero(counted), views)
     smooth = ndimage.uniform_filter(photograph, 3)

@@ -1,1 +1,0 @@
-"""Axisymmetric flames: the axis, the half section by Abel's integral, and tests of roundness."""

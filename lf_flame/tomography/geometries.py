@@ -1,0 +1,138 @@
+"""The two geometries of a fit, planes and half section, and their operators."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from pylops import LinearOperator
+from scipy.interpolate import CubicSpline
+
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
+from lf_flame.tomography.cell_detail import FINER as PARTS
+from lf_flame.tomography.cell_detail import smooth_course
+from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
+from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.plane_problem import PlaneProblem
+from lf_flame.tomography.projection_operator import AxisymmetricOperator, ProjectionOperator
+from lf_flame.tomography.section_problem import BandedGram, SectionProblem
+
+FINER = 3
+"""Number of steps between two nodes, for a smooth flame through nodes."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneGeometry:
+    """Cells on depth planes; see `SectionGeometry` for what the two have in common."""
+
+    grid: FrustumGrid
+    iterations = 80
+    """Largest number of iterations for the solution, in two fits; each strength that is tried, and
+    each draw, takes at most half, starting from the nearest solution."""
+    model_error = 0.0
+
+    @cached_property
+    def operator(self) -> ProjectionOperator:
+        """Light field of cells."""
+        return ProjectionOperator(self.grid)
+
+    @cached_property
+    def gram(self) -> FrequencyGram:
+        """Its Gram matrix by frequency."""
+        return FrequencyGram(self.grid)
+
+    @cached_property
+    def _finer(self) -> ProjectionOperator:
+        return ProjectionOperator(self.grid, finer=PARTS)
+
+    def smooth_views(self, cells: np.ndarray) -> np.ndarray:
+        """Light field of the smooth flame through cells."""
+        courses = np.array([smooth_course(plane) for plane in cells], np.float32)
+        return project(self._finer, courses)
+
+    def problem(self, back: np.ndarray, squared: float = 0.0, rays: int = 0) -> PlaneProblem:
+        """Problem of a backprojected light field."""
+        return PlaneProblem(self.gram, back, squared, rays)
+
+    def noise_by_cell(self, uneven: np.ndarray) -> np.ndarray:
+        """Relative variance of the noise that cells see, in a shape that broadcasts to them."""
+        by_place = uneven.mean(axis=(0, 1), dtype=np.float64)
+        return np.pad(by_place, self.grid.reach, mode="edge")[None]
+
+    def linear_errors(self, noise: float, strength: float) -> np.ndarray:
+        """Estimate the standard deviation of the unconstrained linear fit of each depth plane.
+
+        With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
+        frequency; a cell's variance is its mean over the frequencies.
+        """
+        gram = self.gram
+        values, _ = gram.decomposition
+        shrunk = gram.gains / (values + gram.penalty(strength) + RIDGE * gram.scale) ** 2
+        diagonal = np.diagonal(gram.compose(shrunk), axis1=-2, axis2=-1)
+        mean = np.sum(gram.multiplicity[..., None] * diagonal, axis=(0, 1)) / np.prod(gram.size)
+        return noise * np.sqrt(np.clip(mean, 0, None))
+
+
+@dataclass(frozen=True, eq=False)
+class SectionGeometry:
+    """Nodes of an axisymmetric half section.
+
+    iterations : number of iterations for the solution; a quarter of it for each strength and draw
+    model_error : noise relative to the brightest pixel below which the grid limits a fit
+    """
+
+    grid: AxisymmetricGrid
+    iterations = 200
+    model_error = 1e-3
+
+    @cached_property
+    def operator(self) -> AxisymmetricOperator:
+        """Light field of nodes."""
+        return AxisymmetricOperator(self.grid)
+
+    @cached_property
+    def gram(self) -> BandedGram:
+        """Its Gram matrix."""
+        return BandedGram(self.grid)
+
+    @cached_property
+    def _finer(self) -> AxisymmetricOperator:
+        return AxisymmetricOperator(replace(self.grid, finer=FINER))
+
+    def problem(self, back: np.ndarray, squared: float = 0.0, rays: int = 0) -> SectionProblem:
+        """Problem of a backprojected light field."""
+        return SectionProblem(self.gram, back, squared, rays)
+
+    def smooth_views(self, nodes: np.ndarray) -> np.ndarray:
+        """Light field of the smooth flame through nodes (cubic splines)."""
+        heights, radii = nodes.shape
+        mirrored = np.concatenate([nodes[:, :0:-1], nodes, np.zeros((heights, 1))], axis=1)
+        places = np.arange(1.0 - radii, radii + 1)
+        fine = CubicSpline(places, mirrored, axis=1)(np.arange(radii * FINER) / FINER)
+        rows = np.arange((heights - 1) * FINER + 1) / FINER
+        course = np.clip(CubicSpline(np.arange(heights), fine, axis=0)(rows), 0, None)
+        return project(self._finer, course)
+
+    def noise_by_cell(self, uneven: np.ndarray) -> np.ndarray:
+        """Relative variance of noise that nodes see; with photon noise, bright ones see more."""
+        seen, ones = (self.operator.rmatvec(one.ravel()) for one in (uneven, np.ones(uneven.shape)))
+        return (seen / np.maximum(ones, 1e-300)).reshape(self.grid.shape)
+
+
+Geometry = PlaneGeometry | SectionGeometry
+
+
+def geometry_of(grid: FrustumGrid | AxisymmetricGrid) -> Geometry:
+    """Operators of a grid, made when they are needed."""
+    return PlaneGeometry(grid) if isinstance(grid, FrustumGrid) else SectionGeometry(grid)
+
+
+def backproject(operator: LinearOperator, views: np.ndarray) -> np.ndarray:
+    """Backprojected light field A'y, in the shape of the grid."""
+    flat = views.ravel().astype(operator.dtype, copy=False)
+    return operator.rmatvec(flat).reshape(operator.dims)
+
+
+def project(operator: LinearOperator, cells: np.ndarray) -> np.ndarray:
+    """Light field of cells, shape (v, u, t, s)."""
+    flat = cells.ravel().astype(operator.dtype, copy=False)
+    return operator.matvec(flat).reshape(operator.dimsd)
