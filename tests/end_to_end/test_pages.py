@@ -84,7 +84,8 @@ def test_data_sets_are_made_and_read_as_it_says(tmp_path, monkeypatch, capsys):
     text = page("training", ("small = 64", "small = 16"), ("# (64, ", "# (16, "),
                 ("--epochs 20", "--epochs 1 --backbone-depth none"))  # fmt: skip
     (settings,) = code_blocks(text, "toml")
-    (tmp_path / "three_flames.toml").write_text(settings)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "three_flames.toml").write_text(settings)
     run_lines(*code_blocks(text, "sh"), tmp_path)
     (example,) = code_blocks(text, "py")
     capsys.readouterr()
