@@ -82,7 +82,7 @@ def test_data_sets_are_made_and_read_as_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     text = page("training", ("small = 64", "small = 16"), ("# (64, ", "# (16, "),
-                ("--epochs 20", "--epochs 1 --backbone-depth none"))  # fmt: skip
+                ("--epochs 20", "--epochs 1 --backbone-weights random"))  # fmt: skip
     (settings,) = code_blocks(text, "toml")
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "three_flames.toml").write_text(settings)
