@@ -31,7 +31,6 @@ from lf_flame import (
     read_light_field,
     render,
 )
-from lf_flame.formats import LensletGrid, grid_from_pitch
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
 
@@ -49,25 +48,14 @@ camera = PlenopticCamera(
     lenslets=(24, 30),
     sensor=Sensor(exposure_e=1000.0),
 )
-flame = Layer(
-    texture=[[0.0, 1.0], [1.0, 0.5]], depth_mm=10.0, size_mm=(0.5, 0.5), optical_thickness=0.1
-)
+flame = Layer(texture=[[0.0, 1.0]], depth_mm=10.0, size_mm=(0.5, 0.5), optical_thickness=0.1)
 card = Layer(
-    texture=np.zeros((2, 2)),
-    depth_mm=-5.0,
-    size_mm=np.array([0.2, 0.2]),
-    centre_mm=[0.0, 0.1],
-    opaque=True,
-    coverage=[[1, 0], [1, 1]],
+    texture=np.zeros((2, 2)), depth_mm=-5.0, size_mm=np.array([0.2, 0.2]), centre_mm=[0.0, 0.1],
+    opaque=True, coverage=[[1, 0], [1, 1]],
 )
-haze = Layer(np.zeros((2, 2)), 0.0, (0.5, 0.5), optical_thickness=np.full((2, 2), 0.2))
 scene = Scene([replace(flame, depth_mm=12.0, size_mm=(0.6, 0.6)), card])
-pair = Scene((flame, haze))
-layers = scene.layers
-texture = flame.texture
 layer_size = card.size_mm
 optical_thickness = flame.optical_thickness
-thickest: float = flame.optical_thickness.max()
 image_distance = PAPER_CAMERA.image_distance_mm
 slope = camera.depth_to_slope(10.0)
 slopes = camera.depth_to_slope(np.arange(3.0))
@@ -75,10 +63,6 @@ size = camera.field_mm(10.0)
 plan = plan_effects(scene, camera)
 light_field = render(scene, camera)
 cut: LightField = LightField.from_raw(light_field.to_raw(), views=camera.views)
-grid = LensletGrid(20, 30, 14.3, layout="hexagonal")
-row_pitch = grid.row_pitch
-place = grid.position(0, 1)
-blocks = grid_from_pitch((60, 60), 10.0).count((60, 60))
 try:
     refocused = shift_and_sum(light_field, slope)
 except InputError as error:
@@ -90,16 +74,11 @@ REVEALED = {
     "slope": "float",
     "slopes": r"numpy\.ndarray\[.*\]",
     "size": "tuple[float, float]",
-    "layers": "tuple[lf_flame.scenes.scene.Layer, ]",
-    "texture": r"numpy\.ndarray\[.*\]",
     "layer_size": "tuple[float, float]",
     "optical_thickness": r"numpy\.ndarray\[.*\]",
     "plan": "lf_flame.simulation.planning.plan.EffectPlan",
     "light_field": "lf_flame.lightfield.LightField",
     "light_field.views": r"numpy\.ndarray\[.*\]",
-    "row_pitch": "float",
-    "place": "tuple[float, float]",
-    "blocks": "tuple[int, int]",
     "refocused": r"numpy\.ndarray\[.*\]",
 }
 """Types of what `RIGHT` has made."""
@@ -108,13 +87,9 @@ WRONG = {
     "lf_flame.PlenopticCamera(views='fifteen', lenslets=(8, 8))": "views",
     "lf_flame.PlenopticCamera(views=15, lenslets=8)": "lenslets",
     "lf_flame.PAPER_CAMERA.depth_to_slope('10 mm')": "depth_to_slope",
-    "lf_flame.Sensor(exposure_e=None)": "exposure_e",
-    "lf_flame.Scene(5.0)": "Scene",
     "lf_flame.Scene([1.0])": "Layer",
     "lf_flame.Layer([[1.0]], '10 mm', (1.0, 1.0))": 'Argument 2 to "Layer"',
-    "lf_flame.Layer([[1.0]], 10.0, 1.0)": 'Argument 3 to "Layer"',
     "lf_flame.Layer([[1.0]], 10.0, (1.0, 1.0), optical_thickness=None)": "optical_thickness",
-    "lf_flame.Layer([[1.0]], 10.0, (1.0, 1.0)).size_mm[2]": "index",
     "lf_flame.render([], lf_flame.PAPER_CAMERA)": "render",
     "lf_flame.read_light_field(15)": "read_light_field",
     "lf_flame.refocus.shift_and_sum(None, 0.0)": "shift_and_sum",

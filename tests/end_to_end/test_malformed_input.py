@@ -81,26 +81,14 @@ def scene(**changes):
     ("changes", "words"),
     [
         ({"main_lens_focal_mm": "-150.0"}, "main_lens_focal_mm must be a positive"),
-        ({"focus_distance_mm": "120.0"}, "focus_distance_mm must exceed"),
-        ({"centre_mm": "[0, 50]"}, "outside the field"),
-        ({"shape": '"star"'}, "shape must be one of"),
-        ({"image": '"card.png"'}, "needs a shape or an image file, one of them"),
         ({"views": 10**10}, "of 1 to 100000 each"),
         ({"lenslets": "[90000, 90000]"}, "There is not enough memory"),
         ({"views": "[1"}, "is not a TOML file"),
         ({"centre_mm": "[1e308, 1e308]"}, "must tell its cells apart"),
-        ({"centre_mm": "[0.0, 1e20]"}, "must tell its cells apart"),
         ({"depth_mm": "1e308"}, "depth_mm of a layer must be finite"),
-        ({"depth_mm": "nan"}, "depth_mm of a layer must be finite"),
-        ({"size_mm": "[1e308, 1.0]"}, "size_mm must be above 0"),
-        ({"size_mm": "[nan, 1.0]"}, "size_mm must be above 0"),
         ({"size_mm": "[5e-324, 1.0]"}, "must tell its cells apart"),
-        ({"shape": '"flame"', "size_mm": "[inf, 1.0]"}, "size_mm must be above 0"),
-        ({"thickness_mm": "1e308"}, "thickness_mm must be 0 or above"),
-        ({"brightness": "1e308"}, "must be at most 1e+36"),
         ({"image": '"a\\u0000b.png"'}, "holds a null byte"),
         ({"shape": "[" * 5000}, "nest deeper than 64"),
-        ({"views": 10**30}, "beyond 64 bits"),
         ({"views": str([0] * 100_000)}, "camera.views: "),
         ({"x" * 100_000: "1"}, "is not a known key"),
     ],
@@ -129,10 +117,6 @@ def write_odd_tiff(path):
     [
         ("bomb.png", write_bomb, "would need 10.4 GB of memory, and 1 GB are allowed"),
         ("cut.png", lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "it is damaged"),
-        ("zero.ppm", lambda path: path.write_bytes(b"P6 0 0 255\n"), "it is damaged"),
-        ("more.ppm", lambda path: path.write_bytes(b"P6 5 5 0\n" + bytes(75)), "it is damaged"),
-        ("text.tif", lambda path: path.write_text("no TIFF"), "it is damaged"),
-        ("odd.webp", lambda path: path.write_bytes(b"RIFF\0\0\0\0WEBPVP8 "), "it is damaged"),
         ("pipe.png", os.mkfifo, "must be a regular file, and is a pipe"),
         ("folder.png", Path.mkdir, "must be a regular file, and is a folder"),
         ("none.png", lambda path: None, "there is no such file"),
@@ -185,12 +169,7 @@ def test_light_fields(refuse, tmp_path, monkeypatch, name, write, words):
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
-        ("text.lfr", lambda path: path.write_text("text"), "no container of a Lytro camera"),
-        ("pipe.raw", os.mkfifo, "must be a regular file, and is a pipe"),
-        ("text.tar", lambda path: path.write_text("text"), "is no archive of white images"),
         ("pipe.tar", os.mkfifo, "must be a regular file, and is a pipe"),
-        ("pipe.png", os.mkfifo, "must be a regular file, and is a pipe"),
-        ("text.npz", lambda path: path.write_text("no archive"), "no NumPy file of plain arrays"),
         ("empty", Path.mkdir, "empty holds no two images"),
         ("pipe", os.mkfifo, "is no light field"),
         ("none", lambda path: None, "no such file or folder"),
@@ -221,12 +200,11 @@ def test_a_folder_of_large_views(refuse, tmp_path, monkeypatch):
     ],
     ids=lambda command: " ".join(command),
 )
-@pytest.mark.parametrize("name", ["/dev/zero", "pipe", "deep.toml", "large.toml", "null.toml"])
+@pytest.mark.parametrize("name", ["pipe", "deep.toml", "large.toml"])
 def test_configurations(refuse, tmp_path, command, name):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "deep.toml").write_text("a = " + "[" * 10_000)
     (tmp_path / "large.toml").write_bytes(b"\n" * (1 << 21))
-    (tmp_path / "null.toml").write_bytes(b"\0")
     np.save(tmp_path / "views.npy", np.zeros((3, 3, 6, 8), np.float32))
     assert f"{name} " in refuse(*(name if word == "{}" else word for word in command))
 
@@ -236,8 +214,6 @@ def test_configurations(refuse, tmp_path, command, name):
     [
         ("[" * 100_000, "nest deeper than 64"),
         ('{"source": "a\\u0000b"}', "holds a null byte"),
-        ('{"versions": {}, "files": "all"}', "lists no files of a result"),
-        ('{"versions": {}, "files": [["a"]]}', "does not list mine in it"),
         ('{"source": "mine"}', "lists no files of a result"),
         ("\0", "is not a JSON file"),
     ],

@@ -80,9 +80,12 @@ def test_your_camera_reads_focused_lenslets(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_data_sets_are_made_and_read_as_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    text = page("data_sets", ("small = 64", "small = 16"), ("# (64, ", "# (16, "))
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    text = page("training", ("small = 64", "small = 16"), ("# (64, ", "# (16, "),
+                ("--epochs 20", "--epochs 1 --backbone-weights random"))  # fmt: skip
     (settings,) = code_blocks(text, "toml")
-    (tmp_path / "two_flames.toml").write_text(settings)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "three_flames.toml").write_text(settings)
     run_lines(*code_blocks(text, "sh"), tmp_path)
     (example,) = code_blocks(text, "py")
     capsys.readouterr()
@@ -90,6 +93,7 @@ def test_data_sets_are_made_and_read_as_it_says(tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr().out.splitlines()
     promised = re.findall(r"# (\(.*?\)):", example)
     assert printed[:2] == promised
+    assert (tmp_path / "runs" / "three_flames" / "model.keras").exists()
 
 
 KELVIN = (1750.0, 1850.0, 1800.0)

@@ -51,7 +51,7 @@ def run(config, tmp_path_factory):
         "title": "test",
         "seed": 1,
         "split": [0.5, 0.25, 0.25],
-        "model": {"backbone_depth": "none"},
+        "model": {"backbone_weights": "random", "backbone_depth": "conv3"},
         "presets": {"smoke": {"epochs": 1}},
     }
     training = build(TrainingConfig, values, "here")
@@ -107,6 +107,8 @@ def test_the_command_runs_without_a_network(tmp_path, monkeypatch, config):
     """All five stages are timed then, without a score."""
     monkeypatch.setattr(refocusing, "read_config", lambda path: config)
     monkeypatch.setattr(refocusing, "DATA_SETS", ["shapes"])
+    monkeypatch.setattr(timing, "SHORT_S", 0.0)
+    monkeypatch.setattr(timing, "ROUNDS", 1)
     options = ["--chapter", "refocusing", "--run", tmp_path / "none", "--out", tmp_path / "out"]
     done = CliRunner().invoke(commands, ["costs", *map(str, options)], catch_exceptions=False)
     assert done.exit_code == 0
