@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
-from programs import code_blocks, run_here
+from programs import code_blocks
 
 from lf_flame.commands import cli
 
@@ -65,14 +65,6 @@ def test_python_examples_run(tmp_path, monkeypatch):
     for path, example in examples:
         assert "assert " in example, path  # it checks its own result
         exec(compile(example, str(path), "exec"), {})
-
-
-def test_plan_that_is_shown_is_what_the_program_prints():
-    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    (shown,) = [block for block in code_blocks(text, "text") if block.startswith("effect ")]
-    asked = "plan data_gen/scenes/effects.toml --tolerance 0.005"
-    assert f"lf-flame {asked}" in text
-    assert shown.strip() == run_here(*asked.split()).stdout.strip()
 
 
 def test_the_table_of_the_readme_holds_the_committed_numbers():
