@@ -410,7 +410,7 @@ class _Job:
         soot = {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
         notes, calibration = notes_on_coding(source), None
         if colours is not None:
-            calibration, said = _read_exposed_colours(colours, source)
+            calibration, said = read_exposed_colours(colours, source)
             notes += said
             for name in calibration.responses.names:
                 refuse_folder(out / name, RECORD, overwrite=overwrite)
@@ -483,7 +483,7 @@ class _Job:
         tell_all("Note", found.unseen)
 
 
-def _read_exposed_colours(path: Path, source: Path) -> "tuple[ColourCalibration, list[str]]":
+def read_exposed_colours(path: Path, source: Path) -> "tuple[ColourCalibration, list[str]]":
     """Read a calibration of colours with its gains for the exposure of a flame's picture.
 
     Beside it a sentence where one exposure is known and not the other, or they differ.

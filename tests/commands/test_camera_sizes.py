@@ -62,5 +62,5 @@ def test_cells_in_mm_are_those_of_the_pitch(call):
     found = [tifffile.imread(f"{camera}/emission.tif") for camera in ("whole", "own")]
     np.testing.assert_array_equal(*found)
     assert found[0].shape[-2:] == SIZE
-    record = json.loads(Path("whole/reconstruct.json").read_text())
+    record = json.loads(Path("whole/emission.json").read_text())
     assert record["cell_mm"][0] == pytest.approx(cell, rel=1e-6)

@@ -61,19 +61,16 @@ def test_inner_products_agree_across_it(camera, dtype, tolerance, block):
 
 
 @pytest.mark.parametrize("depths", [DEPTHS, DEPTHS[::-1]])
-def test_even_absorbers_are_as_rendered(camera, depths):
-    """Random cells behind and within matter that is even across: exactly the simulator's light."""
+def test_even_absorbers_take_the_share_of_the_equation_of_transfer(camera, depths):
+    """Random cells in and behind even matter: each plane is rendered alone, where light only adds."""
     grid = FrustumGrid(camera, depths)
     cells = np.random.default_rng(1).random(grid.shape)
-    layers = grid.scene(cells).layers
-    thickness = (0.1, 0.25, 0.4)
-    scene = Scene(
-        [
-            Layer(layer.texture, layer.depth_mm, layer.size_mm, optical_thickness=tau)
-            for layer, tau in zip(layers, thickness, strict=True)
-        ]
-    )
-    wanted = render(scene, camera, tolerance=1e-9).views
+    thickness = np.array([0.1, 0.25, 0.4])
+    wanted = np.zeros(operator_of(grid, thickness).dimsd)
+    for depth, tau, layer in zip(depths, thickness, grid.scene(cells).layers, strict=True):
+        before = thickness[np.array(depths) < depth].sum()
+        share = np.exp(-before) * -np.expm1(-tau) / tau
+        wanted += share * render(Scene([layer]), camera, tolerance=1e-9).views
     found = views_of(operator_of(grid, thickness), cells)
     assert worst(found, wanted) < 1e-6 * wanted.max()
 
@@ -87,11 +84,11 @@ def test_a_map_before_an_even_glow_is_as_rendered(camera):
         np.array([np.ones(grid.shape[1:]), np.zeros(grid.shape[1:])])
     ).layers
     card = Layer(before.texture, -6.0, before.size_mm, optical_thickness=absorbing[1])
-    wanted = render(Scene([behind, card]), camera, tolerance=1e-9).views
+    wanted = render(Scene([behind, card]), camera, tolerance=2e-3).views  # by traced rays
     glow = np.zeros(grid.shape)
     glow[0] = 1
     found = views_of(AbsorbingOperator(grid, absorbing, "float64"), glow)
-    assert worst(found, wanted) < 1e-6
+    assert worst(found, wanted) < 4e-3
     assert wanted.min() < 0.8
 
 
@@ -148,7 +145,7 @@ class Recorded:
     """Rendered once: views without noise, emission and thickness on the central view's pixels."""
 
     def __init__(self, grid, scene):
-        self.clean = render(scene, grid.camera, tolerance=1e-6).views
+        self.clean = render(scene, grid.camera, tolerance=1e-3).views
         planes = list(enumerate(scene.layers))
         self.truth = np.stack([grid.crop(grid.average(one, p)) for p, one in planes])
         matter = [Layer(x.optical_thickness, x.depth_mm, x.size_mm, x.centre_mm) for _, x in planes]
