@@ -1,4 +1,4 @@
-"""The paper's network: a frozen ResNet-50 and its decoder; loaded on first use, as it needs Keras."""
+"""The paper's network: a frozen ResNet-50 and its decoder, loaded on first use (Keras)."""
 
 from typing import TYPE_CHECKING
 
@@ -8,5 +8,5 @@ if TYPE_CHECKING:
     from lf_flame.learning.decoder import build_decoder as build_decoder
     from lf_flame.learning.decoder import build_refocus_resnet50 as build_refocus_resnet50
 else:
-    NAMES = ["build_decoder", "build_refocus_resnet50"]
-    __getattr__, __dir__, __all__ = lazy_loader.attach("lf_flame", None, {"learning.decoder": NAMES})
+    NAMES = {"learning.decoder": ["build_decoder", "build_refocus_resnet50"]}
+    __getattr__, __dir__, __all__ = lazy_loader.attach("lf_flame", None, NAMES)

@@ -62,7 +62,7 @@ def test_inner_products_agree_across_it(camera, dtype, tolerance, block):
 
 @pytest.mark.parametrize("depths", [DEPTHS, DEPTHS[::-1]])
 def test_even_absorbers_take_the_share_of_the_equation_of_transfer(camera, depths):
-    """Random cells in and behind even matter: each plane is rendered alone, where light only adds."""
+    """Random cells in and behind even matter; each plane is rendered alone, as light only adds."""
     grid = FrustumGrid(camera, depths)
     cells = np.random.default_rng(1).random(grid.shape)
     thickness = np.array([0.1, 0.25, 0.4])
