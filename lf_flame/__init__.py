@@ -15,5 +15,3 @@ import lazy_loader
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-# `import *` must not need the extra [tomography].
-__all__ = [name for name in __all__ if name != "reconstruct"]

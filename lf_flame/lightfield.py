@@ -235,8 +235,8 @@ class LightField:
     def to_xarray(self) -> Any:
         """Give an `xarray.DataArray` with axes ``v, u, t, s`` and, for colour, ``channel``.
 
-        The axes v and u have coordinates, in view steps from the central view. Needs the extra
-        ``lf_flame[xarray]``.
+        The axes v and u have coordinates, in view steps from the central view. It needs the extra
+        ``[xarray]``.
         """
         import xarray
 

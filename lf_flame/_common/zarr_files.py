@@ -167,6 +167,6 @@ def import_zarr() -> Any:
         import zarr
     except ImportError:
         raise InputError(
-            "Zarr folders are read and written by zarr: pip install 'lf_flame[video]'."
+            "Zarr folders are read and written by zarr: pip install '.[video]'."
         ) from None
     return zarr

@@ -128,17 +128,13 @@ EPOCH = "SOURCE_DATE_EPOCH"
 MOST_THREADS = 1024
 """Largest number of threads of Numba; it starts safely with these, and crashes with 100 000."""
 
-LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"
+LEARNING = "This needs what learning needs: pip install '.[learn]'"
 OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas"), LEARNING),
-    "zarr": f"{LEARNING}, or for videos alone: pip install 'lf_flame[video]'",
-    **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
-    **dict.fromkeys(
-        ("pylops",),
-        "Emission by depth needs its solvers: pip install 'lf_flame[tomography]'",
-    ),
-    "anywidget": "This needs a notebook's parts: pip install 'lf_flame[jupyter]'",
-    "jax": "This needs JAX: pip install 'lf_flame[gpu]'",
+    "zarr": f"{LEARNING}, or for videos alone: pip install '.[video]'",
+    **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install '.[dask]'"),
+    "anywidget": "This needs a notebook's parts: pip install '.[jupyter]'",
+    "jax": "This needs JAX: pip install '.[gpu]'",
     "torch": "This needs PyTorch, or another KERAS_BACKEND",
 }
 """Messages for packages that a light installation lacks."""

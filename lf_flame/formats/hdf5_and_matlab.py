@@ -47,7 +47,7 @@ class Hdf5File:
             import h5py
         except ImportError:
             raise InputError(
-                "HDF5 and MATLAB 7.3 files are read by h5py: pip install 'lf_flame[hdf5]'."
+                "HDF5 and MATLAB 7.3 files are read by h5py: pip install '.[hdf5]'."
             ) from None
         self._h5py, self.path, self._reversed = h5py, Path(path), is_matlab_hdf5(path)
         self._found: dict[str, ArrayHeader] = {}

@@ -27,7 +27,7 @@ def load_keras() -> None:
     Call it before anything else imports Keras. It refuses a backend that does not exist, and what
     `check_keras` refuses.
     """
-    progress.tell("Starting Keras.")
+    progress.tell("Starting Keras ...")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     sys.stderr.flush()
     kept = os.dup(2)

@@ -1,8 +1,6 @@
 """Tomography: from one light field to the emission at each depth, with errors and temperature.
 
 `lf_flame.tomography.resolution` shows what a light field of one camera cannot resolve.
-
-Names load on first use: operator and fit need the extra ``lf_flame[tomography]``.
 """
 
 import lazy_loader

@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
-from pylops import Diagonal, LinearOperator
 from scipy import sparse
 
 from lf_flame._common.memory import check_memory
@@ -20,7 +19,12 @@ from lf_flame.errors import InputError
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.projection_operator import as_raw, as_views, layer_bands
+from lf_flame.tomography.projection_operator import (
+    GridOperator,
+    as_raw,
+    as_views,
+    layer_bands,
+)
 
 MOST_THICKNESS = 2.0
 """Largest total optical thickness along a ray of the central view. A seventh of the light from
@@ -42,7 +46,7 @@ Bands = tuple[sparse.csr_array, sparse.csr_array]
 """Bands of a slab, along y and along x: see `layer_bands`."""
 
 
-class AbsorbingOperator(LinearOperator):
+class AbsorbingOperator(GridOperator):
     """Linear operator from emission, of cells or nodes, to attenuated views.
 
     A pixel's light from a slab is that of `ProjectionOperator` or `AxisymmetricOperator`, times the
@@ -69,7 +73,7 @@ class AbsorbingOperator(LinearOperator):
                 f"The absorption must be finite, 0 or above, of the grid's shape {grid.shape}, got "
                 f"shape {absorption.shape}, from {np.min(absorption)} to {np.max(absorption)}."
             )
-        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=grid.data_shape)
+        super().__init__(dtype, grid.shape, grid.data_shape)
         self._grid = grid
         self._slabs = _slabs(grid, self.dtype)  # nearest to the main lens first
         through = np.ones(self._slabs[0].raw_shape)
@@ -247,7 +251,7 @@ class Absorption:
 
     Parameters
     ----------
-    even : LinearOperator
+    even : GridOperator
         Operator of the grid without absorption.
     grid : FrustumGrid or AxisymmetricGrid
     absorption : ndarray of float64, shape of the grid
@@ -256,20 +260,18 @@ class Absorption:
     ----------
     transmission : ndarray, shape of the grid
         Fraction of each cell's emission that leaves towards the camera, averaged over the views.
-    operator : LinearOperator
-        Operator from the light that leaves each cell to the attenuated views, both flat.
     """
 
-    def __init__(self, even: LinearOperator, grid, absorption: np.ndarray):
+    def __init__(self, even: GridOperator, grid, absorption: np.ndarray):
         self._even = even
-        absorbing = AbsorbingOperator(grid, absorption, even.dtype)
-        self.transmission = absorbing.mean_transmission().astype(even.dtype)
-        self.operator = absorbing @ Diagonal(1 / self.transmission.ravel(), dtype=even.dtype)
+        self._absorbing = AbsorbingOperator(grid, absorption, even.dtype)
+        self.transmission = self._absorbing.mean_transmission().astype(even.dtype)
 
     def excess(self, leaving: np.ndarray) -> np.ndarray:
         """Difference of the views from those with the mean transmission, shape (v, u, t, s)."""
         light = leaving.ravel().astype(self._even.dtype, copy=False)
-        more = self.operator.matvec(light) - self._even.matvec(light)
+        emission = light / self.transmission.ravel()
+        more = self._absorbing.matvec(emission) - self._even.matvec(light)
         return more.reshape(self._even.dimsd).astype(np.float32, copy=False)
 
     def settle(self, views: np.ndarray, fit: Callable, start=None, most: int = MOST_FITS):

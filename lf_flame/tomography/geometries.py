@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from pylops import LinearOperator
 from scipy.interpolate import CubicSpline
 
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
@@ -13,7 +12,11 @@ from lf_flame.tomography.cell_detail import smooth_course
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.plane_problem import PlaneProblem
-from lf_flame.tomography.projection_operator import AxisymmetricOperator, ProjectionOperator
+from lf_flame.tomography.projection_operator import (
+    AxisymmetricOperator,
+    GridOperator,
+    ProjectionOperator,
+)
 from lf_flame.tomography.section_problem import BandedGram, SectionProblem
 
 FINER = 3
@@ -126,13 +129,13 @@ def geometry_of(grid: FrustumGrid | AxisymmetricGrid) -> Geometry:
     return PlaneGeometry(grid) if isinstance(grid, FrustumGrid) else SectionGeometry(grid)
 
 
-def backproject(operator: LinearOperator, views: np.ndarray) -> np.ndarray:
+def backproject(operator: GridOperator, views: np.ndarray) -> np.ndarray:
     """Backprojected light field A'y, in the shape of the grid."""
     flat = views.ravel().astype(operator.dtype, copy=False)
     return operator.rmatvec(flat).reshape(operator.dims)
 
 
-def project(operator: LinearOperator, cells: np.ndarray) -> np.ndarray:
+def project(operator: GridOperator, cells: np.ndarray) -> np.ndarray:
     """Light field of cells, shape (v, u, t, s)."""
     flat = cells.ravel().astype(operator.dtype, copy=False)
     return operator.matvec(flat).reshape(operator.dimsd)

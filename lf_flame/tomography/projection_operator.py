@@ -8,8 +8,8 @@ seen as planes are.
 """
 
 import numpy as np
-from pylops import LinearOperator
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
 
 from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PlenopticCamera
@@ -20,7 +20,18 @@ from lf_flame.simulation.exact import band_weights
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
 
-class ProjectionOperator(LinearOperator):
+class GridOperator(LinearOperator):
+    """SciPy's linear operator, flat, with the shapes of its cells and of its views.
+
+    `dims` is the shape of the grid, `dimsd` that of the data (v, u, t, s).
+    """
+
+    def __init__(self, dtype: str | np.dtype, dims: tuple[int, ...], dimsd: tuple[int, ...]):
+        super().__init__(np.dtype(dtype), (int(np.prod(dimsd)), int(np.prod(dims))))
+        self.dims, self.dimsd = dims, dimsd
+
+
+class ProjectionOperator(GridOperator):
     """Linear operator from emission of cells, (plane, row, column), to the views that are fitted.
 
     Both are flattened for products.
@@ -52,7 +63,7 @@ class ProjectionOperator(LinearOperator):
     def __init__(self, grid: FrustumGrid, dtype: str = "float32", *, finer: int = 1):
         planes, rows, columns = grid.shape
         dims = planes, finer * rows, finer * columns
-        super().__init__(dtype=np.dtype(dtype), dims=dims, dimsd=grid.data_shape)
+        super().__init__(dtype, dims, grid.data_shape)
         self.grid = grid
         layers = [grid.empty_layer(plane, finer) for plane in range(planes)]
         down, self._across = (
@@ -80,7 +91,7 @@ class ProjectionOperator(LinearOperator):
         return np.stack(cells).ravel()
 
 
-class AxisymmetricOperator(LinearOperator):
+class AxisymmetricOperator(GridOperator):
     """Linear operator from an axisymmetric flame's emission at nodes to views, float64.
 
     It maps emission, flattened (height, radius), in radiance per mm of the line of sight, to the
@@ -104,7 +115,7 @@ class AxisymmetricOperator(LinearOperator):
     """
 
     def __init__(self, grid):
-        super().__init__(dtype=np.dtype(float), dims=grid.shape, dimsd=grid.data_shape)
+        super().__init__("float64", grid.shape, grid.data_shape)
         self.grid = grid
         self._down = sparse.vstack([one.T for one in grid.by_height], format="csr")
         self._across = np.concatenate(list(grid.by_radius), axis=1)

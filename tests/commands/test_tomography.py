@@ -140,23 +140,3 @@ def test_absorption_is_given_back(source, camera_file, tmp_path):
     assert records["planes"]["optical_thickness"].endswith("tau.tif")
     assert records["planes"]["greatest_optical_thickness"] == pytest.approx(0.4)
     assert read_thickness("0.4") == 0.4
-
-
-def without_solvers(code):
-    """Run code in a process in which pylops cannot be imported."""
-    hide = "import sys; sys.modules['pylops'] = None"
-    command = [sys.executable, "-c", f"{hide}; {code}"]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-@pytest.mark.slow
-def test_resolution_needs_no_solvers_and_reconstruct_says_that_it_does(source, camera_file):
-    program = "from lf_flame.commands.cli import main; import sys; sys.argv[1:] = {}; main()"
-    told = without_solvers(program.format(["resolution", "--period", "1"]))
-    assert told.returncode == 0, told.stderr
-    assert "4.18" in told.stdout
-    words = ["reconstruct", str(source), "--camera", str(camera_file), "--depth-mm", "0"]
-    refused = without_solvers(program.format(words))
-    assert refused.returncode == 2
-    assert "pip install 'lf_flame[tomography]'" in refused.stderr
-    assert "Traceback" not in refused.stderr

@@ -100,5 +100,13 @@ def test_what_needs_learning_says_what_to_install(light):
         assert status == 2, (words, said)
         lines = said.replace(COMPILING, "").strip().splitlines()
         assert len([line for line in lines if not line.endswith(" ...")]) == 1, (words, said)
-        assert "pip install 'lf_flame[learn]'" in said
+        assert "pip install '.[learn]'" in said
     assert not (light / "run").exists()
+
+
+@pytest.mark.slow
+def test_help_and_inspect_see_all_names(light):
+    code = "import inspect, pydoc, lf_flame; inspect.getmembers(lf_flame); pydoc.render_doc(lf_flame)"
+    paths = os.pathsep.join([str(light / "site"), str(ROOT)])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    subprocess.run([sys.executable, "-c", code], cwd=light, env=environment, check=True)

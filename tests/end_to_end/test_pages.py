@@ -101,7 +101,6 @@ KELVIN = (1750.0, 1850.0, 1800.0)
 
 @pytest.mark.slow
 def test_from_raw_image_to_temperature_ends_in_what_it_began_with(tmp_path):
-    pytest.importorskip("pylops")
     (tmp_path / "data_gen").symlink_to(ROOT / "data_gen")
     blocks = code_blocks(page("emission_by_depth"), "sh")
     results = run_lines("".join(blocks), tmp_path)
@@ -131,7 +130,7 @@ def tip_of(height_mm):
 
 @pytest.mark.slow
 def test_videos_end_in_the_flames_that_were_filmed(tmp_path):
-    for name in ("distributed", "xarray", "pylops"):
+    for name in ("distributed", "xarray"):
         pytest.importorskip(name)
     zarr = pytest.importorskip("zarr")
 

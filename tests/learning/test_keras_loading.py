@@ -52,5 +52,5 @@ def test_a_backend_that_there_is_none_of_is_one_sentence(backend):
     ended = subprocess.run([sys.executable, "-c", code], env=known, capture_output=True, text=True)
     assert ended.returncode == 2
     first, said = ended.stderr.splitlines()
-    assert first == "Starting Keras."
+    assert first == "Starting Keras ..."
     assert said.startswith(f"x: Keras does not start with the backend {backend}: ")
