@@ -71,7 +71,7 @@ def make_tabletop(seed: int, views: int = 9) -> tuple[np.ndarray, np.ndarray]:
     return np.uint8(np.rint(255 * np.clip(coded, 0, 1))), STEP * (1 - FOCUS / distance)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _render(balls, boxes, lamp, lens, out, distance):
     """Radiance of views[v, u, t, s], and distance of what the middle of each pixel shows."""
     rows, columns, height, width = out.shape
