@@ -391,9 +391,9 @@ def devignetted(folder, rng):
     y, x = np.indices((140, 140))
     spot = np.hypot((y - 4.5) % 10 - 5 + 0.5, (x - 4.5) % 10 - 5 + 0.5) < 4.5
     white = 64 + 3000 * np.where(spot, 1, 0.1) * (1 - ((y - 70) ** 2 + (x - 70) ** 2) / 25_000)
-    raw = 64 + (white - 64) * rng.uniform(0.2, 1.3, (14, 14)).repeat(10, 0).repeat(10, 1)
+    raw = 64 + (white - 64) * rng.uniform(0.0, 1.3, (14, 14)).repeat(10, 0).repeat(10, 1)
     for name, image in (("raw", raw), ("white", white), ("dark", np.full_like(raw, 64))):
-        noise = rng.normal(0, 6, raw.shape)
+        noise = rng.normal(0, 12, raw.shape)
         write_image(folder / f"{name}.tif", np.rint(image + noise).astype(np.uint16))
         write_image(folder / f"{name}.png", np.rint(8 * (image + noise)).astype(np.uint16))
 

@@ -74,7 +74,7 @@ CASES = {
     "absorption": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=None, allowed=1e-5),
     "thickness": Case([glow(1.0, thickness_mm=4.5)], tolerance=4e-3, rays=None),
     "thick absorption": Case(
-        [glow(2.0, sooty=True, thickness_mm=1.5)], {}, TINY, 0.01, 60, allowed=2e-3
+        [glow(2.0, sooty=True, thickness_mm=1.5)], {}, TINY, 0.004, 60, allowed=2e-3
     ),
     "turned": Case([glow()], TURNED),
     "colour": Case([glow()], COLOUR, tolerance=4e-3, rays=None),
@@ -87,7 +87,7 @@ CASES = {
     "occlusion, shrunk": Case(
         [glow(10.0), net(-5.0)], {"lenslet_pitch_error": -0.04}, rays=None, allowed=1e-5
     ),
-    "thickness, rim": Case([glow(2.0, thickness_mm=4.0)], RIM, TINY, 0.01, 40),
+    "thickness, rim": Case([glow(2.0, thickness_mm=4.0)], RIM, TINY, 0.002, 40),
     "thickness, occlusion inside": Case(
         [glow(2.0, thickness_mm=3.0), net(2.5)], {}, TINY, 0.03, 40, allowed=8e-3
     ),
@@ -98,7 +98,7 @@ CASES = {
     "stretched, round": Case([glow()], STRETCHED | ROUND),
     "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.1} | WIDE),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
-    "colour, rim": Case([glow(cells=(2, 3))], COLOUR | RIM, TINY, 0.05, 40),
+    "colour, rim": Case([glow(cells=(2, 3))], COLOUR | RIM, TINY, 0.003, 40),
     "one view": Case(
         [glow(3.0, cells=(2, 3))], ROUND, replace(BASE, views=1), rays=80, allowed=1e-3
     ),

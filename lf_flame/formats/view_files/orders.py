@@ -185,7 +185,7 @@ MOTIONS = {
 def order_memory(shape: tuple[int, ...]) -> int:
     """Count the bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
     pixels = shape[0] * shape[1]
-    return 140 * min(pixels, MOST_PIXELS) + 8 * pixels
+    return 240 * min(pixels, MOST_PIXELS) + 8 * pixels
 
 
 def find_order(
