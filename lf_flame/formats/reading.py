@@ -52,17 +52,17 @@ def read_light_field(
 ) -> LightField:
     """Read a light field from a file or folder of any supported kind.
 
-    ====================================  ============================================
+    ====================================  ===================================================
     a folder, or ``.zip`` of one          one image for each view: `scan_view_folder`
     ``.npy``, ``.npz``, ``.zarr``,        an array of views, or a raw array
     ``.h5``, ``.hdf5``, ``.mat``
     ``.tif``, ``.tiff`` of many pages     one view a page
     an image and `mosaic`                 views side by side
     an image and `white`, `lenslets` or   a raw lenslet image: `read_raw`
-    `pitch`; ``.lfp``, ``.lfr``, ``.raw``
+    `pitch`; ``.lfp``, ``.lfr``
     an image and `focused`                raw image of focused lenslets: `read_focused`
     any other image and `views`           a lenslet image, N x N pixels to a lenslet
-    ====================================  ============================================
+    ====================================  ===================================================
 
     Parameters
     ----------
