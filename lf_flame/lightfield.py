@@ -63,24 +63,6 @@ def as_valid(valid: ArrayLike, shape: tuple[int, ...]) -> np.ndarray | None:
     return None if known.all() else known
 
 
-def _as_positions(positions: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Check positions of views, shape (v, 1, 2), and give them as float64."""
-    try:
-        positions = np.asarray(positions, float)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"positions must be numbers, two for each view, got {positions!r}."
-        ) from None
-    if positions.shape != (*shape, 2) or shape[1] != 1:
-        raise InputError(
-            f"positions must be two numbers for each view of one column, of shape (v, 1, 2), got "
-            f"shape {positions.shape} for {shape[0]} x {shape[1]} views."
-        )
-    if not np.all(np.isfinite(positions)) or not np.ptp(positions) > 0:
-        raise InputError("positions of views must be finite, and not all the same.")
-    return positions
-
-
 AXES = ("v", "u", "t", "s", "channel")
 """Axis names of an `xarray.DataArray`, in the order of `LightField.views`."""
 
@@ -124,10 +106,6 @@ class LightField:
         is bad, or its lenslet is too dark. The value that an unknown pixel holds counts as a lower
         bound of its light. Refocusing and fits leave unknown pixels out; all else takes them
         from `filled`. Default: all are known.
-    positions : array_like, shape (v, 1, 2), optional
-        Place of each view, down and right, in view steps, where views stand on no grid, as those of
-        many arrays of cameras; the views are then one column. `lf_flame.refocus` shifts each
-        by the slope times its distance from their mean. Default: a grid of equal steps.
 
     Raises
     ------
@@ -155,7 +133,6 @@ class LightField:
     plan: Any = None
     weights: np.ndarray | None = None
     valid: np.ndarray | None = None
-    positions: np.ndarray | None = None
 
     def __post_init__(self):
         views = np.asarray(in_order(self.views))
@@ -182,8 +159,6 @@ class LightField:
             object.__setattr__(self, "weights", weights)
         if self.valid is not None:
             object.__setattr__(self, "valid", as_valid(self.valid, views.shape[:4]))
-        if self.positions is not None:
-            object.__setattr__(self, "positions", _as_positions(self.positions, views.shape[:2]))
 
     @classmethod
     def trusted(
@@ -192,12 +167,11 @@ class LightField:
         plan: Any = None,
         weights: np.ndarray | None = None,
         valid: np.ndarray | None = None,
-        positions: np.ndarray | None = None,
     ) -> LightField:
         """Wrap contiguous float32 views that are known to be finite, without checking them."""
         light_field = object.__new__(cls)
         given = {"views": views, "plan": plan, "weights": weights, "valid": valid}
-        for name, value in (given | {"positions": positions}).items():
+        for name, value in given.items():
             object.__setattr__(light_field, name, value)
         return light_field
 
@@ -240,7 +214,6 @@ class LightField:
         """
         import xarray
 
-        refuse_placed(self, "An xarray.DataArray")
         steps = {
             name: np.arange(n) - (n - 1) / 2
             for name, n in zip("vu", self.views.shape, strict=False)
@@ -269,7 +242,7 @@ class LightField:
         if self.views.ndim == 4:
             return self
         mean = self.views.mean(axis=4, dtype=np.float64).astype(np.float32)
-        return LightField.trusted(mean, self.plan, self.weights, self.valid, self.positions)
+        return LightField.trusted(mean, self.plan, self.weights, self.valid)
 
     @cached_property
     def filled(self) -> np.ndarray:
@@ -295,8 +268,7 @@ class LightField:
     def __repr__(self) -> str:
         v, u, t, s = self.views.shape[:4]
         kind = {1: "grey", 3: "colour"}.get(self.channels, f"{self.channels} channels")
-        placed = "" if self.positions is None else ", each at its own position"
-        return f"LightField({v} x {u} views of {t} x {s} pixels, {kind}{placed})"
+        return f"LightField({v} x {u} views of {t} x {s} pixels, {kind})"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
@@ -331,22 +303,6 @@ class LightField:
             f"{lost} of the {self.valid.size} pixels of the views ({lost / self.valid.size:.2g}) "
             f"are unknown: saturated, bad, or of lenslets that are too dark; they are left out, or "
             f"filled from around"
-        )
-
-
-def refuse_placed(light_field: Any, what: str) -> None:
-    """Refuse a light field whose views have positions of their own.
-
-    Raises
-    ------
-    InputError
-        With `what`, which cannot take it, as the subject.
-    """
-    if getattr(light_field, "positions", None) is not None:
-        raise InputError(
-            f"{what} needs views on a grid of equal steps, and these views stand at positions of "
-            f"their own; shift_and_sum, find_sharpest_slope and all_in_focus take them (lf-flame "
-            f"refocus)."
         )
 
 

@@ -41,9 +41,9 @@ NOT_KEPT = (
     "Compiling for this machine, some seconds at each start: no folder can be written in which "
     "Numba would keep the result; set NUMBA_CACHE_DIR to one."
 )
-# Of Numba's threading layers tbb alone survives calls from several threads at once, where workqueue
-# ends the process, and a fork, where omp does. Numba does not look where pip puts the library, but
-# takes one that is loaded.
+# Among Numba's threading layers, only tbb survives both calls from several threads at once, where
+# workqueue ends the process, and a fork, where omp does. Numba does not look where pip puts the
+# library, but uses one that is loaded.
 with suppress(importlib.metadata.PackageNotFoundError, OSError):
     for _file in importlib.metadata.files("tbb") or ():
         if _file.name == "libtbb.so.12":

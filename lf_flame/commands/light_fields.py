@@ -64,7 +64,6 @@ def refocus(source, camera, out, overwrite, **options):
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
-    from lf_flame.lightfield import refuse_placed
 
     focus, look, reading = (pick(kind, options) for kind in (Focus, Appearance, Reading))
     lens = read_lens(camera) if camera else None
@@ -80,8 +79,6 @@ def refocus(source, camera, out, overwrite, **options):
         light_field, lens = reading.read_of_camera(source, lens)
         views = light_field.shape[:2]
         light_field = light_field if lens is None else lens.corrected(light_field)
-        if focus.slope_of != Focus().slope_of:
-            refuse_placed(light_field, "--slope-of")
         focus = focus.with_ends(light_field)
         slopes = focus.asked_slopes(views[1], lens)
         job = RefocusJob(light_field, look.options(views, lens), network, lens, **look.brightness)

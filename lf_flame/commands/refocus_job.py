@@ -10,7 +10,7 @@ import numpy as np
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, white_level
-from lf_flame.lightfield import LightField, refuse_placed
+from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import farthest_slope, refocus
 
@@ -43,8 +43,6 @@ class RefocusJob:
         for name, low, high in (("gain", 1e-6, 1e6), ("gamma", 0.01, 100)):
             if not low <= (got := getattr(self, name)) <= high:
                 raise InputError(f"{name} must be from {low:g} to {high:g}, got {got:g}.")
-        if self.options.get("weights") is not None:
-            refuse_placed(self.light_field, "An aperture")
 
     @cached_property
     def white(self) -> float:

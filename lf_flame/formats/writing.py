@@ -9,7 +9,7 @@ from lf_flame._common.zarr_files import EVERY_CHUNK, import_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_files.folder import write_view_folder
-from lf_flame.lightfield import AXES, LightField, refuse_placed
+from lf_flame.lightfield import AXES, LightField
 
 
 def write_light_field(
@@ -49,7 +49,6 @@ def write_light_field(
     >>> formats.read_light_field("light_field.npz")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
-    refuse_placed(light_field, "A file")
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".zarr":

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField, as_view_weights, in_order, refuse_placed
+from lf_flame.lightfield import LightField, as_view_weights, in_order
 
 Views = LightField | ArrayLike
 """A light field, or its views alone."""
@@ -25,9 +25,8 @@ READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 def as_views(views: Views) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; NaN and infinity are not checked.
 
-    Unknown pixels of a light field are filled. Views at positions of their own are refused.
+    Unknown pixels of a light field are filled.
     """
-    refuse_placed(views, "Refocusing")
     views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(

@@ -158,8 +158,8 @@ class _Grid:
     Attributes
     ----------
     first, last : int
-        Of the layer's cells, the first that can send light to where it is wanted, and one after
-        the last.
+        First of the layer's cells that can send light to where it is wanted, and one after the
+        last.
     parts, merged : int
         Into how many each is cut, or how many make one.
     cell_mm : float

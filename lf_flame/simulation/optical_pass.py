@@ -185,8 +185,8 @@ class OpticalPass:
     def tangents(self, axis: int) -> np.ndarray:
         """Tangent of each pixel's central ray behind the main lens, shape (view, lenslet).
 
-        Of the ray through the lenslet's middle: the pixel's place from the lenslet's axis over
-        the lenslet's focal length, as if the array were not turned.
+        It is that of the ray through the lenslet's middle: the pixel's distance from the lenslet's
+        axis over the lenslet's focal length, as if the array were not turned.
         """
         camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm

@@ -132,8 +132,8 @@ class Emission:
     def per_mm(self) -> np.ndarray:
         """Emission per length of the line of sight, shape of `emission`.
 
-        Of planes it is their emission over their distance, in radiance per mm; times 4 pi it is
-        power per volume, if the light field is in radiance.
+        For planes it is their emission divided by their distance, in radiance per mm. If the
+        light field is in radiance, 4 pi times it is power per volume.
 
         Raises
         ------

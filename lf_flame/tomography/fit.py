@@ -371,8 +371,8 @@ class Fit:
         if self.start is not None and self.start.strength == draft.strength:
             brightest = self.start.brightest
         else:
-            # Of a draw that always has the same seed. Noise holds no light behind other light, for
-            # which the long steps are.
+            # The draw always has the same seed. Long steps are for light behind other light, which
+            # noise does not contain.
             noise = np.random.default_rng(0).standard_normal(draft.uneven.shape, dtype=np.float32)
             alone: Any = self.geometry.problem(
                 backproject(self.operator, draft.pixel_noise * noise)

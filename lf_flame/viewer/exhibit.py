@@ -11,7 +11,7 @@ import numpy as np
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview
-from lf_flame.lightfield import LightField, refuse_placed
+from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import (
     FocusMap,
@@ -82,7 +82,6 @@ class Exhibit:
     depths_mm: Sequence[float] | None = None
 
     def __post_init__(self):
-        refuse_placed(self.light_field, "A viewer")
         check_channels(self.light_field)
         if self.light_field.views.size > self.most_bytes:
             raise InputError(

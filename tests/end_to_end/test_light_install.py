@@ -106,9 +106,11 @@ def test_what_needs_learning_says_what_to_install(light):
 
 @pytest.mark.slow
 def test_help_and_inspect_see_all_names(light):
-    code = (
-        "import inspect, pydoc, lf_flame; inspect.getmembers(lf_flame); pydoc.render_doc(lf_flame)"
-    )
+    code = "import inspect, pydoc, lf_flame as x; names = dict(inspect.getmembers(x)); "
+    code += "print('models' in names, 'reconstruct' in pydoc.render_doc(x))"
     paths = os.pathsep.join([str(light / "site"), str(ROOT)])
-    environment = {**os.environ, "PYTHONPATH": paths}
-    subprocess.run([sys.executable, "-c", code], cwd=light, env=environment, check=True)
+    shown = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=light, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert shown.stdout == "True True\n", shown.stderr

@@ -7,7 +7,8 @@ import keras
 import numpy as np
 import pandas as pd
 import pytest
-from builders import shapes
+from builders import shapes, toml
+from programs import run
 
 from lf_flame import InputError
 from lf_flame._common.config import build
@@ -115,3 +116,13 @@ def test_without_imagenet_a_preset_continues_or_stops(config, data, tmp_path, mo
     asked = replace(config, presets={"smoke": recipe})
     assert training.find_weights(asked, "smoke") == ("random", "random (seed 1), conv3")
     assert "RANDOM backbone weights" in caplog.text
+
+
+def test_train_without_data_finds_the_weights_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flames.toml").write_text(toml(VALUES))
+    shown = run("train", "flames.toml", "--preset", "smoke")
+    assert shown.output.splitlines()[-1] == "Weights of the backbone: no backbone."
+    assert [path.name for path in tmp_path.iterdir()] == ["flames.toml"]
+    refused = run("train", "flames.toml", "--preset", "smoke", "--out", "r")
+    assert "--data and --out go together" in str(refused.exception)

@@ -1,4 +1,4 @@
-"""What a raw, white or dark image shows that does not fit: refused, or said once.
+"""Checks of raw, white and dark images against each other: a refusal, or one sentence.
 
 Light comes to a pixel through its lenslet, so that a raw image is the white image times the
 scene's light: dark between micro-images, whatever the scene. Black level, mosaic and a wrong white

@@ -1,8 +1,8 @@
 """Search for the lenslets in an image that shows them: a white image, spots, or a raw image.
 
-What repeats itself over long distances is the array: the contents of a raw image repeat with nearly
-its period, but only over the few lenslets that see the same point. So the array's frequencies are
-the sharp lines of the spectrum.
+Only the array repeats over long distances: the contents of a raw image repeat with nearly its
+period, but only over the few lenslets that see the same point. The array's frequencies are
+therefore the sharp lines of the spectrum.
 """
 
 from __future__ import annotations
