@@ -9,6 +9,7 @@ import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.provenance import cpu_count
+from lf_flame.commands.options import option
 from lf_flame.errors import InputError
 
 START_S = 30
@@ -16,10 +17,8 @@ START_S = 30
 
 WORKERS = cloup.option_group(
     "Where it is computed",
-    cloup.option(
-        "--workers", default=0, show_default=True, help="Number of processes; 0: one per core."
-    ),
-    cloup.option("--scheduler", help="Dask scheduler of the workers to use: tcp://HOST:PORT."),
+    option("--workers", "Number of processes; 0: one per core.", int, default=0),
+    option("--scheduler", "Dask scheduler to use: tcp://HOST:PORT."),
 )
 
 

@@ -3,7 +3,6 @@
 import csv
 import json
 import shutil
-import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,12 +19,13 @@ from lf_flame import (
     Scene,
     render,
 )
-from lf_flame.commands.frames import FrameReader, find_frames, read_timestamps, times_by_names
 from lf_flame.commands.reading_options import Reading
+from lf_flame.commands.videos import FrameReader
 from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.flame_video.flame_shape import DOUBTS
+from lf_flame.flame_video.frames import find_frames, read_timestamps, times_by_names
 from lf_flame.flame_video.series import REPEATED
-from lf_flame.formats import reading, write_light_field
+from lf_flame.formats import write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
 
@@ -176,17 +176,6 @@ def test_a_dark_or_damaged_frame_is_named_and_the_rest_measured(video, tmp_path)
     assert any(DOUBTS["dark"] in warning for warning in record["warnings"])
 
 
-@pytest.mark.slow
-def test_a_dark_video_is_told(still, tmp_path, drawn):
-    for number in range(16):
-        replace(still, number, np.zeros((5, 5, 48, 40), np.float32))
-    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "needs 16 frames with a height at least, got 0" in result.output
-    assert record_of(tmp_path / "out")["flicker"] is None
-    assert (tmp_path / "out" / "flicker.png").exists()
-
-
 def test_doubtful_frames_are_told(still, tmp_path):
     views = np.load(tmp_path / "one.npy")
     replace(still, 3, np.pad(views, ((0, 0), (0, 0), (0, 22), (0, 0)))[:, :, 22:])
@@ -245,10 +234,7 @@ def test_numbers_that_may_be_no_counts_get_a_note():
 )
 def test_times_from_a_file(tmp_path, text):
     (tmp_path / "times.csv").write_text(text, encoding="utf-8")
-    found, notes = read_timestamps(tmp_path / "times.csv", 3)
-    assert found.tolist() == [1.5, 2, 4]
-    (tmp_path / "ms.txt").write_text("10\n20\n30")
-    assert "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3)[1][0]
+    assert read_timestamps(tmp_path / "times.csv", 3).tolist() == [1.5, 2, 4]
 
 
 def small_flame(height_px):
@@ -390,23 +376,6 @@ def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
     found = find_frames([tmp_path], [tmp_path / "3.png"])
     assert [path.name for path in found] == ["1.npy", "2.npy"]
     assert find_frames([tmp_path / "[12].npy"]) == found
-
-
-def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
-    """When one is read the one before is gone."""
-    alive, before, read = weakref.WeakSet(), [], reading.read_array
-
-    def watched(*args, **options):
-        before.append(len(alive))
-        light_field, found = read(*args, **options)
-        alive.add(light_field)
-        return light_field, found
-
-    monkeypatch.setattr(reading, "read_array", watched)
-    words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
-    result = run("flicker", still, *words, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert before == [0] * 19  # the first is read in each process, and tried out
 
 
 def test_folders_of_views_are_frames(tmp_path):

@@ -134,7 +134,7 @@ def test_an_interruption_has_status_130(monkeypatch, capsys):
     def interrupt(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lf_flame.commands.camera_table.camera_report", interrupt)
+    monkeypatch.setattr("lf_flame.optics.camera_report.camera_report", interrupt)
     monkeypatch.setattr(sys, "argv", ["lf-flame", "camera"])
     with pytest.raises(SystemExit) as caught:
         cli.main()

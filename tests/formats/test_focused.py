@@ -12,7 +12,7 @@ from focused_pictures import Camera, Waves
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
 from lf_flame.commands.cli import commands
-from lf_flame.commands.frames import FrameReader
+from lf_flame.commands.videos import FrameReader
 from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import (
     FocusedLenslets,
