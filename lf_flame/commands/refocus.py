@@ -91,6 +91,8 @@ APPEARANCE = cloup.option_group(
     ),
     option("--aperture", "Width of a round aperture; 1 is all views.", float),
     option("--f-number", "F-number of a round aperture; needs --camera.", float),
+    option("--ring", "Width of a covered disc in the aperture.", float, rare=True),
+    flag("--square", "Square aperture, not a round one.", rare=True),
     option(
         "--viewpoint",
         "Centre of the aperture, in views from the central view.",
@@ -100,6 +102,9 @@ APPEARANCE = cloup.option_group(
         rare=True,
     ),
     option("--gain", "Factor on the brightness of pictures.", ABOVE_0, default=1.0),
+    option(
+        "--gamma", "Gamma of pictures; 2.2 brightens dark regions.", ABOVE_0, default=1.0, rare=True
+    ),
     option("--network", "Run of `train-system`, or RefocusNet's weights (.npz).", EXISTING),
 )
 """Options for how refocused images are made."""
@@ -175,7 +180,7 @@ class Focus:
         if not look.network:
             return
         # A network has its own aperture, and interpolates linearly.
-        names = ("aperture", "f_number", "viewpoint", "interpolation")
+        names = ("aperture", "f_number", "ring", "square", "viewpoint", "interpolation")
         given = [one for one in names if getattr(look, one) != getattr(Appearance, one)]
         for name in (*given, *(["map"] if self.maps else [])):
             raise InputError(f"--{name.replace('_', '-')} does not apply to a network.")
@@ -190,8 +195,11 @@ class Appearance:
     interpolation: str = "linear"
     aperture: float | None = None
     f_number: float | None = None
+    ring: float | None = None
+    square: bool = False
     viewpoint: tuple[float, float] | None = None
     gain: float = 1.0
+    gamma: float = 1.0
     network: Path | None = None
 
     def options(self, views: tuple[int, int], lens: "Lens | None") -> dict[str, Any]:
@@ -203,12 +211,15 @@ class Appearance:
         from lf_flame.optics.camera import PlenopticCamera
         from lf_flame.refocus import aperture_weights, f_number_aperture
 
-        stated = (self.aperture, self.viewpoint) != (None, None)
+        stated = (self.aperture, self.ring, self.square, self.viewpoint) != (
+            None, None, False, None
+        )  # fmt: skip
         if self.f_number is None:
             if not stated:
                 return None
             width = 1.0 if self.aperture is None else self.aperture
-            return aperture_weights(views, width, centre=self.viewpoint or (0.0, 0.0))
+            shape, centre = "square" if self.square else "round", self.viewpoint or (0.0, 0.0)
+            return aperture_weights(views, width, self.ring or 0.0, shape, centre)
         if stated:
             raise InputError("An f-number and another aperture cannot both be given.")
         if not isinstance(lens, PlenopticCamera):
@@ -294,7 +305,7 @@ def refocus(source, camera, out, overwrite, **options):
         focus = focus.with_ends(light_field)
         slopes = focus.asked_slopes(views[1], lens)
         options = look.options(views, lens)
-        job = output.RefocusJob(light_field, options, network, lens, look.gain)
+        job = output.RefocusJob(light_field, options, network, lens, look.gain, look.gamma)
         beyond = () if focus.background is None else (focus.background,)
         job.check([*slopes, *beyond], focus.sweep or (), focus.slope_map or ())
         job.describe(folder)

@@ -36,8 +36,8 @@ class RefocusJob:
     """A light field, and the options of its refocused images.
 
     `options` are those of `lf_flame.refocus.refocus`; `network`, a system of `lf_flame.systems`,
-    refocuses instead, from values from 0 to 1. `camera`, if known, gives the depths of slopes in names,
-    figures and the record. `gain` is a factor on pictures for display.
+    refocuses instead, from values from 0 to 1. `camera`, if known, gives the depths of slopes in
+    names, figures and the record. `gain` and `gamma` are for display.
     """
 
     light_field: LightField
@@ -45,6 +45,7 @@ class RefocusJob:
     network: Any = None
     camera: Any = None
     gain: float = 1.0
+    gamma: float = 1.0
 
     @cached_property
     def white(self) -> float:
@@ -59,8 +60,9 @@ class RefocusJob:
         return replace(self.light_field, views=self.light_field.views / np.float32(self.white))
 
     def preview(self, image: np.ndarray) -> np.ndarray:
-        """Give 8-bit levels for display, ``gain image / white``, clipped."""
-        return to_levels(np.clip(image / np.float32(self.white / self.gain), 0, 1), 8)
+        """Give 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped."""
+        shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
+        return to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
 
     def refocus(self, slopes: Sequence[float]) -> np.ndarray:
         """Refocus at some slopes: float32, shape (n, t, s) or with a last axis of channels."""

@@ -114,9 +114,9 @@ def test_numbers_of_other_programs(folder, light_field, tmp_path):
 
 
 def test_apertures_and_interpolations(folder, light_field, tmp_path):
-    run(folder, "--slope", 0.5, "--interpolation", "sinc", "--aperture", 0.6,
+    run(folder, "--slope", 0.5, "--interpolation", "sinc", "--aperture", 0.6, "--ring", 0.2,
         "--out", tmp_path / "out")  # fmt: skip
-    weights = round_aperture((5, 5), 0.6)
+    weights = round_aperture((5, 5), 0.6) - round_aperture((5, 5), 0.2)
     expected = refocus(light_field, [0.5], interpolation="sinc", weights=weights)
     stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     np.testing.assert_allclose(stack, expected, atol=1e-6)
