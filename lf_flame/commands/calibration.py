@@ -69,15 +69,10 @@ def calibrate(
 
     Three depths are the least; take five or more over the range of use, with the target parallel to
     the lens, filling the picture, its squares 6 lenslets wide or more. Neither focus nor zoom may
-    change between them.
-
-    With --step-mm the first target is the zero, and how far it is from the point where the views
-    meet is printed, with its error. A step that is wrong makes all depths wrong by its factor.
-
-    calibration.toml holds the law of slope and scale by depth, for --camera of refocus, view,
-    flicker, reconstruct, abel and info. The table tells how far each target is from the law, and
-    from the law of the others alone. calibration.png shows both, and calibration.json holds all
-    numbers.
+    change. With --step-mm the first target is the zero, and its distance from the point where the
+    views meet is printed, with its error. calibration.toml holds the law of slope and scale by
+    depth; the table and calibration.png show how far each target is from it, and from the law of
+    the others alone.
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 
@@ -181,11 +176,10 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
       lf-flame temperature abel/flame --colours colours/colours.toml
     \f
 
-    Three temperatures or more around the flame's are well; two are the least. The source must be in
-    the same place in all pictures, evenly bright, and not saturated. colours.toml holds gains,
+    Two temperatures are the least, three or more around the flame's are better. The source must be
+    in the same place in all pictures, evenly bright, and not saturated. colours.toml holds gains,
     their errors, and the responses. The table and colours.png show how far each picture is from the
-    fit. The line below it is the lowest temperature that the responses distinguish from all higher
-    ones; they must do so from 1,000 K on.
+    fit; the responses must distinguish temperatures from 1,000 K on.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.formats import read_exposure

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from lf_flame.commands.options import PATH, camera_option, command, open_lens, option
+from lf_flame.commands.reading_options import note_on_pixels
 from lf_flame.errors import InputError
 
 
@@ -31,17 +32,18 @@ def info(source: Path, white: Path | None, lenslets: Path | None, camera: Path |
       lf-flame info raw.tif --lenslets spots.tif     lenslets, views, and what is missing
       lf-flame info flame.npz --camera calibration.toml  in mm: pixels, focus, depth
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.commands.camera import lens_facts
     from lf_flame.formats.file_facts import describe
+    from lf_flame.tomography.camera_facts import lens_facts
 
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
     lens = open_lens(camera)
     found = describe(source, white, lenslets)
     if lens is not None and camera is not None:
-        facts, notes = lens_facts(lens, found.shape)
-        found.facts |= facts
-        found.notes += notes
+        if found.shape:
+            lens.check_views(found.shape)
+            found.notes += note_on_pixels(lens, found.shape)
+        found.facts |= lens_facts(lens)
         if found.shape and found.command:
             found.command += f" --camera {shlex.quote(str(camera))}"
     click.echo(found.text(source))

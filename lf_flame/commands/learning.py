@@ -128,13 +128,9 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     kind of scene: its input image holds no parallax. In any other scene its output is invented,
     and looks like its training pictures. To refocus a light field as it is, use `lf-flame refocus`.
 
-    An image is a picture of 8 or 16 bits (.png, .jpg, .tif, ...; raw lenslet images too, colours
-    become luminance), or a light field in views (folder, .npy, .npz, .tif of many pages). It is
+    An image is a picture of 8 or 16 bits (raw lenslet images too), or a light field in views. It is
     averaged over blocks of pixels to the network's size, or interpolated where that does not divide
-    the image's size. Levels are taken as linear in radiance.
-
-    OUT/IMAGE receives refocused_N_DEPTHmm.png, refocused.tif (float32), prediction.png (input and
-    refocused images side by side) and prediction.json, the record.
+    the image's size. OUT/IMAGE receives the refocused images and a record.
 
     \b
       lf-flame predict photograph.png --model runs/paper/flames

@@ -276,19 +276,15 @@ def refocus(source, camera, out, overwrite, **options):
       lf-flame refocus field.npz --camera simulation.json --depth-mm 10
     \f
 
-    SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), such a folder
-    in a .zip, an array (.npy, .npz, .h5, .mat, .zarr), a TIFF of many pages, a lenslet image with
-    N x N pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white,
+    SOURCE is a folder with one image for each view (or a .zip of it), an array (.npy, .npz, .h5,
+    .mat, .zarr), a TIFF of many pages, a lenslet image (--views N), a raw image (--white,
     --lenslets or --pitch), or a raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE`
     says what it is, and `lf-flame convert` reads other kinds.
 
     The range of --map should exceed the slopes of the scene; auto finds such a range. What one sees
     through, such as a flame before others, has no single slope: lf-flame reconstruct finds its
-    emission by depth.
-
-    \b
-      lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
-      lf-flame refocus buddha --region 100 180 60 140      a region in focus, the rest blurred
+    emission by depth. --network refocuses by nine of the views; with --region it is a run of
+    `train-system volumetric`, which uses a cross of 17.
     """  # noqa: D301 - click reads the backspace
     from lf_flame.commands import refocus_output as output
 

@@ -3,20 +3,15 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
-import io
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
-from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import click
 import cloup
 
+from lf_flame._common import progress
 from lf_flame._common.printable import printable
 from lf_flame.commands.emission import DEPTHS, fitting
 from lf_flame.commands.options import (
@@ -38,9 +33,6 @@ from lf_flame.commands.options import (
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
-
-if TYPE_CHECKING:
-    from lf_flame.lightfield import LightField
 
 NAMED = 10
 """Number of frames whose warnings are printed at once; the others are counted at the end."""
@@ -109,15 +101,11 @@ def flicker(
     \f
 
     The numbers in the names give the order, and a missing number is a gap in time. Pictures must be
-    linear in light and black at 0. A light field is measured in its central view, or, with --slope
-    or --depth-mm, in the image refocused there, which averages the noise of all views. The flame is
-    the region above a share of the peak (--level) that includes the brightest pixel; its height is
-    from the bottom edge of the picture to its tip. Memory holds one frame at a time.
-
-    flame.csv has a row for each frame, flicker.png shows the heights, their spectrum and some
-    contours, and flicker.json holds the frequencies, their resolution (1 / duration) and the
-    probability that noise alone, white or correlated like these heights, has such a peak. If it
-    is above 1 %, no frequency is reported.
+    linear in light and black at 0. A light field is measured in its central view, or in the image
+    that is refocused by --slope or --depth-mm. The flame is the region above a share of the peak
+    (--level) that includes the brightest pixel; its height is from the bottom edge to its tip.
+    flicker.json holds the frequencies, their resolution (1 / duration) and the probability that
+    noise alone has such a peak; if it is above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.flame_video import find_steps
@@ -126,9 +114,8 @@ def flicker(
     from lf_flame.flame_video.frames import find_frames
     from lf_flame.flame_video.processing import is_video
 
-    reading, focus = Reading(**options), [slope, depth_mm, camera]
-    done = len(sources) == 1 and is_video(sources[0])
-    given = [*focus, pixel_mm, burner_row, timestamps, *reading.given()]
+    reading, done = Reading(**options), len(sources) == 1 and is_video(sources[0])
+    given = [slope, depth_mm, camera, pixel_mm, burner_row, timestamps, *reading.given()]
     if done and (level != 0.5 or any(x is not None for x in given)):
         raise InputError(
             f"{sources[0]} is processed already: of all options, only --frames-per-second, --out "
@@ -210,19 +197,10 @@ def process(
 
     temperature is that of soot, from the emission before it; height and contour measure the image
     refocused before them, or the central view. With --strength, a fit starts from that of the frame
-    before, in a third of the time. The numbers in the names give the order; a missing number, a
-    damaged frame, and one of another size or exposure than the first are named, counted, and stay
-    gaps (NaN).
-
-    The result is one Zarr group with named axes and a coordinate time, for xarray and others. The
-    workers of a cluster must have this package and see all files under the same names. The bytes do
-    not depend on the workers.
-
-    \b
-      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
-          --bayer rggb --colours colours.toml --steps emission,temperature --out flame.zarr
-      lf-flame process raw --white white.png --steps decode,height --out flame.zarr \\
-          --scheduler tcp://node1:8786
+    before, in a third of the time. A missing number in the names, a damaged frame, and one of
+    another size or exposure than the first are named, counted, and stay gaps (NaN). The result is
+    one Zarr group with named axes, for xarray and others. The workers of a cluster must have this
+    package and see all files under the same names; the bytes do not depend on the workers.
     """  # noqa: D301 - click reads the backspace
     from lf_flame.flame_video import find_steps
     from lf_flame.flame_video.frames import find_frames
@@ -232,6 +210,7 @@ def process(
     lens = open_lens(camera)
     planes = planes_between(*depths) if depths else planes
     calibration = _read_colours(colours, steps) if colours else None
+    options["soot_exponent"] = options["soot_exponent"] or 1.0
     chosen = find_steps(steps, camera=lens, depths_mm=planes, colours=calibration, **options)
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
@@ -243,7 +222,7 @@ def process(
 def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
-    from lf_flame.flame_video.frames import find_times, with_gaps
+    from lf_flame.flame_video.frames import FrameReader, find_times, with_gaps
     from lf_flame.flame_video.processing import TRIED
     from lf_flame.formats.coding import notes_on_coding
 
@@ -257,7 +236,10 @@ def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
     notes = [*notes_on_coding(paths[0]), *(notes if is_timed else [])]
     tell_all("Note", notes)
     reading = reading.for_camera(paths[0], lens)
-    reader, said = FrameReader.by_first_sound(paths[:TRIED], reading), Said()
+    with progress.stage(f"Reading {printable(paths[0])}"):
+        reader, said = FrameReader.by_first_sound(paths[:TRIED], reading.stated), Said()
+    for line in reader.notes:
+        tell(printable(line))
     with crew.executor() as executor:
         made = process_frames(
             rows, out, steps, times_s=times, time_unit="s" if is_timed else "frame", read=reader,
@@ -303,75 +285,3 @@ class Said:
         for kind, count in self._counts.items():
             if count > 1:
                 tell(f"Warning: {count} frames: {kind}")
-
-
-def _reader(path: Path, reading: Reading) -> "tuple[Callable[[Path], LightField], LightField]":
-    """Read the first frame, and choose the reader of the others.
-
-    An image, or an array of one, is an ordinary picture unless an option says otherwise.
-    """
-    views = {"views", "mosaic", "axes", "grid"} & reading.given().keys()
-    if not reading.is_raw and not views and _is_picture(path):
-        reading = replace(reading, views=1)
-    found = reading.find(path)
-    return found.again, found.light_field
-
-
-def _is_picture(path: Path) -> bool:
-    """Whether a file holds one picture: an image, or an array of rows, columns and colours."""
-    from lf_flame._common.arrays_in_files import open_arrays
-    from lf_flame._common.images import TIFF_SUFFIXES
-    from lf_flame.formats.images import IMAGE_SUFFIXES
-    from lf_flame.formats.stacks import is_stack
-
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        with open_arrays(path) as file:
-            return len(file.header("").shape) < 4
-    return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))
-
-
-@dataclass(frozen=True)
-class FrameReader:
-    """Reader of frames in other processes, which repeat the searches in the same frame, in silence.
-
-    Lenslets, or the order of views, are those that are found in the frame `model`.
-    """
-
-    model: Path
-    reading: Reading
-
-    @classmethod
-    def by_first_sound(cls, paths: Sequence[Path], reading: Reading) -> "FrameReader":
-        """Make a reader with the first of some frames that can be read."""
-        refusals = []
-        for path in paths:
-            reader = cls(path, reading)
-            try:
-                reader.__dict__["_read"], first = _reader(path, reading)
-            except InputError as error:
-                refusals.append(error)
-                continue
-            v, u, t, s = first.views.shape[:4]
-            kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
-            tell(f"{kind} of {t} x {s} pixels")
-            return reader
-        raise refusals[0]
-
-    @property
-    def description(self) -> str:
-        """Options, and size and time of change of the files that they name, as text."""
-        found = [path.stat() for path in self.reading.files if path.is_file()]
-        return f"{self.reading.given()} {[(one.st_size, one.st_mtime_ns) for one in found]}"
-
-    @cached_property
-    def _read(self) -> "Callable[[Path], LightField]":
-        with redirect_stderr(io.StringIO()):
-            return _reader(self.model, self.reading)[0]
-
-    def __call__(self, path: Path) -> "LightField":
-        """Read a frame."""
-        return self._read(path)
-
-    def __reduce__(self):
-        return FrameReader, (self.model, self.reading)

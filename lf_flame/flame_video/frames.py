@@ -1,21 +1,29 @@
-"""Frames of a video: their files in order, and their times."""
+"""Frames of a video: their files in order, their times, and reading them one at a time."""
 
 import glob
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
 from lf_flame.flame_video.flicker import check_times
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
+from lf_flame.formats.reading import Found, find_light_field
+from lf_flame.formats.stacks import is_stack
 from lf_flame.formats.view_files.folder import ARCHIVE
 from lf_flame.formats.view_files.names import split_numbers
+from lf_flame.lightfield import LightField
 
 STATE = "state them by --timestamps FILE"
 
@@ -167,3 +175,70 @@ def read_timestamps(path: Path, frames: int) -> np.ndarray:
         )
     check_times(seconds, f"in {path}")
     return seconds
+
+
+# Reading ------------------------------------------------------------------------------------------
+
+
+@dataclass
+class FrameReader:
+    """Reader of frames, which can be sent to other processes; each reads the frame `model` first.
+
+    `options` are those of `lf_flame.read_light_field`. Lenslets, or the order of views, are those
+    that are found in `model`; a picture, or an array of one, is a light field of one view unless an
+    option says otherwise. `notes` are sentences on `model`.
+    """
+
+    model: Path
+    options: dict[str, Any]
+
+    @classmethod
+    def by_first_sound(cls, paths: Sequence[Path], options: dict[str, Any]) -> "FrameReader":
+        """Make a reader with the first of some frames that can be read."""
+        refusals = []
+        for path in paths:
+            reader = cls(path, options)
+            try:
+                v, u, t, s = reader._found.light_field.views.shape[:4]
+            except InputError as error:
+                refusals.append(error)
+                continue
+            kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
+            reader.notes.append(f"{kind} of {t} x {s} pixels")
+            return reader
+        raise refusals[0]
+
+    @property
+    def description(self) -> str:
+        """Options, and size and time of change of the files that they name, as text."""
+        files = [value for value in self.options.values() if isinstance(value, Path)]
+        found = [path.stat() for path in files if path.is_file()]
+        given = {name: str(x) if isinstance(x, Path) else x for name, x in self.options.items()}
+        return f"{given} {[(one.st_size, one.st_mtime_ns) for one in found]}"
+
+    @cached_property
+    def _found(self) -> Found:
+        stated = {"white", "lenslets", "pitch", "focused", "views", "mosaic", "axes", "grid"}
+        plain = stated.isdisjoint(self.options) and _is_picture(self.model)
+        return find_light_field(self.model, **self.options, **({"views": 1} if plain else {}))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on the frame `model`."""
+        return self._found.notes
+
+    def __call__(self, path: Path) -> LightField:
+        """Read a frame."""
+        return self._found.again(path)
+
+    def __reduce__(self):
+        return FrameReader, (self.model, self.options)
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a file holds one picture: an image, or an array of rows, columns and colours."""
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        with open_arrays(path) as file:
+            return len(file.header("").shape) < 4
+    return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))

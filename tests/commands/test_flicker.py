@@ -19,13 +19,11 @@ from lf_flame import (
     Scene,
     render,
 )
-from lf_flame.commands.reading_options import Reading
-from lf_flame.commands.videos import FrameReader
 from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.flame_video.flame_shape import DOUBTS
-from lf_flame.flame_video.frames import find_frames, read_timestamps, times_by_names
+from lf_flame.flame_video.frames import FrameReader, find_frames, read_timestamps, times_by_names
 from lf_flame.flame_video.series import REPEATED
-from lf_flame.formats import write_light_field
+from lf_flame.formats import read_light_field, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
 
@@ -385,13 +383,13 @@ def test_folders_of_views_are_frames(tmp_path):
     for number, scale in enumerate((1.0, 0.5, 0.0)):
         write_light_field(LightField(scale * views), tmp_path / "video" / f"f{number}")
     paths = find_frames([tmp_path / "video"])
-    frames = map(FrameReader(paths[0], Reading(order="col,row")), paths)
+    frames = map(FrameReader(paths[0], {"order": "col,row"}), paths)
     for frame, scale in zip(frames, (1.0, 0.5, 0.0), strict=True):
         assert frame.views == pytest.approx(scale * views.swapaxes(0, 1), abs=1e-4)
 
 
 def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
-    """As `Reading` decodes each by itself, where nothing else is different."""
+    """As each would be decoded by itself, where nothing else is different."""
     rows, columns = np.indices((90, 108))
     white = 0.1 + 0.9 * np.clip(4.5 - np.hypot(rows % 9 - 4, columns % 9 - 4), 0, 1)
     imsave(tmp_path / "white.tif", (60000 * white).astype(np.uint16), check_contrast=False)
@@ -399,7 +397,7 @@ def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
         raw = white * (0.3 + 0.1 * number + 0.2 * np.sin(rows / 30))
         raw = (60000 * raw).astype(np.uint16)
         imsave(tmp_path / f"raw{number}.tif", raw, check_contrast=False)
-    reading = Reading(white=tmp_path / "white.tif", pitch=9.0)
+    options = {"white": tmp_path / "white.tif", "pitch": 9.0}
     paths = find_frames([tmp_path / "raw*.tif"])
-    for path, frame in zip(paths, map(FrameReader(paths[0], reading), paths), strict=True):
-        assert frame.views == pytest.approx(reading.read(path).views, abs=1e-6)
+    for path, frame in zip(paths, map(FrameReader(paths[0], options), paths), strict=True):
+        assert frame.views == pytest.approx(read_light_field(path, **options).views, abs=1e-6)

@@ -18,9 +18,7 @@ from PIL import Image
 from lf_flame import PAPER_CAMERA, InputError, LightField, write_light_field
 from lf_flame.calibration import CameraLaw
 from lf_flame.commands.cli import commands
-from lf_flame.commands.reading_options import Reading
-from lf_flame.commands.videos import FrameReader
-from lf_flame.flame_video.frames import find_frames, read_timestamps, times_by_names
+from lf_flame.flame_video.frames import FrameReader, find_frames, read_timestamps, times_by_names
 from lf_flame.formats import write_movie
 from lf_flame.tomography import ColourCalibration, SpectralResponses
 
@@ -403,12 +401,12 @@ REFUSED = [
     (lambda: find_frames([Path("ball.npy"), Path("ball.npy")]), "more than once"),
     (lambda: find_frames([Path("empty")]), "holds no frames"),
     (
-        lambda: FrameReader.by_first_sound([Path("ball.npy")], Reading(bayer="rggb")),
+        lambda: FrameReader.by_first_sound([Path("ball.npy")], {"bayer": "rggb"}),
         "--bayer does not apply to",
     ),
     (
         partial(
-            FrameReader.by_first_sound, [Path("ball.npy")], Reading(pitch=9.0, order="col,row")
+            FrameReader.by_first_sound, [Path("ball.npy")], {"pitch": 9.0, "order": "col,row"}
         ),
         "--pitch does not apply",
     ),

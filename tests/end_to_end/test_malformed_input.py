@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from builders import camera, scene_toml
+from builders import RUN, camera, scene_toml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lytro_files import metadata
@@ -233,6 +233,17 @@ VALUES = st.recursive(
     ),
     max_leaves=6,
 )
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(key=st.sampled_from(sorted(RUN)), value=VALUES)
+def test_any_value_in_a_record_is_taken_or_refused(tmp_path_factory, key, value):
+    """Never a traceback: `ended` would raise what is no exit."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "run.json").write_text(json.dumps(RUN | {key: value}))
+    (folder / "model.keras").write_bytes(b"")
+    assert ended(["predict", "a.png", "--model", folder, "--out", folder / "o"]) == 2
 
 
 @pytest.mark.slow
