@@ -97,9 +97,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
     """  # noqa: D301 - click reads the backspace
     if (data is None) != (out is None):
         raise InputError("--data and --out go together: without both, only weights are found.")
-    load_keras()
-    from lf_flame.learning.backbone import build_backbone
-    from lf_flame.learning.training import find_weights, train
+    from lf_flame.datasets.store import Dataset
     from lf_flame.learning.training_config import read_training_config
 
     options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
@@ -108,6 +106,12 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
         settings = replace(settings, seed=seed)
     if epochs is not None:
         settings = settings.with_epochs(preset, epochs)
+    if data is not None:
+        Dataset(data)  # refuses what is no data set, before Keras is loaded
+    load_keras()
+    from lf_flame.learning.backbone import build_backbone
+    from lf_flame.learning.training import find_weights, train
+
     if data is None:
         source, described = find_weights(settings, preset)
         build_backbone(weights=source, depth=settings.model.backbone_depth)
