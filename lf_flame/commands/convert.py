@@ -49,7 +49,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     work. Levels of 8 and 16 bits hold values from 0 to 1; values outside, as in most raw images
     divided by a white image, are written as floats in TIFF files, or by --gain.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.locks import exclusive
+    from lf_flame._common.atomic_files import exclusive
     from lf_flame.formats.coding import notes_on_coding
 
     reading = Reading(**options)

@@ -12,7 +12,7 @@ from skimage.data import camera as camera_picture
 from skimage.io import imread
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
-from lf_flame._common.locks import exclusive
+from lf_flame._common.atomic_files import exclusive
 from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.refocus import SLOPE_CONVENTIONS
 from lf_flame.formats import (
