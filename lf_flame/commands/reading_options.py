@@ -110,10 +110,7 @@ class Reading:
     def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image.
 
-        Raises
-        ------
-        InputError
-            If the camera's views do not fill the micro-images, as those of a decoded raw image do.
+        A camera whose views do not fill the micro-images, as decoded views do, is refused.
         """
         from lf_flame.formats.reading import takes
         from lf_flame.optics.camera import PlenopticCamera

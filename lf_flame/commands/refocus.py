@@ -138,14 +138,9 @@ class Focus:
     def name(self) -> str:
         """Name of what is requested, so that calls for other slopes get other default folders."""
         asked = {"slope": self.slopes, "depth": self.depths, "sweep": self.sweep,
-                 "map": "auto" if self.map_auto else self.slope_map,
-                 "regions": self.regions}  # fmt: skip
-        numbers = ("slope", "depth", "sweep", "map")
-        words = [
-            name + "".join(f"{x:+g}" for x in some if name in numbers and some != "auto")
-            for name, some in asked.items()
-            if some
-        ]
+                 "map": self.slope_map}  # fmt: skip
+        words = [name + "".join(f"{x:+g}" for x in some) for name, some in asked.items() if some]
+        words += ["map"] * self.map_auto + ["regions"] * bool(self.regions)
         return "_".join(["", *words])[:80]
 
     @property
@@ -286,6 +281,7 @@ def refocus(source, camera, out, overwrite, **options):
     emission by depth. --network refocuses by nine of the views; with --region it is a run of
     `train-system volumetric`, which uses a cross of 17.
     """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.commands import refocus_output as output
 
     focus, look, reading = (pick(kind, options) for kind in (Focus, Appearance, Reading))
@@ -293,7 +289,8 @@ def refocus(source, camera, out, overwrite, **options):
     focus.check(lens, look)
     name = source.resolve().name if source.is_dir() else source.stem
     out = out or Path("refocused") / f"{name}{focus.name}"
-    with output.picture_folder(out, source, overwrite) as folder:
+    with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
+        folder.facts["source"] = recorded_path(source, folder.folder)
         network = look.open_network(focus)
         light_field, lens = reading.read_of_camera(source, lens)
         views = light_field.shape[:2]

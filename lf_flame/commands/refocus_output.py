@@ -1,10 +1,8 @@
 """The refocused pictures of a light field, and their record, in a folder."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import click
@@ -12,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lf_flame._common import figures
-from lf_flame._common.output_folders import OutputFolder, output_folder, recorded_path
+from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, white_level, write_image
 from lf_flame.formats.movie import write_movie
@@ -108,14 +106,6 @@ class RefocusJob:
         out.facts |= {"views": [v, u], "lenslets": [t, s], **options}
         if self.network is not None:
             out.facts["network"] = self.network.name
-
-
-@contextmanager
-def picture_folder(folder: Path, source: Path, overwrite: bool) -> Iterator[OutputFolder]:
-    """Make a folder for pictures of the light field `source`, with ``refocus.json``."""
-    with output_folder(folder, RECORD, overwrite=overwrite) as out:
-        out.facts["source"] = recorded_path(source, folder)
-        yield out
 
 
 def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:

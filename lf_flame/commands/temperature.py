@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lf_flame.commands.options import (
+    ABOVE_0,
     FILE,
     RUN,
     FiniteRange,
@@ -91,7 +92,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
     "--calibration",
     "With --wavelengths: ratio of the camera's two signals, first to second, at equal radiance in "
     "both colours (default: 1).",
-    float,
+    ABOVE_0,
 )
 @out_options("temperature/FOLDER")
 def temperature(
@@ -201,11 +202,8 @@ def _calibration(
             raise InputError("--calibration does not apply with --colours, which holds the gains.")
         return read_colours(file)
     assert wavelengths is not None
-    ratio = 1.0 if ratio is None else ratio
-    if not 0 < ratio < float("inf"):
-        raise InputError(f"--calibration must be a finite number above 0, got {ratio}.")
     colours = two_wavelengths(wavelengths)
-    return ColourCalibration(colours, np.array([ratio, 1.0]), np.zeros(2), (LEAST_K, MOST_K))
+    return ColourCalibration(colours, np.array([ratio or 1.0, 1.0]), np.zeros(2), (LEAST_K, MOST_K))
 
 
 def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[Path]:

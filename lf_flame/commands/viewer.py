@@ -5,7 +5,6 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 
 import math
 import webbrowser
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -179,13 +178,20 @@ def demo(slopes, no_map, title, save, **options) -> None:
     Three flames are at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
     -10 mm. Drag the focus from one to the other, or click on them.
     """
+    from lf_flame.viewer.demo import DEMO_CAMERA, DEPTHS_MM, demo_light_field
+    from lf_flame.viewer.exhibit import Exhibit
+
     _check_single_file(options["single_file"])
     tell("simulating a plenoptic camera, 9 x 9 views ...")
-    changes = {"title": title, "slopes": slopes}
-    exhibit = replace(
-        demo_exhibit(str(save) if save else None),
+    near, far = (DEMO_CAMERA.depth_to_slope(depth) for depth in DEPTHS_MM)
+    exhibit = Exhibit(
+        demo_light_field(),
+        title or "Three flames before a wall",
+        slopes or (near, far),
+        0.0,
+        DEMO_CAMERA,
+        str(save) if save else None,  # which copied commands read
         with_map=not no_map,
-        **{name: value for name, value in changes.items() if value},
     )
     if save:
         from lf_flame.formats import write_light_field
@@ -193,13 +199,3 @@ def demo(slopes, no_map, title, save, **options) -> None:
         write_light_field(exhibit.light_field, save, 16)
         tell(f"{printable(save)} is written")
     show(exhibit, **options)
-
-
-def demo_exhibit(source: str | None = None) -> "Exhibit":
-    """Render the demo's scene for display; copied commands read `source`, if given."""
-    from lf_flame.viewer.demo import DEMO_CAMERA, DEPTHS_MM, demo_light_field
-    from lf_flame.viewer.exhibit import Exhibit
-
-    near, far = (DEMO_CAMERA.depth_to_slope(depth) for depth in DEPTHS_MM)
-    title = "Three flames before a wall"
-    return Exhibit(demo_light_field(), title, (near, far), 0.0, DEMO_CAMERA, source)
