@@ -39,7 +39,7 @@ NAMED = 10
 
 TIMES = cloup.option_group(
     "When the frames were taken",
-    option("--frames-per-second", "Rate; numbers in names count the frames.",
+    option("--frames-per-second", "Frames a second.",
            FiniteRange(1e-9, 1e15), metavar="RATE"),
     option("--timestamps", "Times in s: a number a line, or a column time_s.", FILE),
 )  # fmt: skip
@@ -72,7 +72,7 @@ MEASURES = cloup.option_group(
 
 STEPS = cloup.option_group(
     "What is done with each frame",
-    option("--steps", "As decode,refocus@10mm,height (see above).", required=True),
+    option("--steps", "As decode,refocus@10mm,height.", required=True),
     camera_option(),
     *fitting(rare=True),
     *SHAPE,
@@ -189,11 +189,13 @@ def process(
     emission, temperature, height and contour.
 
     \b
-      lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
-          --steps decode,refocus@0.5,height
       lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
           --steps decode,refocus@0mm,height,contour,emission --out flame.zarr
     \f
+
+    \b
+      lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
+          --steps decode,refocus@0.5,height
 
     temperature is that of soot, from the emission before it; height and contour measure the image
     refocused before them, or the central view. With --strength, a fit starts from that of the frame

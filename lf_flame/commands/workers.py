@@ -18,7 +18,7 @@ START_S = 30
 WORKERS = cloup.option_group(
     "Where it is computed",
     option("--workers", "Number of processes; 0: one per core.", int, default=0),
-    option("--scheduler", "Dask scheduler to use: tcp://HOST:PORT."),
+    option("--scheduler", "Dask scheduler to use: tcp://HOST:PORT.", rare=True),
 )
 
 

@@ -42,7 +42,7 @@ def assert_one_sentence(result, *parts):
         assert part in result.stderr
 
 
-MOST_COMMANDS, MOST_LINES = 20, 45
+MOST_COMMANDS, MOST_LINES = 20, 42
 
 
 def test_help_teaches_every_command_on_one_screen():
