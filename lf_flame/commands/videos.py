@@ -204,8 +204,9 @@ def process(
     one Zarr group with named axes, for xarray and others. The workers of a cluster must have this
     package and see all files under the same names; the bytes do not depend on the workers.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.flame_video import find_steps
+    from lf_flame.flame_video import find_steps, look_at
     from lf_flame.flame_video.frames import find_frames
+    from lf_flame.flame_video.processing import is_video
     from lf_flame.tomography.frustum_grid import planes_between
 
     crew, reading = pick(Crew, options), pick(Reading, options)
@@ -217,6 +218,8 @@ def process(
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
+    if is_video(out):
+        tell(look_at(out).describe())
     made, _ = _process(paths, reading, lens, chosen, (frames_per_second, timestamps), out, crew)
     click.echo(f"{made.describe()}; in {printable(out)}")
 
