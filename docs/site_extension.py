@@ -71,13 +71,13 @@ def _home(package: str, name: str) -> str:
 
 
 def _commands_page() -> str:
-    lines = ["Commands", "========", "", "What ``lf-flame COMMAND --help`` prints.", ""]
+    lines = ["Commands", "========", "", "What ``lf-flame COMMAND --help-all`` prints.", ""]
     context = commands.make_context("lf-flame", [], resilient_parsing=True)
     for name, command in commands.commands.items():
         if command.hidden:
             continue
         own = type(context)(command, parent=context, info_name=name, terminal_width=92)
-        shown = command.get_help(own)
+        shown = command.get_whole_help(own)
         lines += [f".. _command-{name}:", "", name, "-" * len(name), "", ".. code-block:: text", ""]
         lines += [f"   {line}" for line in shown.splitlines()] + [""]
     return "\n".join(lines) + "\n"

@@ -160,45 +160,29 @@ def test_kernels_import_only_numpy_and_numba(name):
 def loaded_by(code):
     """Heavy packages that some code loads in a process of its own."""
     heavy = ("numba", "keras", "tensorflow", "matplotlib", "pandas", "zarr", "skimage", "scipy",
-             "scipy.fft", "scipy.ndimage")  # fmt: skip
+             "scipy.fft", "scipy.ndimage", "scipy.signal", "scipy.interpolate")  # fmt: skip
     code = f"import sys; {code}; print([m for m in {heavy} if m in sys.modules])"
     command = [sys.executable, "-c", code]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def test_importing_the_package_loads_neither_numba_nor_keras():
-    assert loaded_by("import lf_flame; lf_flame.PAPER_CAMERA") == "[]"
+LOADS = {
+    "import lf_flame; lf_flame.PAPER_CAMERA": set(),
+    # Parts of SciPy take longer to import than Numba, which loads no more of it than its name.
+    "import numpy as np; from lf_flame.refocus import refocus; refocus(np.ones((2,) * 4), 0.5)":
+        {"numba", "scipy"},
+    "from lf_flame import render": {"numba", "scipy", "scipy.fft", "scipy.ndimage"},
+    "import lf_flame.commands.cli, lf_flame.formats": {"numba", "scipy", "scipy.ndimage", "skimage",
+                                                       "scipy.fft"},
+}  # fmt: skip
+"""Code, and heavy packages that it may load."""
 
 
-@pytest.mark.slow
-def test_simulating_and_refocusing_load_neither_keras_nor_pandas():
-    code = (
-        "import numpy as np; from lf_flame import *; from lf_flame.refocus import shift_and_sum;"
-        "import lf_flame.formats; import lf_flame.commands.cli;"
-        "from dataclasses import replace; c = replace(PAPER_CAMERA, views=3, lenslets=(8, 8));"
-        "lf = render(Scene([Layer(np.ones((2, 2)), 0.0, (0.5, 0.5))]), c); str(lf.plan);"
-        "shift_and_sum(lf, 1.0)"
-    )
-    assert not {"keras", "tensorflow", "pandas", "zarr"} & set(eval(loaded_by(code)))
-
-
-@pytest.mark.slow
-def test_shift_and_sum_loads_no_scipy():
-    """Whose parts take longer to import than Numba, which loads no more of it than its name."""
-    code = (
-        "import numpy as np; from lf_flame.refocus import refocus; refocus(np.ones((2,) * 4), 0.5)"
-    )
-    assert loaded_by(code) == "['numba', 'scipy']"
-
-
-@pytest.mark.slow
-def test_rendering_loads_no_part_of_scipy_that_only_some_effects_need():
-    """`scipy.signal` takes longer to import than all else together."""
-    code = "from lf_flame import render"
-    found = "print([m for m in ('scipy.signal', 'scipy.interpolate') if m in sys.modules])"
-    command = [sys.executable, "-c", f"import sys; {code}; {found}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+@pytest.mark.parametrize(
+    "code", [pytest.param(x, marks=[pytest.mark.slow] if LOADS[x] else []) for x in LOADS]
+)
+def test_heavy_packages_are_loaded_where_they_are_needed(code):
+    assert set(eval(loaded_by(code))) <= LOADS[code]
 
 
 def test_every_public_name_loads():

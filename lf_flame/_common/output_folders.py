@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import atomic_folder, remove_leftovers, write_json
+from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers, write_json
 from lf_flame._common.input_files import read_record
-from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 
 

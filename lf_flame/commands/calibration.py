@@ -1,20 +1,41 @@
-"""The command that calibrates a camera in mm: calibrate.
+"""The commands that calibrate a camera: calibrate (mm) and calibrate-colours.
 
-As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import cloup
 
-from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, OVERWRITE, FiniteRange, PlacedFile, tell_all
+from lf_flame.commands.options import (
+    ABOVE_0,
+    FILE,
+    FiniteRange,
+    PlacedFile,
+    command,
+    flag,
+    option,
+    out_options,
+    say_files,
+    tell,
+    tell_all,
+)
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
+if TYPE_CHECKING:
+    import numpy as np
 
-@cloup.command()
+    from lf_flame.lightfield import LightField
+
+MOST_UNKNOWN = 0.01
+"""Largest fraction of unknown pixels of a picture of the source."""
+
+
+@command()
 @click.argument(
     "placed",
     nargs=-1,
@@ -22,58 +43,36 @@ from lf_flame.errors import InputError
     type=PlacedFile("a light field and its depth in mm", "board.npz@-20", optional=True),
     metavar="TARGET[@DEPTH_MM]...",
 )
-@cloup.option(
-    "--square-mm",
-    type=FiniteRange(min=0, min_open=True),
-    required=True,
-    help="Side of a square of the checkerboard, or distance between neighbouring dots, in mm.",
-)
-@cloup.option(
-    "--step-mm",
-    type=FiniteRange(min=0, min_open=True),
-    help="Distance between neighbouring targets, given in order, the nearest to the camera first, "
-    "and without depths. Their distance from the camera need not be known: it is found.",
-)
-@cloup.option("--dots", is_flag=True, help="The target is a square grid of round dots.")
-@cloup.option(
-    "--lenslet-mm",
-    type=FiniteRange(min=0, min_open=True),
-    help="Distance between the centres of neighbouring lenslets in mm, by their maker; with it "
-    "camera.toml is written too, for simulations and f-numbers.",
-)
-@cloup.option(
-    "--focal-mm",
-    type=FiniteRange(min=0, min_open=True),
-    help="Focal length of the main lens, as engraved; with --lenslet-mm, camera.toml then holds "
-    "where the exit pupil is (default: the aperture is in the lens).",
+@cloup.option_group(
+    "The target",
+    option("--square-mm", "Side of a square, or distance of dots.", ABOVE_0, required=True),
+    option("--step-mm", "Step between targets, given in order, the nearest first.", ABOVE_0),
+    flag("--dots", "The target is a square grid of round dots."),
+    option("--lenslet-mm", "Lenslet pitch; with it, camera.toml is written too.", ABOVE_0),
+    option("--focal-mm", "Engraved focal length; gives camera.toml the exit pupil.", ABOVE_0),
 )
 @READING
-@click.option("--out", type=FOLDER, help="Folder for the files; default calibration.")
-@OVERWRITE
+@out_options("calibration")
 def calibrate(
     placed, square_mm, step_mm, dots, lenslet_mm, focal_mm, out, overwrite, **options
 ) -> None:
     """Measure a camera in mm, by pictures of a flat target at known depths.
 
-    TARGET@DEPTH_MM is the picture of a checkerboard (or, with --dots, of a square grid of dots),
-    read as by `lf-flame refocus`, and its depth, by which the target was moved along the optical
-    axis. The zero is yours, and depths increase away from the camera. Three depths are the least;
-    take five or more over the range of use, with the target parallel to the lens, filling the
-    picture, its squares 6 lenslets wide or more. Neither focus nor zoom may change between them.
+    TARGET@DEPTH_MM is the picture of a checkerboard (or of dots), and its depth along the optical
+    axis; the zero is yours, and depths increase away from the camera.
 
     \b
-      lf-flame calibrate b1.npz@-20 b2.npz@-10 b3.npz@0 b4.npz@10 b5.npz@20 --square-mm 5
-      lf-flame calibrate raw1.png@0 raw2.png@15 raw3.png@30 --white white.png --square-mm 2
+      lf-flame calibrate b1.npz@-20 b2.npz@-10 b3.npz@0 b4.npz@10 --square-mm 5
       lf-flame calibrate b1.npz b2.npz b3.npz b4.npz --step-mm 10 --square-mm 5
       lf-flame refocus flame.npz --camera calibration/calibration.toml --depth-mm 4
+    \f
 
-    With --step-mm the first target is the zero, and how far it is from the point where the views
-    meet is printed, with its error. A step that is wrong makes all depths wrong by its factor.
-
-    calibration.toml holds the law of slope and scale by depth, for --camera of refocus, view,
-    flicker, reconstruct, abel and info. The table tells how far each target is from the law, and
-    from the law of the others alone. calibration.png shows both, and calibration.json holds all
-    numbers.
+    Three depths are the least; take five or more over the range of use, with the target parallel to
+    the lens, filling the picture, its squares 6 lenslets wide or more. Neither focus nor zoom may
+    change. With --step-mm the first target is the zero, and its distance from the point where the
+    views meet is printed, with its error. calibration.toml holds the law of slope and scale by
+    depth; the table and calibration.png show how far each target is from it, and from the law of
+    the others alone.
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 
@@ -87,8 +86,7 @@ def calibrate(
     depths = [depth for _, depth in placed]
     refuse_few_depths(depths)  # before any picture is read
     reading = Reading(**options)
-    out = out or Path("calibration")
-    with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
+    with output_folder(out or Path("calibration"), output.RECORD, overwrite=overwrite) as folder:
         targets = []
         for source, depth in tqdm(placed, "calibrating", unit="target"):
             try:
@@ -112,7 +110,7 @@ def calibrate(
     click.echo(output.table(fit, depths, targets))
     click.echo(output.summary(fit))
     tell_all("Note", [*output.notes(fit, depths, targets), *([why] if why else [])])
-    click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
+    say_files(folder)
 
 
 def _with_depths(
@@ -132,3 +130,145 @@ def _with_depths(
         (path, number * (step_mm or 0.0) if depth is None else depth)
         for number, (path, depth) in enumerate(placed)
     ]
+
+
+@command("calibrate-colours")
+@click.argument(
+    "placed",
+    nargs=-1,
+    required=True,
+    type=PlacedFile("a picture and its temperature in K", "f1.tif@1273"),
+    metavar="PICTURE@KELVIN...",
+)
+@cloup.option_group(
+    "The source",
+    option(
+        "--responses",
+        "Spectral responses with lens and filters, a CSV file: a column wavelength_nm, and one "
+        "for each channel, in their order.",
+        FILE,
+        required=True,
+    ),
+    option(
+        "--exposure exposures",
+        "Exposure of each picture over that of the flame's (default: as the files state).",
+        ABOVE_0,
+        multiple=True,
+    ),
+    option(
+        "--emissivity",
+        "Emissivity of the source: 1 for a furnace, less for a lamp.",
+        FiniteRange(min=0, min_open=True, max=1),
+        default=1.0,
+    ),
+)
+@READING
+@out_options("colours")
+def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, **options) -> None:
+    """Measure the gains of a camera's colours, by pictures of a furnace at known temperatures.
+
+    PICTURE@KELVIN is a picture of the opening of a furnace (black body) or of a lamp, and its
+    temperature in K. Aperture, gain and filters must be those of the flame's picture.
+
+    \b
+      lf-flame calibrate-colours f1.tif@1273 f2.tif@1473 f3.tif@1673 --responses camera.csv \\
+          --bayer rggb --white white.tif --dark dark.tif
+      lf-flame temperature abel/flame --colours colours/colours.toml
+    \f
+
+    Two temperatures are the least, three or more around the flame's are better. The source must be
+    in the same place in all pictures, evenly bright, and not saturated. colours.toml holds gains,
+    their errors, and the responses. The table and colours.png show how far each picture is from the
+    fit; the responses must distinguish temperatures from 1,000 K on.
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame.formats import read_exposure
+    from lf_flame.formats.coding import notes_on_coding
+    from lf_flame.tomography import colour_output
+    from lf_flame.tomography.colour_calibration import MOST_UNEVEN, measure_source
+    from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
+    from lf_flame.tomography.pyrometry import least_temperature
+    from lf_flame.tomography.spectra import read_responses
+
+    kelvin = [temperature for _, temperature in placed]
+    curves = read_responses(responses)
+    if exposures and len(exposures) != len(placed):
+        raise InputError(
+            f"--exposure must be given once for each of the {len(placed)} pictures, or not at all, "
+            f"got {len(exposures)}."
+        )
+    reading = Reading(**options)
+    with output_folder(out or Path("colours"), colour_output.RECORD, overwrite=overwrite) as folder:
+        sources = [path for path, _ in placed]
+        in_files = [] if exposures else list(filter(None, map(read_exposure, sources)))
+        # Gains are those of the first picture's exposure, to which that of the flame is compared.
+        first = in_files[0] if len(in_files) == len(sources) else None
+        exposures = [one / first for one in in_files] if first else exposures
+        photographs = _photographs(reading, sources, len(curves.names))
+        least = least_temperature(curves)
+        source = measure_source(photographs)
+        fit = fit_colours(
+            kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
+        )
+        fit = replace(fit, calibration=replace(fit.calibration, exposure=first))
+        notes = next(filter(None, map(notes_on_coding, sources)), [])
+        colour_output.write_colours(fit, kelvin, folder)
+        folder.facts |= {
+            "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
+            "signals": source.signals.tolist(),
+            "pixels": int(source.mask.sum()),
+            "exposures": list(exposures) or None,
+            "emissivity": emissivity,
+            "least_temperature_K": least,
+            "reading": reading.given(),
+            "notes": notes,
+        }
+    click.echo(colour_output.colours_table(fit, kelvin))
+    click.echo(f"these colours determine temperatures of soot from {least:.0f} K on")
+    if source.uneven > MOST_UNEVEN:
+        tell(
+            f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "
+            f"averaged; the gains are those of its mean."
+        )
+    if not exposures:
+        tell(
+            "Note: the pictures' files state no exposure. All are taken as exposed as the flame "
+            "is; if not, say so by --exposure, or its absorption comes out wrong."
+        )
+    tell_all("Note", notes)
+    tell_all("Warning", fit.warnings)
+    say_files(folder)
+
+
+def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[np.ndarray]":
+    """Read light fields or raw images of one camera, and average the views of each."""
+    from tqdm import tqdm
+
+    again, found = None, []
+    for source in tqdm(sources, "reading", unit="picture"):
+        if again is not None:
+            light_field = again(source)
+        elif reading.is_raw:
+            # The lenslets of all pictures are found once, as they are of one camera.
+            first = reading.find(source)
+            light_field, again = first.light_field, first.again
+        else:
+            light_field = reading.read(source)
+        if light_field.channels != colours or colours < 2:
+            raise InputError(
+                f"{source} must have a channel for each of the {colours} spectral responses, got "
+                f"{light_field.channels}."
+            )
+        _refuse_unknown(source, light_field)
+        found.append(light_field.photograph)
+    return found
+
+
+def _refuse_unknown(source: Path, light_field: "LightField") -> None:
+    """Refuse a picture that is saturated where it is bright."""
+    lost = 0.0 if light_field.valid is None else 1 - float(light_field.valid.mean())
+    if lost > MOST_UNKNOWN:
+        raise InputError(
+            f"{source} is saturated or unknown in {lost:.1%} of its pixels, of {MOST_UNKNOWN:.0%} "
+            f"at most: its mean would be too dark; expose less."
+        )

@@ -9,17 +9,15 @@ import cloup
 from lf_flame import __version__
 from lf_flame.commands import (
     calibration,
-    colours,
-    datasets,
+    camera,
+    convert,
+    emission,
     info,
-    light_fields,
-    networks,
-    profiles,
+    learning,
     program,
+    refocus,
     simulation,
-    systems,
     temperature,
-    tomography,
     videos,
     viewer,
 )
@@ -37,40 +35,24 @@ A first tour:
   lf-flame refocus FOLDER           any light field, refocused
   lf-flame view FOLDER              the same in the browser, by a focus slider
 
-Details of each command: lf-flame COMMAND --help.
+Details of each command: lf-flame COMMAND --help; all of its options: --help-all.
 """
 
 SECTIONS = [
-    cloup.Section("Simulation", [simulation.camera, simulation.plan, simulation.simulate]),
+    cloup.Section("Simulation", [camera.camera, simulation.plan, simulation.simulate]),
     cloup.Section(
         "Light fields",
-        [
-            viewer.demo,
-            info.info,
-            viewer.view,
-            light_fields.refocus,
-            light_fields.convert,
-            calibration.calibrate,
-            colours.calibrate_colours,
-        ],
+        [viewer.demo, info.info, viewer.view, refocus.refocus, convert.convert],
     ),
+    cloup.Section("Calibration", [calibration.calibrate, calibration.calibrate_colours]),
     cloup.Section(
-        "Emission by depth",
-        [
-            tomography.resolution,
-            tomography.reconstruct,
-            tomography.abel,
-            profiles.profiles,
-            temperature.temperature,
-        ],
+        "Emission",
+        [emission.reconstruct, emission.abel, temperature.profiles, temperature.temperature],
     ),
-    cloup.Section("Videos", [videos.flicker, videos.process, videos.status]),
-    cloup.Section("Data sets", [datasets.dataset]),
+    cloup.Section("Videos", [videos.flicker, videos.process]),
     cloup.Section(
-        "The paper's network",
-        [networks.train, networks.predict],
+        "Networks", [learning.dataset, learning.train, learning.predict, learning.train_system]
     ),
-    cloup.Section("Refocusing systems", [systems.train_system]),
 ]
 
 

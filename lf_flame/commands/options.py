@@ -1,18 +1,24 @@
-"""Options and arguments that several commands share."""
+"""Options and arguments that several commands share, and the help of all commands."""
 
 import errno
 import math
 import stat
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import cloup
 
 from lf_flame._common import progress
+from lf_flame._common.printable import printable
+
+if TYPE_CHECKING:
+    from lf_flame._common.output_folders import OutputFolder
+    from lf_flame.optics.lens import Lens
 
 
 class UsablePath(click.Path):
@@ -50,13 +56,8 @@ class FiniteRange(click.FloatRange):
 class PlacedFile(click.ParamType):
     """A file and a number that belongs to it, as ``board.npz@-20``.
 
-    Parameters
-    ----------
-    what : str
-        Meaning of file and number, for messages.
-    example : str
-    optional : bool, optional
-        Whether the number may be missing; it is None then.
+    `what` and `example` are for messages; the number may be missing, and is None then, if
+    `optional`.
     """
 
     name = "file@number"
@@ -82,45 +83,73 @@ class PlacedFile(click.ParamType):
         return Path(path), number
 
 
-def pick(kind: Any, options: dict[str, Any]) -> Any:
-    """Take those of a command's options that belong to a record of options, and make the record."""
-    names = [name for name in kind.__dataclass_fields__ if name in options]
-    return kind(**{name: options.pop(name) for name in names})
-
-
-def tell(words: str) -> None:
-    """Print a line to standard error, above the progress bars that are shown."""
-    from tqdm import tqdm
-
-    with tqdm.external_write_mode(file=sys.stderr):
-        click.echo(words, err=True)
-
-
-def tell_all(kind: str, sentences: Iterable[str]) -> None:
-    """Print notes or warnings, as ``Warning: ...``, a line each."""
-    for sentence in sentences:
-        tell(f"{kind}: {sentence}")
-
-
-SEED = click.IntRange(min=0)
+COUNT = click.IntRange(min=0)
+SEED = COUNT
+ABOVE_0 = FiniteRange(min=0, min_open=True)
 FILE = UsablePath(exists=True, dir_okay=False, path_type=Path)
 FOLDER = UsablePath(file_okay=False, path_type=Path)
 RUN = UsablePath(exists=True, file_okay=False, path_type=Path)
 PATH = UsablePath(path_type=Path)
-
-OVERWRITE = click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Replace the folder if an earlier call of this command made it, and nothing was added.",
-)
-"""Option of every command that makes a folder of results."""
+EXISTING = UsablePath(exists=True, path_type=Path)
 
 
-def camera_option(purpose: str = "", *, required: bool = False):
-    """Option --camera; `purpose` ends the sentence of its help."""
-    kinds = "Calibration by `lf-flame calibrate`, TOML file with a [camera] table, or"
-    help = f"{kinds} simulation.json{purpose}."
-    return cloup.option("--camera", type=FILE, required=required, help=help)
+# Help ---------------------------------------------------------------------------------------------
+
+
+def option(name: str, help: str, type: Any = None, *, rare: bool = False, **more: Any) -> Callable:
+    """Option of a command; a `rare` one is shown by ``--help-all`` only."""
+    names = name.split()
+    return cloup.option(*names, type=type, help=help, hidden=rare, **more)
+
+
+def flag(name: str, help: str, **more: Any) -> Callable:
+    """Option without a value."""
+    return option(name, help, is_flag=True, **more)
+
+
+class Command(cloup.Command):
+    """A command whose ``--help`` fits on one screen.
+
+    ``--help-all`` also shows the options that are `rare`, and the text of the docstring after a
+    form feed.
+    """
+
+    def __init__(self, *args, help: str = "", **options):
+        super().__init__(*args, help=help.partition("\f")[0], **options)
+        self.whole_help = help.replace("\f\n", "")
+        if self.whole_help != help or any(self._rare()):
+            option = cloup.Option(
+                ["--help-all"], is_flag=True, expose_value=False, is_eager=True,
+                callback=self._show_all, help="Show rare options and details, too.",
+            )  # fmt: skip
+            self.params.append(option)
+            self.ungrouped_options.append(option)
+
+    def _rare(self) -> Iterable[cloup.Option]:
+        return (x for x in self.params if isinstance(x, cloup.Option) and x.hidden and x.help)
+
+    def _show_all(self, ctx: click.Context, _option, given: bool) -> None:
+        if given and not ctx.resilient_parsing:
+            click.echo(self.get_whole_help(ctx))
+            ctx.exit()
+
+    def get_whole_help(self, ctx: click.Context) -> str:
+        """Give the help with all options."""
+        rare, help = [*self._rare()], self.help
+        groups = {group for one in rare if (group := getattr(one, "group", None)) and group.hidden}
+        self.help = self.whole_help
+        for one in (*rare, *groups):
+            one.hidden = False
+        try:
+            return self.get_help(ctx)
+        finally:
+            self.help = help
+            for one in (*rare, *groups):
+                one.hidden = True
+
+
+command = partial(cloup.command, cls=Command)
+"""Decorator of each command."""
 
 
 class Program(cloup.Group):
@@ -146,5 +175,55 @@ def _is_importing() -> bool:
     return frame is not None
 
 
-HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 """Settings of the outermost group of a program."""
+
+
+# Options of several commands ----------------------------------------------------------------------
+
+
+OVERWRITE = flag("--overwrite", "Replace the folder of an earlier call.")
+
+
+def out_options(default: str) -> Callable:
+    """Options --out and --overwrite of a command that makes a folder of results."""
+    out = option("--out", f"Folder for the files; default {default}.", FOLDER)
+    return lambda command: out(OVERWRITE(command))
+
+
+def camera_option(purpose: str = "", *, required: bool = False) -> Callable:
+    """Option --camera; `purpose` ends the sentence of its help."""
+    kinds = "Camera or calibration (.toml), or simulation.json"
+    return option("--camera", f"{kinds}{purpose}.", FILE, required=required)
+
+
+def open_lens(path: Path | None) -> "Lens | None":
+    """Read the camera of `camera_option`; None without one."""
+    from lf_flame.calibration import read_lens
+
+    return read_lens(path) if path else None
+
+
+def pick(kind: Any, options: dict[str, Any]) -> Any:
+    """Take those of a command's options that belong to a record of options, and make the record."""
+    names = [name for name in kind.__dataclass_fields__ if name in options]
+    return kind(**{name: options.pop(name) for name in names})
+
+
+def tell(words: str) -> None:
+    """Print a line to standard error, above the progress bars that are shown."""
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(file=sys.stderr):
+        click.echo(words, err=True)
+
+
+def tell_all(kind: str, sentences: Iterable[str]) -> None:
+    """Print notes or warnings, as ``Warning: ...``, a line each."""
+    for sentence in sentences:
+        tell(f"{kind}: {sentence}")
+
+
+def say_files(folder: "OutputFolder", before: str = "") -> None:
+    """Print which files were written, after what was found."""
+    click.echo(f"{before}{', '.join(folder.files)} are in {printable(folder.folder)}")

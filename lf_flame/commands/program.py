@@ -75,16 +75,10 @@ def _was_interrupted(error: BaseException) -> bool:
 def prepare_process() -> None:
     """Set up the whole process, as a program may and a library must not.
 
-    Figures go to files, so no screen backend is needed; one that is missing does no harm.
-    `lf_flame._common.memory`, with a limit that can be raised, decides whether an image is too
-    large, and not Pillow. Messages of tifffile on damaged files say less than the error does.
-    Messages of Zarr's coroutines that were never awaited, or of its pending tasks, say nothing
-    after Ctrl-C. An interruption that cannot be raised, as inside a destructor, is repeated.
-
-    Raises
-    ------
-    InputError
-        If NUMBA_NUM_THREADS is no number from 1 to `MOST_THREADS`; Numba would crash at its start.
+    Figures go to files, so no screen backend is needed. `lf_flame._common.memory`, with a limit
+    that can be raised, decides whether an image is too large, and not Pillow. Messages of tifffile
+    on damaged files say less than the error does, and those of Zarr's pending coroutines after
+    Ctrl-C nothing. An interruption that cannot be raised, as inside a destructor, is repeated.
     """
     os.environ["MPLBACKEND"] = "agg"
     if not os.environ.get(EPOCH, "0").isdecimal():  # at which NumPy's f2py ends, which SciPy loads

@@ -12,99 +12,63 @@ import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import PATH, UsablePath, tell
+from lf_flame.commands.options import EXISTING, PATH, option, tell
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from lf_flame.formats.reading import Found
     from lf_flame.lightfield import LightField
+    from lf_flame.optics.camera import PlenopticCamera
     from lf_flame.optics.lens import Lens
 
-EXISTING = UsablePath(exists=True, path_type=Path)
+FILLING = 0.99
+"""Smallest share of a micro-image that a camera's views fill, if they divide the whole of it."""
+
+
+def _reading_options(rare: bool) -> tuple:
+    """Options for reading; `rare` says whether ``--help`` leaves out those of few files."""
+    layouts, mosaics = ["rectangular", "hexagonal"], ["rggb", "bggr", "grbg", "gbrg"]
+    return (
+        option("--white", "White image (flat field) of a raw image.", EXISTING),
+        option("--lenslets", "Image of spots at the lenslets' centres, instead.", EXISTING),
+        option("--dark", "Dark image; subtracted from SOURCE and --white.", PATH),
+        option(
+            "--bayer",
+            f"Mosaic of a colour sensor, {' '.join(mosaics)}.",
+            click.Choice(mosaics, case_sensitive=False),
+            metavar="PATTERN",
+        ),
+        option("--pitch", "Micro-image pitch of a raw image, in pixels.", float, rare=rare),
+        option("--views", "Number of pixels under a lenslet along each axis.", int),
+        option("--layout", "Layout of the lenslets, if not as found.", click.Choice(layouts),
+               rare=rare),
+        option("--grid", "Rows x columns of views in a folder, as 9x9.", rare=rare),
+        option("--order", "Order in which names count views, as row,-col.", rare=rare),
+        option("--names", "Pattern of the views' names, as 'input_Cam*.png'.", rare=rare),
+    )  # fmt: skip
+
 
 READING = cloup.option_group(
-    "How the light field is read (other options: `lf-flame convert`)",
-    cloup.option(
-        "--white",
-        type=EXISTING,
-        help="White image (flat field), to decode a raw lenslet image; for a Lytro picture also a "
-        "folder of white images, or caldata-SERIAL.tar.",
-    ),
-    cloup.option(
-        "--lenslets",
-        type=EXISTING,
-        help="Image that shows the lenslets' centres, as bright spots (closed aperture); it does "
-        "not correct the brightness.",
-    ),
-    cloup.option(
-        "--dark",
-        type=PATH,
-        help="Dark image, in the format of SOURCE; subtracted from SOURCE and from --white.",
-    ),
-    cloup.option(
-        "--bayer",
-        type=click.Choice(["rggb", "bggr", "grbg", "gbrg"], case_sensitive=False),
-        help="Colours of the upper left 2 x 2 pixels of a raw image of a colour sensor.",
-    ),
-    cloup.option("--pitch", type=float, help="Micro-image pitch of a raw image, in pixels."),
-    cloup.option(
-        "--views",
-        type=int,
-        help="Number of pixels under a lenslet along each axis, in a lenslet image or raw image "
-        "(default: by the camera).",
-    ),
-    cloup.option(
-        "--layout",
-        type=click.Choice(["rectangular", "hexagonal"]),
-        help="Layout of the lenslets of a raw image (default: found in the white image).",
-    ),
-    cloup.option(
-        "--grid",
-        help="Rows x columns of views in a folder, as 9x9; numbers in names are places in it, and "
-        "missing views get weight 0 (default: by the names, or a square).",
-    ),
-    cloup.option(
-        "--order",
-        help="Order in which names count views (default: found by the parallax): row,col is row by "
-        "row from the top left; -row from the bottom, -col from the right.",
-    ),
-    cloup.option("--names", help="Pattern of the views' names in a folder, as 'input_Cam*.png'."),
+    "How SOURCE is read (other files: `lf-flame convert`)", *_reading_options(rare=True)
 )
 """Options for reading a light field that every such command has."""
 
-RARE = cloup.option_group(
-    "For files of other kinds",
-    cloup.option(
-        "--mosaic", help="Rows x columns of views side by side in one picture SOURCE, as 8x8."
-    ),
-    cloup.option("--axes", help="Meaning of the axes of an array, as vuts, tsvu or ntsc."),
-    cloup.option("--array", help="Name of the array, if SOURCE (.npz, .h5, .mat) holds several."),
-    cloup.option("--first", type=int, help="Number of the first view of --grid, if not 0 or 1."),
-    cloup.option(
-        "--focused",
-        type=EXISTING,
-        help="Calibration (.xml) of a Raytrix camera, or white image of another camera, whose "
-        "lenslets are focused.",
-    ),
-    cloup.option(
-        "--virtual-depth",
-        type=float,
-        help="Virtual depth at which focused lenslets are put together (default: found for each).",
-    ),
+ALL_READING = cloup.option_group(
+    "How SOURCE is read",
+    *_reading_options(rare=False),
+    option("--mosaic", "Rows x columns of views side by side in one picture, as 8x8."),
+    option("--axes", "Meaning of the axes of an array, as vuts, tsvu or ntsc."),
+    option("--array", "Name of the array, if SOURCE holds several.", rare=True),
+    option("--first", "Number of the first view of --grid, if not 0 or 1.", int, rare=True),
+    option("--focused", "Calibration of a Raytrix camera, or its white image.", EXISTING),
+    option("--virtual-depth", "Virtual depth of focused lenslets, if not found.", float, rare=True),
 )
-"""Options for reading that `lf-flame convert` alone has."""
-
-
-def refuse_options(what: str, **options: Any) -> None:
-    """Refuse options that are given, by their names."""
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
+"""Options of `lf-flame convert`."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Options of `READING` and `RARE`, which are those of `lf_flame.read_light_field`."""
+    """Options of `ALL_READING`, which are those of `lf_flame.read_light_field`."""
 
     white: Path | None = None
     lenslets: Path | None = None
@@ -146,12 +110,8 @@ class Reading:
     def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image.
 
-        Raises
-        ------
-        InputError
-            If the camera's views do not fill the micro-images, as those of a decoded raw image do.
+        A camera whose views do not fill the micro-images, as decoded views do, is refused.
         """
-        from lf_flame.commands.lens_facts import check_gaps
         from lf_flame.formats.reading import takes
         from lf_flame.optics.camera import PlenopticCamera
 
@@ -159,7 +119,7 @@ class Reading:
         if isinstance(lens, PlenopticCamera) and (
             self.is_raw or (self.views is None and not simulated)
         ):
-            check_gaps(lens, self.is_raw)
+            _check_gaps(lens, self.is_raw)
         if lens is None or self.views is not None or not takes(source, "views", **self.stated):
             return self
         return replace(self, views=lens.views)
@@ -197,11 +157,40 @@ class Reading:
         Pitch and number of views of the camera must be the light field's; how many lenslets there
         are, its pixels say.
         """
-        from lf_flame.commands.lens_facts import note_on_pixels
-
         light_field = self.for_camera(source, lens).read(source)
         if lens is None:
             return light_field, None
         for note in note_on_pixels(lens, light_field.shape):
             tell(note)
         return light_field, lens.for_light_field(light_field.shape)
+
+
+def note_on_pixels(lens: "Lens", shape: tuple[int, ...]) -> list[str]:
+    """Note that a light field, (v, u, t, s), has views of other pixels than the camera's, if so."""
+    if tuple(shape[2:4]) == tuple(lens.lenslets):
+        return []
+    return [
+        f"The camera file is for views of {lens.lenslets[0]} x {lens.lenslets[1]} pixels, "
+        f"got {shape[2]} x {shape[3]}: mm hold if the pixels are the same, cut out."
+    ]
+
+
+def _check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
+    """Compare a camera's step between views with micro-image / views, that of decoded ones."""
+    filling = camera.micro_image_pitch_mm / camera.views
+    if camera.pixel_mm >= FILLING * filling:
+        return
+    stated = (
+        f"the {camera.views} views of a decoded raw image divide the whole micro-image, so one "
+        f"step between them is {filling:.6g} mm on the sensor, got {camera.pixel_mm:.6g}."
+    )
+    if is_raw:
+        raise InputError(
+            f"Leave pixel_pitch_mm out of the camera file: {stated} (A simulated raw image is read "
+            f"by --views.)"
+        )
+    tell(
+        f"If these views were decoded with a white image or --pitch, depths in mm are wrong by "
+        f"about {filling / camera.pixel_mm - 1:.1%}: leave pixel_pitch_mm out of the camera file; "
+        f"{stated}"
+    )

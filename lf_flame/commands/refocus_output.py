@@ -1,20 +1,23 @@
-"""The refocused pictures for display, and their record, in a folder."""
+"""The refocused pictures of a light field, and their record, in a folder."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
+import click
 import numpy as np
+from tqdm import tqdm
 
 from lf_flame._common import figures
-from lf_flame._common.output_folders import OutputFolder, output_folder, recorded_path
-from lf_flame.commands.refocus_job import RefocusJob
-from lf_flame.commands.refocus_options import Focus
-from lf_flame.formats.images import write_image
+from lf_flame._common.output_folders import OutputFolder
+from lf_flame.errors import InputError
+from lf_flame.formats.images import to_levels, white_level, write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
-from lf_flame.refocus import SlopeSearch, all_in_focus, find_sharpest_slope
-from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure
+from lf_flame.lightfield import LightField
+from lf_flame.refocus import all_in_focus, farthest_slope, find_sharpest_slope, refocus
+from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure, with_depth
 from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 
 RECORD = "refocus.json"
@@ -22,20 +25,87 @@ RECORD = "refocus.json"
 SWEEP_FRAMES = 41
 """Number of frames from one end of a sweep to the other; the movie goes there and back."""
 
-
-@contextmanager
-def picture_folder(folder: Path, source: Path, overwrite: bool) -> Iterator[OutputFolder]:
-    """Make a folder for pictures of the light field `source`, with ``refocus.json``."""
-    with output_folder(folder, RECORD, overwrite=overwrite) as out:
-        out.facts["source"] = recorded_path(source, folder)
-        yield out
+UNSURE = 0.3
+"""Confidence below which a search is said to be uncertain."""
 
 
-def describe_job(job: RefocusJob, out: OutputFolder) -> None:
-    """Record the size of the light field, and the options of refocusing."""
-    v, u, t, s = job.light_field.shape[:4]
-    options = {name: value for name, value in job.options.items() if name != "weights"}
-    out.facts |= {"views": [v, u], "lenslets": [t, s], **options}
+@dataclass(frozen=True, eq=False)
+class RefocusJob:
+    """A light field, and the options of its refocused images.
+
+    `options` are those of `lf_flame.refocus.refocus`; `network`, a system of `lf_flame.systems`,
+    refocuses instead, from values from 0 to 1. `camera`, if known, gives the depths of slopes in
+    names, figures and the record. `gain` and `gamma` are for display.
+    """
+
+    light_field: LightField
+    options: dict[str, Any]
+    network: Any = None
+    camera: Any = None
+    gain: float = 1.0
+    gamma: float = 1.0
+
+    @cached_property
+    def white(self) -> float:
+        """Radiance shown as white."""
+        return white_level(self.light_field.views)
+
+    @property
+    def views_to_white(self) -> LightField:
+        """Light field with values from 0 to 1, as input of networks."""
+        if self.white == 1:
+            return self.light_field
+        return replace(self.light_field, views=self.light_field.views / np.float32(self.white))
+
+    def preview(self, image: np.ndarray) -> np.ndarray:
+        """Give 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped."""
+        shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
+        return to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
+
+    def refocus(self, slopes: Sequence[float]) -> np.ndarray:
+        """Refocus at some slopes: float32, shape (n, t, s) or with a last axis of channels."""
+        if self.network is None:
+            return refocus(self.light_field, slopes, **self.options)
+        return self.white * self.network.refocus(self.views_to_white, slopes)
+
+    def depths(self, slopes: Sequence[float]) -> list[float | None]:
+        """Find the depths of slopes; None where no layer at a finite depth has one."""
+        if self.camera is None:
+            return [None] * len(slopes)
+        depths = self.camera.slope_to_real_depth(np.asarray(slopes, float))
+        return [float(depth) if np.isfinite(depth) else None for depth in depths]
+
+    def named(self, slope: float) -> str:
+        """Slope as text, with its depth if the camera is known."""
+        return with_depth(f"{slope:+.3f}", slope, self.camera)
+
+    def check(
+        self, slopes: Sequence[float], sweep: Sequence[float], slope_map: Sequence[float]
+    ) -> None:
+        """Refuse slopes, and ends of a sweep or a map (empty: none), that cannot be used."""
+        limit = farthest_slope(self.light_field)
+        wrong = [slope for slope in (*slopes, *sweep, *slope_map) if not abs(slope) <= limit]
+        if wrong:
+            raise InputError(
+                f"Slopes must be finite and from {-limit:g} to {limit:g}, beyond which views are "
+                f"shifted by more than the image, got {wrong[0]:g}."
+            )
+        if sweep and sweep[0] == sweep[1]:
+            raise InputError(f"A sweep needs two slopes, got {sweep[0]} twice.")
+        if slope_map and not slope_map[0] < slope_map[1]:
+            raise InputError(
+                f"A slope map needs the lower slope first, got {slope_map[0]} and {slope_map[1]}."
+            )
+        if self.network is not None:
+            self.network.check(self.light_field, [*slopes, *sweep])
+
+    def describe(self, out: OutputFolder) -> None:
+        """Record the size of the light field, and the options of refocusing."""
+        v, u, t, s = self.light_field.shape[:4]
+        options = {name: value for name, value in self.options.items() if name != "weights"}
+        out.facts |= {"views": [v, u], "lenslets": [t, s], **options}
+        if self.network is not None:
+            out.facts["network"] = self.network.name
 
 
 def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:
@@ -43,86 +113,59 @@ def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder)
 
     With a camera, names and record hold depths too: ``refocused_N_slopeS_DEPTHmm.png``.
     """
-    stack = job.refocus(slopes)
+    stack, depths = job.refocus(slopes), job.depths(slopes)
     write_focal_stack(stack, slopes, out.path("focal_stack.tif"))
     digits = len(str(len(slopes)))
-    for number, (slope, image) in enumerate(zip(slopes, stack, strict=True), 1):
-        name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}{_depth_name(job, slope)}.png"
+    for number, (slope, depth, image) in enumerate(zip(slopes, depths, stack, strict=True), 1):
+        ending = "" if depth is None else f"_{depth + 0.0:+.4g}mm"
+        name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}{ending}.png"
         write_image(out.path(name), job.preview(image))
     if job.camera is not None:
-        out.facts["depths_mm"] = _depths(job, slopes)
+        out.facts["depths_mm"] = depths
     out.facts["slopes"] = [float(slope) for slope in slopes]
     out.facts["radiance_of_white_in_png"] = job.white
 
 
-def _depth_name(job: RefocusJob, slope: float) -> str:
-    depth = _depths(job, [slope])[0] if job.camera is not None else None
-    return "" if depth is None else f"_{depth + 0.0:+.4g}mm"
+def write_search(job: RefocusJob, out: OutputFolder) -> float:
+    """Find and print the slope of sharpest focus; write its curve as ``slope_search.png``."""
+    found = find_sharpest_slope(job.light_field)
+    figures.save(search_figure([found], camera=job.camera), out.path("slope_search.png"))
+    out.facts["search"] = {"slope": found.slope, "confidence": found.confidence}
+    named = job.named(found.slope)
+    click.echo(f"sharpest at slope {named}, confidence {found.confidence:.2f}")
+    if found.confidence < UNSURE:
+        click.echo(
+            f"The slope is not certain: {found.doubt}. See which by --map auto, or by "
+            f"lf-flame view.",
+            err=True,
+        )
+    return found.slope
 
 
-def _depths(job: RefocusJob, slopes: Sequence[float]) -> list[float | None]:
-    """Find the depths of slopes, for a record; None where no layer at a finite depth has one."""
-    assert job.camera is not None
-    depths = job.camera.slope_to_real_depth(np.asarray(slopes, float))
-    return [float(depth) if np.isfinite(depth) else None for depth in depths]
-
-
-def write_search(job: RefocusJob, out: OutputFolder) -> SlopeSearch:
-    """Find the slope of sharpest focus; write its curve as ``slope_search.png``."""
-    search = find_sharpest_slope(job.light_field)
-    figures.save(search_figure([search], camera=job.camera), out.path("slope_search.png"))
-    out.facts["search"] = {"slope": search.slope, "confidence": search.confidence}
-    return search
-
-
-def write_sweep(
-    job: RefocusJob,
-    ends: tuple[float, float],
-    movie: str,
-    out: OutputFolder,
-    progress: Callable = iter,
-) -> None:
-    """Write a movie through focus, from one slope to another and back.
-
-    Parameters
-    ----------
-    job : RefocusJob
-    ends : (float, float)
-        First and last slope.
-    movie : str
-        Name of the file, ending in .gif or .mp4.
-    out : OutputFolder
-    progress : callable, optional
-        Wrapper of the list of groups of slopes, such as a progress bar.
-    """
+def write_sweep(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -> None:
+    """Write ``sweep.gif``, a movie through focus, from one slope to another and back."""
     slopes = np.linspace(*ends, SWEEP_FRAMES)
     # Slopes refocused in one call share one reading, or one transform, of the views.
-    count = 1 if job.options.get("interpolation") == "sinc" else SWEEP_FRAMES // 8
+    count = 1 if job.options["interpolation"] == "sinc" else SWEEP_FRAMES // 8
     frames = [
         job.preview(image)
-        for some in progress(np.array_split(slopes, count))
+        for some in tqdm(np.array_split(slopes, count), "sweeping", unit="stack")
         for image in job.refocus(some)
     ]
-    write_movie(out.path(movie), np.stack(frames + frames[-2:0:-1]))
+    write_movie(out.path("sweep.gif"), np.stack(frames + frames[-2:0:-1]))
     out.facts["sweep"] = list(ends)
     if job.camera is not None:
-        out.facts["sweep_mm"] = _depths(job, ends)
+        out.facts["sweep_mm"] = job.depths(ends)
 
 
 def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -> float:
     """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
 
     With a camera, ``depth_map.tif`` holds the depth of each pixel in mm, infinite or NaN where no
-    layer at a finite depth has its slope.
-
-    Returns
-    -------
-    float
-        Share of the pixels whose slope is certain.
+    layer at a finite depth has its slope. The share of certain pixels is printed and returned.
     """
     slopes = np.linspace(*ends, MAP_STEPS)
-    options = {k: job.options[k] for k in ("interpolation", "weights") if k in job.options}
-    found = all_in_focus(job.light_field, slopes, **options)
+    found = all_in_focus(job.light_field, slopes, **job.options)
     write_image(out.path("all_in_focus.png"), job.preview(found.all_in_focus))
     write_image(out.path("slope_map.tif"), found.slope.astype(np.float32))
     figures.save(slope_map_figure(found, job.camera), out.path("slope_map.png"))
@@ -130,11 +173,19 @@ def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolde
     if job.camera is not None:
         depth = job.camera.slope_to_real_depth(found.slope)
         write_image(out.path("depth_map.tif"), depth.astype(np.float32))
-        out.facts["slope_map_mm"] = _depths(job, ends)
-    return float(np.mean(found.confidence >= TRUSTED))
+        out.facts["slope_map_mm"] = job.depths(ends)
+    share = float(np.mean(found.confidence >= TRUSTED))
+    span = " to ".join(map(job.named, ends))
+    click.echo(f"slope map from {span}: {share:.0%} of the pixels are certain")
+    return share
 
 
-def write_regions(job: RefocusJob, focus: Focus, out: OutputFolder) -> list[SlopeSearch]:
+def write_regions(
+    job: RefocusJob,
+    regions: Sequence[tuple[int, int, int, int]],
+    background: float | None,
+    out: OutputFolder,
+) -> None:
     """Write ``regions.tif`` and ``.png``, and the slope of each pixel, ``regions_slope.*``.
 
     With a camera, the record holds the depths of the regions too.
@@ -142,23 +193,24 @@ def write_regions(job: RefocusJob, focus: Focus, out: OutputFolder) -> list[Slop
     from lf_flame.systems.region_refocus import refocus_regions
 
     image, surface, found = refocus_regions(
-        job.views_to_white, focus.regions, background=focus.background, cross=focus.cross,
-        unet=job.network,
-    )  # fmt: skip
+        job.views_to_white, regions, background=background, unet=job.network
+    )
     image = image * np.float32(job.white)
     write_image(out.path("regions.tif"), image)
     write_image(out.path("regions.png"), job.preview(image))
     write_image(out.path("regions_slope.tif"), surface.astype(np.float32))
-    figure = regions_figure(image / job.white, surface, focus.regions)
+    figure = regions_figure(image / job.white, surface, regions)
     figures.save(figure, out.path("regions_slope.png"))
-    depths: list[float | None] = [None] * len(found)
-    if job.camera is not None:
-        depths = _depths(job, [one.slope for one in found])
+    depths = job.depths([one.slope for one in found])
     out.facts["regions"] = [
         {"region": list(one.region), "slope": one.slope, "depth_mm": depth,
          "confidence": one.confidence}
         for one, depth in zip(found, depths, strict=True)
     ]  # fmt: skip
-    out.facts["views_used"] = "a cross of 17" if focus.cross or job.network else "all"
+    out.facts["views_used"] = "a cross of 17" if job.network else "all"
     out.facts["radiance_of_white_in_png"] = job.white
-    return found
+    for one in found:
+        click.echo(
+            f"region {' '.join(map(str, one.region))}: slope {job.named(one.slope)}, confidence "
+            f"{one.confidence:.2f}"
+        )

@@ -1,4 +1,4 @@
-"""The commands that simulate: camera, plan and simulate.
+"""The commands that simulate: plan and simulate.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -8,59 +8,33 @@ from functools import partial
 from pathlib import Path
 
 import click
-import cloup
 
-from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, PATH, SEED
+from lf_flame.commands.options import (
+    FILE,
+    SEED,
+    command,
+    flag,
+    option,
+    out_options,
+    say_files,
+    tell,
+)
 from lf_flame.errors import InputError
 
-
-@cloup.command()
-@click.argument("config", type=FILE, required=False)
-@click.option(
-    "--depth-mm",
-    "depths",
-    multiple=True,
-    type=float,
-    help="Depth of a row of the table, in mm from the focal plane; may be repeated.",
-)
-@click.option("--figure", type=PATH, help="PNG to write: the camera's planes, lenses and rays.")
-def camera(config: Path | None, depths: tuple[float, ...], figure: Path | None) -> None:
-    """Print the numbers that follow from a camera: image distance, aperture, field, slopes.
-
-    CONFIG is any TOML file with a [camera] table; without it, the paper's camera is used.
-    """
-    from lf_flame.commands.camera_table import camera_report
-    from lf_flame.optics.camera import PAPER_CAMERA
-    from lf_flame.scenes.scene_files import read_camera
-
-    chosen = read_camera(config) if config else PAPER_CAMERA
-    shown = depths or (20.0, 10.0, 0.0, -10.0)
-    click.echo(camera_report(chosen, shown))
-    if figure:
-        from lf_flame._common import figures
-        from lf_flame.commands.camera_figure import camera_figure
-
-        if figure.suffix.lower() != ".png":
-            raise InputError(f"--figure must end in .png, got {figure}.")
-        figures.save(camera_figure(chosen, shown), figure)
-        click.echo(f"\n{printable(figure)} is written")
+LONG_S = 600
+"""Time in seconds beyond which a simulation is announced."""
 
 
 def _effect_options(command):
     """Add the options that decide which effects are simulated."""
     options = (
-        click.option(
-            "--tolerance",
-            type=float,
-            help="Largest acceptable error, relative to the brightest pixel; default 0.001, or a "
-            "quarter of the sensor's noise, if that is more.",
-        ),
-        click.option("--on", multiple=True, metavar="EFFECT", help="Force an effect on."),
-        click.option("--off", multiple=True, metavar="EFFECT", help="Force an effect off."),
-    )
-    for option in reversed(options):
-        command = option(command)
+        option("--tolerance", "Largest error, relative to the brightest pixel (default: 0.001, or "
+               "a quarter of the sensor's noise, if that is more).", float),
+        option("--on", "Force an effect on.", multiple=True, metavar="EFFECT"),
+        option("--off", "Force an effect off.", multiple=True, metavar="EFFECT"),
+    )  # fmt: skip
+    for add in reversed(options):
+        command = add(command)
     return command
 
 
@@ -80,24 +54,16 @@ def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
     return layers, camera, forced, set(read_toml(scene).get("camera", {}))
 
 
-@cloup.command()
+@command()
 @click.argument("scene", type=FILE)
 @_effect_options
-@click.option(
+@option(
     "--assume",
+    "Values that the file does not state: some of 550nm,round,f/4,12bit,falloff, or typical.",
     metavar="LIST",
-    help="Values for what the file does not state: some of 550nm,round,f/4,12bit,falloff, or "
-    "typical.",
 )
-@click.option("--measure", is_flag=True, help="Also render with and without each effect.")
-def plan(
-    scene: Path,
-    tolerance: float | None,
-    on: tuple[str, ...],
-    off: tuple[str, ...],
-    assume: str | None,
-    measure: bool,
-) -> None:
+@flag("--measure", "Also render with and without each effect.")
+def plan(scene, tolerance, on, off, assume, measure) -> None:
     """Print which physical effects a SCENE file needs, and why, without rendering it.
 
     For each effect: the largest possible change of the image if it were left out, the decision at
@@ -127,18 +93,17 @@ def plan(
     click.echo(found)
 
 
-@cloup.command()
+@command()
 @click.argument("scene", type=FILE)
-@click.option("--out", type=FOLDER, help="Folder for the files; default simulated/SCENE.")
-@OVERWRITE
+@out_options("simulated/SCENE")
 @_effect_options
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the sensor's noise.")
-@click.option(
+@option("--seed", "Seed of the sensor's noise.", SEED, default=0)
+@option(
     "--integrator",
-    type=click.Choice(["auto", "exact", "rays"]),
+    "Closed-form integrals (exact) or backward rays; auto takes the cheapest that is correct.",
+    click.Choice(["auto", "exact", "rays"]),
     default="auto",
-    show_default=True,
-    help="Closed-form integrals (exact) or backward rays; auto takes the cheapest that is correct.",
+    rare=True,
 )
 def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) -> None:
     """Render a SCENE file: raw image, views, and the stack refocused at each layer's depth.
@@ -159,17 +124,28 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
       depth_mm = 5.0
       size_mm = [3.0, 3.0]
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.commands.simulation_output import simulate
+    from lf_flame._common import progress
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame.commands.simulation_output import write_simulation
+    from lf_flame.simulation.planning.decisions import plan_effects
+    from lf_flame.simulation.rendering import render_plan
 
     out = out or Path("simulated") / scene.stem
     layers, camera, effects, stated = _read_scene(scene, on, off)
-    options = {"tolerance": tolerance, "effects": effects, "seed": seed, "integrator": integrator}
-    record = simulate(layers, camera, out, overwrite=overwrite, stated=stated, **options)
+    with output_folder(out, "simulation.json", overwrite=overwrite) as folder:
+        with progress.stage("Looking which effects the scene calls for"):
+            plan = plan_effects(layers, camera, tolerance, effects, stated=stated)
+        if plan.seconds > LONG_S:
+            tell(
+                f"This takes about {plan.seconds / 60:.0f} minutes; a larger --tolerance than "
+                f"{plan.tolerance:.2g} takes less."
+            )
+        light_field = render_plan(layers, camera, plan, integrator, seed=seed)
+        write_simulation(light_field, layers, camera, folder)
+        folder.facts |= {"seed": seed}
+    record = folder.facts
     kept = [effect["name"] for effect in record["plan"]["effects"] if effect["kept"]]
     click.echo(f"simulated: {', '.join(kept) or 'no effect'} ({record['plan']['integrator']})")
     for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):
         click.echo(f"refocused at depth {depth:+g} mm, slope {slope:+.3f}")
-    click.echo(
-        f"raw.tif, raw.png, views.png, refocused.tif, refocused_*.png, light_field.npz, "
-        f"plan.txt and simulation.json are in {out}"
-    )
+    say_files(folder)

@@ -1,6 +1,6 @@
-"""The command that finds temperatures of soot: temperature.
+"""The commands that use emission that was found: profiles and temperature.
 
-As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
 from collections.abc import Sequence
@@ -8,46 +8,93 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import cloup
 
-from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, RUN, tell_all
+from lf_flame.commands.options import (
+    ABOVE_0,
+    FILE,
+    RUN,
+    FiniteRange,
+    command,
+    option,
+    out_options,
+    say_files,
+    tell_all,
+)
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from lf_flame.tomography import ColourCalibration, EmissionFolder
 
+WIDTH = FiniteRange(min=0)
 
-@cloup.command()
+
+@command()
+@click.argument("folder", type=RUN)
+@option("--across", "Centre of the upright strip, in mm (default: found).", float)
+@option("--width", "Its width, in mm; at least a pixel's.", WIDTH, default=0.0)
+@option("--height", "Centre of the level strip, in mm (default: found).", float)
+@option("--thickness", "Its thickness, in mm; at least a pixel's.", WIDTH, default=0.0)
+@out_options("profiles/FOLDER")
+def profiles(folder, out, overwrite, **strips) -> None:
+    """Take profiles of emission along a flame and across it, with 95 % bands.
+
+    FOLDER is the output of `lf-flame reconstruct`. Positions and heights are in mm from the optical
+    axis, to the right and upwards; by default, the strips run through the centre of the light in
+    each depth plane. axial.csv and radial.csv hold a row for each position and depth plane,
+    profiles.png shows them. `lf-flame abel` writes profiles of axisymmetric flames itself.
+
+    \b
+      lf-flame profiles reconstructed/flames
+      lf-flame profiles reconstructed/flames --across 0 --width 1 --height -5 --thickness 2
+    \f
+
+    Standard deviations need the folder's bootstrap draws (`--bootstrap` of reconstruct). They and
+    the bands include noise, penalty and the bias of the draws; for flames behind each other, nearer
+    than the blur in depth, they do not include all of the exchange of light between planes.
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame.tomography import EmissionFolder
+    from lf_flame.tomography.profiles import RECORD, Strips, take_profiles, write_profiles
+
+    emission = EmissionFolder(folder)
+    if emission.is_section:
+        raise InputError(
+            f"{folder} is of `lf-flame abel`, which has written its profiles: axial.csv and "
+            f"radial.csv."
+        )
+    found = take_profiles(emission, Strips(**strips))
+    out = out or Path("profiles") / folder.resolve().name
+    with output_folder(out, RECORD, overwrite=overwrite) as written:
+        write_profiles(found, emission.depths_mm, written)
+        written.facts |= {"source": recorded_path(folder, written.folder)}
+        written.facts |= {"bootstrap": len(emission.draws), **strips}
+    if not len(emission.draws):
+        tell_all("Warning", ["the folder holds no draws, so the profiles have no bands."])
+    say_files(written)
+
+
+@command()
 @click.argument("folders", nargs=-1, required=True, type=RUN, metavar="FOLDER...")
-@click.option(
-    "--colours",
-    "calibration_file",
-    type=FILE,
-    help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours.",
-)
-@click.option(
+@option("--colours calibration_file", "colours.toml of `calibrate-colours`.", FILE)
+@option(
     "--wavelengths",
+    "Without --colours: wavelengths of the two folders' light, in nm, each taken as monochromatic.",
+    float,
     nargs=2,
-    type=float,
     metavar="FIRST SECOND",
-    help="Without --colours: wavelengths of the two folders' light, in nm, each taken as "
-    "monochromatic.",
 )
-@click.option(
+@option(
     "--soot-exponent",
-    type=float,
-    help="Exponent a of soot's absorption, wavelength^-a; from -1 to 5 (default: that of the "
-    "folder, or 1).",
+    "Exponent a of soot's absorption, wavelength^-a; from -1 to 5 (default: the folder's, or 1).",
+    float,
 )
-@click.option(
+@option(
     "--calibration",
-    type=float,
-    help="With --wavelengths: ratio of the camera's two signals, first to second, at equal "
-    "radiance in both colours (default: 1).",
+    "With --wavelengths: ratio of the camera's two signals, first to second, at equal radiance in "
+    "both colours (default: 1).",
+    ABOVE_0,
 )
-@click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FOLDER.")
-@OVERWRITE
+@out_options("temperature/FOLDER")
 def temperature(
     folders, calibration_file, wavelengths, soot_exponent, calibration, out, overwrite
 ) -> None:
@@ -56,29 +103,21 @@ def temperature(
     FOLDER is one of `lf-flame reconstruct` or `lf-flame abel` with --colours, which holds a folder
     for each colour; or give the folders of the colours, of one camera and the same planes, or of
     one axis and radius. All need error bars, and images that are linear in light. Where an emission
-    is not above three of its standard deviations, there is no temperature (NaN). It is the
-    temperature of the soot. Its picture shows the error beside it.
+    is not above three of its standard deviations, there is no temperature (NaN).
 
     --wavelengths is for two exposures through narrow filters, of flames that are thin: with a
     colour camera (Bayer) temperatures would be wrong by tens to hundreds of kelvin.
 
     \b
-      lf-flame abel flame.tif --bayer rggb --white white.tif --camera camera.toml \\
-          --colours colours/colours.toml
       lf-flame temperature abel/flame --colours colours/colours.toml
       lf-flame temperature green red --wavelengths 550 650
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame.tomography import temperature_output as output
     from lf_flame.tomography.emission_folder import read_colours_of
     from lf_flame.tomography.pyrometry import soot_temperature
-    from lf_flame.tomography.temperature_output import (
-        RECORD,
-        temperature_notes,
-        temperature_warnings,
-        write_temperature,
-    )
 
     colours = _calibration(calibration_file, wavelengths, calibration)
     every = read_colours_of(*_colour_folders(folders, colours.responses.names))
@@ -100,11 +139,12 @@ def temperature(
         soot_exponent=soot_exponent,
     )
     out = out or Path("temperature") / folders[0].name
-    with output_folder(out, RECORD, overwrite=overwrite) as folder:
-        warnings = temperature_warnings(found, colours)
-        notes = temperature_notes(found, every, colours, soot_exponent)
+    with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
+        warnings = output.temperature_warnings(found, colours)
+        notes = output.temperature_notes(found, every, colours, soot_exponent)
         absolute = calibration_file is not None
-        write_temperature(found, every[-1].emission, every[0].places, folder, absolute=absolute)
+        last = every[-1].emission
+        output.write_temperature(found, last, every[0].places, folder, absolute=absolute)
         folder.facts |= {
             "folders": [recorded_path(one.folder, folder.folder) for one in every],
             "colours": list(colours.responses.names),
@@ -117,10 +157,7 @@ def temperature(
         }
     known = found.kelvin[found.kelvin > 0]  # NaN is not
     median = f", their median {np.median(known):.0f} K" if known.size else ""
-    click.echo(
-        f"{known.size} of {found.kelvin.size} cells have a temperature{median}; "
-        f"{', '.join(folder.files)} and {RECORD} are in {printable(folder.folder)}"
-    )
+    say_files(folder, f"{known.size} of {found.kelvin.size} cells have a temperature{median}; ")
     tell_all("Warning", warnings)
     for note in notes:
         click.echo(f"Note: {note}")
@@ -150,7 +187,7 @@ def _check_order(folders: "list[EmissionFolder]", names: Sequence[str]) -> None:
 
 
 def _calibration(
-    file: Path | None, wavelengths: tuple[float, float] | None, calibration: float | None
+    file: Path | None, wavelengths: tuple[float, float] | None, ratio: float | None
 ) -> "ColourCalibration":
     """Calibration from a file, or of two single wavelengths."""
     import numpy as np
@@ -158,18 +195,15 @@ def _calibration(
     from lf_flame.tomography.colour_calibration import ColourCalibration, read_colours
     from lf_flame.tomography.pyrometry import LEAST_K, MOST_K, two_wavelengths
 
-    if wavelengths is None or file is not None:
-        if file is None or wavelengths is not None:
-            raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
-        if calibration is not None:
+    if (wavelengths is None) == (file is None):
+        raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
+    if file is not None:
+        if ratio is not None:
             raise InputError("--calibration does not apply with --colours, which holds the gains.")
         return read_colours(file)
-    ratio = 1.0 if calibration is None else calibration
-    if not 0 < ratio < float("inf"):
-        raise InputError(f"--calibration must be a finite number above 0, got {ratio}.")
-    gains = np.array([ratio, 1.0])
+    assert wavelengths is not None
     colours = two_wavelengths(wavelengths)
-    return ColourCalibration(colours, gains, np.zeros(2), (LEAST_K, MOST_K))
+    return ColourCalibration(colours, np.array([ratio or 1.0, 1.0]), np.zeros(2), (LEAST_K, MOST_K))
 
 
 def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[Path]:

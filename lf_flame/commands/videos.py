@@ -1,4 +1,4 @@
-"""The commands for videos: flicker, process and status.
+"""The commands for videos: flicker and process.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -11,144 +11,111 @@ from tempfile import TemporaryDirectory
 import click
 import cloup
 
+from lf_flame._common import progress
 from lf_flame._common.printable import printable
-from lf_flame.commands.frames import TIMES
+from lf_flame.commands.emission import DEPTHS, fitting
 from lf_flame.commands.options import (
+    ABOVE_0,
     FILE,
     FOLDER,
-    OVERWRITE,
     PATH,
     FiniteRange,
     camera_option,
+    command,
+    open_lens,
+    option,
+    out_options,
     pick,
+    say_files,
     tell,
     tell_all,
 )
 from lf_flame.commands.reading_options import READING, Reading
-from lf_flame.commands.tomography import BACKGROUND, DEPTHS
 from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
 
 NAMED = 10
 """Number of frames whose warnings are printed at once; the others are counted at the end."""
 
+TIMES = cloup.option_group(
+    "When the frames were taken",
+    option("--frames-per-second", "Frames a second.",
+           FiniteRange(1e-9, 1e15), metavar="RATE"),
+    option("--timestamps", "Times in s: a number a line, or a column time_s.", FILE),
+)  # fmt: skip
+
 SHAPE = (
-    cloup.option(
+    option(
         "--level",
-        type=FiniteRange(0, 1, min_open=True, max_open=True),
+        "Brightness of the contour, relative to the peak of the frame.",
+        FiniteRange(0, 1, min_open=True, max_open=True),
         default=0.5,
-        show_default=True,
-        help="Brightness of the contour, relative to the peak of the frame.",
+        rare=True,
     ),
-    cloup.option(
-        "--pixel-mm",
-        type=FiniteRange(min=0, min_open=True),
-        help="Size in mm of a pixel (a lenslet's image) at the flame (default: by the camera; "
-        "without a camera, lengths are in pixels).",
-    ),
-    cloup.option(
+    option("--pixel-mm", "Size in mm of a pixel at the flame.", ABOVE_0),
+    option(
         "--burner-row",
-        type=float,
-        help="Row from which the height is measured; 0 is the top row (default: the bottom edge).",
+        "Row from which the height is measured; 0 is the top row (default: the bottom edge).",
+        float,
+        rare=True,
     ),
 )
 """Options for how a flame is measured in an image."""
 
 MEASURES = cloup.option_group(
     "How the flame is measured",
-    cloup.option("--slope", type=float, help="Refocus each light field at this slope."),
-    cloup.option(
-        "--depth-mm", type=float, help="Refocus each light field at this depth; needs --camera."
-    ),
-    camera_option("; lengths are then in mm"),
+    option("--slope", "Refocus each light field at this slope.", float),
+    option("--depth-mm", "Refocus at this depth; needs --camera.", float),
+    camera_option(),
     *SHAPE,
 )
-
 
 STEPS = cloup.option_group(
     "What is done with each frame",
-    cloup.option(
-        "--steps",
-        required=True,
-        help="Steps with commas between them: decode, refocus@10mm (a depth; or refocus@0.5, a "
-        "slope), emission, temperature (of soot, from the emission before it), height, "
-        "contour. The last two measure the image refocused before them, or the central view.",
-    ),
-    camera_option("; needed for depths"),
-    cloup.option(
-        "--noise",
-        type=FiniteRange(min=0),
-        help="Standard deviation of the noise of a pixel (default: measured in each frame).",
-    ),
-    cloup.option(
-        "--strength",
-        type=FiniteRange(min=0),
-        help="Strength of the penalty of emission (default: chosen for each frame); "
-        "stated, a fit starts from that of the frame before, in a third of the time.",
-    ),
-    BACKGROUND,
-    cloup.option(
-        "--colours",
-        type=FILE,
-        help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours: "
-        "emission is found in each colour of frames in colour. Needed for temperature.",
-    ),
-    cloup.option(
-        "--soot-exponent",
-        type=FiniteRange(-1, 5),
-        default=1.0,
-        show_default=True,
-        help="Exponent a of soot's absorption, wavelength^-a, for temperature.",
-    ),
+    option("--steps", "As decode,refocus@10mm,height.", required=True),
+    camera_option(),
+    *fitting(rare=True),
     *SHAPE,
 )
 
 
-@cloup.command()
+@command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
 @TIMES
 @MEASURES
 @READING
-@click.option("--out", type=FOLDER, help="Folder for the files; default flicker/NAME.")
-@OVERWRITE
+@out_options("flicker/NAME")
 def flicker(
     sources, frames_per_second, timestamps, slope, depth_mm, camera, level, pixel_mm, burner_row,
     out, overwrite, **options,
 ) -> None:  # fmt: skip
     """Follow a flame through a video: height, contour and flicker frequency.
 
-    SOURCE are ordinary pictures, or light fields with the options of `lf-flame refocus` (--views,
-    --white ...): files, one folder of them, or one pattern in quotes; or the folder of `lf-flame
-    process`. The numbers in their names give the order, and a missing number is a gap in time.
-    Pictures must be linear in light and black at 0. A light field is measured in its central view,
-    or, with --slope or --depth-mm, in the image refocused there, which averages the noise of all
-    views. The flame is the region above a share of the peak (--level) that includes the brightest
-    pixel; its height is from the bottom edge of the picture to its tip. Memory holds one frame at a
-    time.
+    SOURCE are pictures, or light fields with the options of `lf-flame refocus`: files, one folder
+    of them, or one pattern in quotes; or the folder of `lf-flame process`.
 
     \b
       lf-flame flicker video --frames-per-second 100 --pixel-mm 0.13
       lf-flame flicker flame.zarr
-      lf-flame flicker 'video/frame*.npy' --frames-per-second 100 --slope 0.5
       lf-flame flicker video --timestamps times.csv --views 15 --camera camera.toml --depth-mm 10
-      lf-flame flicker raw --white white.png --frames-per-second 100 --burner-row 250
+    \f
 
-    flame.csv has a row for each frame, flicker.png shows the heights, their spectrum and some
-    contours, and flicker.json holds the frequencies, their resolution (1 / duration) and the
-    probability that noise alone, white or correlated like these heights, has such a peak. If it
-    is above 1 %, no frequency is reported.
+    The numbers in the names give the order, and a missing number is a gap in time. Pictures must be
+    linear in light and black at 0. A light field is measured in its central view, or in the image
+    that is refocused by --slope or --depth-mm. The flame is the region above a share of the peak
+    (--level) that includes the brightest pixel; its height is from the bottom edge to its tip.
+    flicker.json holds the frequencies, their resolution (1 / duration) and the probability that
+    noise alone has such a peak; if it is above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.calibration import read_lens
-    from lf_flame.commands.frames import find_frames
     from lf_flame.flame_video import find_steps
     from lf_flame.flame_video import series as output
     from lf_flame.flame_video.flicker import LEAST_FRAMES
+    from lf_flame.flame_video.frames import find_frames
     from lf_flame.flame_video.processing import is_video
 
-    reading, focus = Reading(**options), [slope, depth_mm, camera]
-    done = len(sources) == 1 and is_video(sources[0])
-    given = [*focus, pixel_mm, burner_row, timestamps, *reading.given()]
+    reading, done = Reading(**options), len(sources) == 1 and is_video(sources[0])
+    given = [slope, depth_mm, camera, pixel_mm, burner_row, timestamps, *reading.given()]
     if done and (level != 0.5 or any(x is not None for x in given)):
         raise InputError(
             f"{sources[0]} is processed already: of all options, only --frames-per-second, --out "
@@ -162,7 +129,7 @@ def flicker(
         raise InputError("Say where to focus: either --slope or --depth-mm.")
     if (camera is None) != (depth_mm is None):
         raise InputError("--depth-mm and --camera need each other.")
-    lens = read_lens(camera) if camera else None
+    lens = open_lens(camera)
     place = f"{slope!r}" if depth_mm is None else f"{depth_mm!r}mm"
     names = "height,contour" if slope is depth_mm is None else f"refocus@{place},height,contour"
     measures = {"level": level, "pixel_mm": pixel_mm, "burner_row": burner_row}
@@ -200,53 +167,52 @@ def flicker(
     tell_all("Warning", warnings)
     if found:
         click.echo(found.describe(unit=series.unit))
-    click.echo(
-        f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
-    )
+    say_files(folder)
 
 
-@cloup.command()
+@command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="FRAMES...")
 @STEPS
 @TIMES
 @DEPTHS
 @READING
 @WORKERS
-@click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
+@option("--out", "Folder of the Zarr group to make.", FOLDER, required=True)
 def process(
     sources, steps, camera, colours, frames_per_second, timestamps, depths, planes, out,
     **options,
 ) -> None:  # fmt: skip
-    """Process every frame of a video of light fields; continues an interrupted run.
+    """Process every frame of a video of light fields; resumes an interrupted run.
 
-    FRAMES are ordinary pictures, or light fields with the options of `lf-flame refocus` (--views,
-    --white ...): files, one folder of them, or one pattern in quotes. The numbers in their names
-    give the order; a missing number, a damaged frame, and one of another size or exposure than the
-    first are named, counted, and stay gaps (NaN).
+    FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, one folder
+    of them, or one pattern in quotes. Steps are decode, refocus@10mm (or refocus@0.5, a slope),
+    emission, temperature, height and contour.
+
+    \b
+      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
+          --steps decode,refocus@0mm,height,contour,emission --out flame.zarr
+    \f
 
     \b
       lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
           --steps decode,refocus@0.5,height
-      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
-          --steps decode,refocus@0mm,height,contour,emission --out flame.zarr
-      lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
-          --bayer rggb --colours colours.toml --steps emission,temperature --out flame.zarr
-      lf-flame process raw --white white.png --steps decode,height --out flame.zarr \\
-          --scheduler tcp://node1:8786
 
-    The result is one Zarr group with named axes and a coordinate time, for xarray and others. The
-    workers of a cluster must have this package and see all files under the same names. The bytes do
-    not depend on the workers. `lf-flame status flame.zarr` counts what is done.
+    temperature is that of soot, from the emission before it; height and contour measure the image
+    refocused before them, or the central view. With --strength, a fit starts from that of the frame
+    before, in a third of the time. A missing number in the names, a damaged frame, and one of
+    another size or exposure than the first are named, counted, and stay gaps (NaN). The result is
+    one Zarr group with named axes, for xarray and others. The workers of a cluster must have this
+    package and see all files under the same names; the bytes do not depend on the workers.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.calibration import read_lens
-    from lf_flame.commands.frames import find_frames
     from lf_flame.flame_video import find_steps
+    from lf_flame.flame_video.frames import find_frames
     from lf_flame.tomography.frustum_grid import planes_between
 
     crew, reading = pick(Crew, options), pick(Reading, options)
-    lens = read_lens(camera) if camera else None
+    lens = open_lens(camera)
     planes = planes_between(*depths) if depths else planes
     calibration = _read_colours(colours, steps) if colours else None
+    options["soot_exponent"] = options["soot_exponent"] or 1.0
     chosen = find_steps(steps, camera=lens, depths_mm=planes, colours=calibration, **options)
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
@@ -257,8 +223,8 @@ def process(
 
 def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
-    from lf_flame.commands.frames import FrameReader, find_times, with_gaps
     from lf_flame.flame_video import process_frames
+    from lf_flame.flame_video.frames import FrameReader, find_times, with_gaps
     from lf_flame.flame_video.processing import TRIED
     from lf_flame.formats.coding import notes_on_coding
 
@@ -272,7 +238,10 @@ def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
     notes = [*notes_on_coding(paths[0]), *(notes if is_timed else [])]
     tell_all("Note", notes)
     reading = reading.for_camera(paths[0], lens)
-    reader, said = FrameReader.by_first_sound(paths[:TRIED], reading), Said()
+    with progress.stage(f"Reading {printable(paths[0])}"):
+        reader, said = FrameReader.by_first_sound(paths[:TRIED], reading.stated), Said()
+    for line in reader.notes:
+        tell(printable(line))
     with crew.executor() as executor:
         made = process_frames(
             rows, out, steps, times_s=times, time_unit="s" if is_timed else "frame", read=reader,
@@ -280,18 +249,6 @@ def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
         )  # fmt: skip
     said.end()
     return made, notes
-
-
-@cloup.command()
-@click.argument("folder", type=FOLDER)
-def status(folder) -> None:
-    """Count the frames of a processed video that are done, missing and damaged.
-
-    FOLDER is that of `lf-flame process`, which may be at work.
-    """
-    from lf_flame.flame_video import look_at
-
-    click.echo(look_at(folder).describe())
 
 
 def _read_colours(path: Path, steps: str):

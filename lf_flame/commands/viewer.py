@@ -5,7 +5,6 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 
 import math
 import webbrowser
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,17 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import PATH, FiniteRange, camera_option, pick
+from lf_flame.commands.options import (
+    PATH,
+    FiniteRange,
+    camera_option,
+    command,
+    flag,
+    open_lens,
+    option,
+    pick,
+    tell,
+)
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -22,38 +31,25 @@ if TYPE_CHECKING:
 
 SHOWING = cloup.option_group(
     "How it is shown",
-    cloup.option(
-        "--slopes",
-        nargs=2,
-        type=float,
-        metavar="FROM TO",
-        help="Ends of the slider and of the slope map (default: as far as the scene reaches).",
-    ),
-    cloup.option("--no-map", is_flag=True, help="Leave out slope map and all-in-focus image."),
-    cloup.option("--title", help="Heading of the page (default: the source's name)."),
-    cloup.option(
-        "--single-file",
-        type=PATH,
-        help="Write one HTML file that needs no program and no network, instead of serving a page.",
-    ),
-    cloup.option(
+    option("--slopes", "Ends of the slider and of the slope map (default: found).", float, nargs=2,
+           metavar="FROM TO"),
+    flag("--no-map", "Leave out slope map and all-in-focus image."),
+    option("--title", "Heading of the page (default: the source's name)."),
+    option("--single-file", "Write one HTML file instead of serving a page.", PATH),
+    option(
         "--megabytes",
-        type=FiniteRange(0.3, 1000),
+        "Largest size of that file; pictures that do not fit are stored coarser, with a note.",
+        FiniteRange(0.3, 1000),
         default=10.0,
-        show_default=True,
-        help="Largest size of that file; pictures that do not fit are stored coarser, with a note.",
+        rare=True,
     ),
-    cloup.option(
-        "--port",
-        type=click.IntRange(0, 65535),
-        default=0,
-        help="Port of the local page (default: any free one).",
-    ),
-    cloup.option("--no-browser", is_flag=True, help="Print the page's address; open no browser."),
-)
+    option("--port", "Port of the local page; 0: any free one.", click.IntRange(0, 65535),
+           default=0, rare=True),
+    flag("--no-browser", "Print the page's address; open no browser."),
+)  # fmt: skip
 
 
-@cloup.command()
+@command()
 @click.argument("source", type=PATH)
 @SHOWING
 @camera_option()
@@ -70,18 +66,18 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
       lf-flame view results/emission                   emission, plane by plane
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.calibration import read_lens
     from lf_flame.viewer.exhibit import Exhibit
 
     beside = (options[name] for name in ("white", "lenslets", "dark"))
     _check_single_file(options["single_file"], (source, camera, *beside))
     reading = pick(Reading, options)
     if is_emission(source):
-        _refuse_given(reading.given() | {"slopes": slopes, "camera": camera})
+        for name, value in (reading.given() | {"slopes": slopes, "camera": camera}).items():
+            if value is not None:
+                raise InputError(f"--{name} does not apply to planes of `lf-flame reconstruct`.")
         show(emission_exhibit(source, title), **options)
         return
-    lens = read_lens(camera) if camera else None
-    light_field, lens = reading.read_of_camera(source, lens)
+    light_field, lens = reading.read_of_camera(source, open_lens(camera))
     light_field = light_field if lens is None else lens.corrected(light_field)
     chosen = _choose_slopes(light_field, slopes, lens)
     exhibit = Exhibit(
@@ -128,15 +124,6 @@ def emission_exhibit(source: Path, title: str | None) -> "Exhibit":
     )
 
 
-def _refuse_given(options: dict) -> None:
-    """Refuse options that do not apply to planes of emission."""
-    asked = [name for name, value in options.items() if value is not None]
-    if asked:
-        raise InputError(
-            f"--{asked[0].replace('_', '-')} does not apply to planes of `lf-flame reconstruct`."
-        )
-
-
 def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] = ()) -> None:
     """Refuse a page over an input file, or under a name that browsers do not show as a page."""
     if single_file is None:
@@ -155,7 +142,7 @@ def _choose_slopes(light_field, slopes: tuple[float, float] | None, camera=None)
         ends = [camera.slope_to_real_depth(end) for end in (chosen.low, chosen.high) if camera]
         known = ends and all(math.isfinite(end) for end in ends)
         depths = f", {ends[0]:+.4g} to {ends[1]:+.4g} mm" if known else ""
-        click.echo(f"{chosen.describe()}{depths} (--slopes FROM TO for others)", err=True)
+        tell(f"{chosen.describe()}{depths} (--slopes FROM TO for others)")
     return chosen
 
 
@@ -163,28 +150,18 @@ def show(
     exhibit: "Exhibit", single_file: Path | None, megabytes: float, port: int, no_browser: bool
 ) -> None:
     """Write an exhibit as one file, or serve it until Ctrl-C."""
-    if single_file:
-        _write(exhibit, single_file, megabytes)
-    else:
-        _serve(exhibit, port, not no_browser)
-
-
-def _write(exhibit: "Exhibit", path: Path, megabytes: float) -> None:
-    from lf_flame._common.atomic_files import atomic_write
+    from lf_flame._common.atomic_files import write_text
     from lf_flame.viewer.page import single_page
-
-    with atomic_write(path) as aside:
-        page, quality = single_page(exhibit, int(megabytes * 1e6))
-        aside.write_text(page, encoding="utf-8")
-    click.echo(f"{printable(path)} is written, {len(page) / 1e6:.1f} MB: {quality}")
-
-
-def _serve(exhibit: "Exhibit", port: int, browser: bool) -> None:
     from lf_flame.viewer.server import ViewerServer
 
+    if single_file:
+        page, quality = single_page(exhibit, int(megabytes * 1e6))
+        write_text(single_file, page)
+        click.echo(f"{printable(single_file)} is written, {len(page) / 1e6:.1f} MB: {quality}")
+        return
     with ViewerServer(exhibit, port) as server:
         click.echo(f"{server.url}\nCtrl-C ends it.")
-        if browser:
+        if not no_browser:
             webbrowser.open(server.url)
         try:
             server.serve_forever()
@@ -192,44 +169,33 @@ def _serve(exhibit: "Exhibit", port: int, browser: bool) -> None:
             click.echo("Ended.")
 
 
-@cloup.command()
+@command()
 @SHOWING
-@click.option(
-    "--save",
-    type=PATH,
-    help="File (.npy) for the light field; the page then copies commands that read it.",
-)
+@option("--save", "File (.npy) for the light field; copied commands then read it.", PATH)
 def demo(slopes, no_map, title, save, **options) -> None:
     """Simulate flames in front of a wall, and look at them: no data is needed.
 
     Three flames are at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
     -10 mm. Drag the focus from one to the other, or click on them.
     """
-    _check_single_file(options["single_file"])
-    click.echo("simulating a plenoptic camera, 9 x 9 views ...", err=True)
-    changes = {"title": title, "slopes": slopes}
-    exhibit = replace(
-        demo_exhibit(str(save) if save else None),
-        with_map=not no_map,
-        **{name: value for name, value in changes.items() if value},
-    )
-    if save:
-        _save(exhibit.light_field, save)
-    show(exhibit, **options)
-
-
-def demo_exhibit(source: str | None = None) -> "Exhibit":
-    """Render the demo's scene for display; copied commands read `source`, if given."""
     from lf_flame.viewer.demo import DEMO_CAMERA, DEPTHS_MM, demo_light_field
     from lf_flame.viewer.exhibit import Exhibit
 
+    _check_single_file(options["single_file"])
+    tell("simulating a plenoptic camera, 9 x 9 views ...")
     near, far = (DEMO_CAMERA.depth_to_slope(depth) for depth in DEPTHS_MM)
-    title = "Three flames before a wall"
-    return Exhibit(demo_light_field(), title, (near, far), 0.0, DEMO_CAMERA, source)
+    exhibit = Exhibit(
+        demo_light_field(),
+        title or "Three flames before a wall",
+        slopes or (near, far),
+        0.0,
+        DEMO_CAMERA,
+        str(save) if save else None,  # which copied commands read
+        with_map=not no_map,
+    )
+    if save:
+        from lf_flame.formats import write_light_field
 
-
-def _save(light_field, path: Path) -> None:
-    from lf_flame.formats import write_light_field
-
-    write_light_field(light_field, path, 16)
-    click.echo(f"{printable(path)} is written", err=True)
+        write_light_field(exhibit.light_field, save, 16)
+        tell(f"{printable(save)} is written")
+    show(exhibit, **options)

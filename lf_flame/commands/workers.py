@@ -9,6 +9,7 @@ import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.provenance import cpu_count
+from lf_flame.commands.options import option
 from lf_flame.errors import InputError
 
 START_S = 30
@@ -16,10 +17,8 @@ START_S = 30
 
 WORKERS = cloup.option_group(
     "Where it is computed",
-    cloup.option(
-        "--workers", default=0, show_default=True, help="Number of processes; 0: one per core."
-    ),
-    cloup.option("--scheduler", help="Dask scheduler of the workers to use: tcp://HOST:PORT."),
+    option("--workers", "Number of processes; 0: one per core.", int, default=0),
+    option("--scheduler", "Dask scheduler to use: tcp://HOST:PORT.", rare=True),
 )
 
 
@@ -43,39 +42,32 @@ class Crew:
     def executor(self) -> Iterator[Executor | None]:
         """Connect to the cluster; None without one.
 
-        All its workers must have this package, and find the output under the same name. Dask gives
-        the tasks of a worker that dies to other workers.
+        Dask gives the tasks of a worker that dies to other workers.
         """
         if not self.scheduler:
             yield None
             return
-        from distributed import KilledWorker
+        from distributed import Client, KilledWorker
 
         with progress.stage("Connecting to the cluster"):
-            client = _connect(self.scheduler)
-        try:
-            with client:
+            try:
+                client = Client(self.scheduler, timeout=START_S)
+            except (OSError, ValueError) as error:
+                raise InputError(
+                    f"The scheduler {self.scheduler} does not answer: {error}."
+                ) from None
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=START_S)
+            except TimeoutError:
+                raise InputError(
+                    f"The scheduler {self.scheduler} has no workers: start some with `dask worker "
+                    f"{self.scheduler}`."
+                ) from None
+            try:
                 yield client.get_executor()
-        except (CancelledError, KilledWorker):
-            raise ChildProcessError(
-                "The cluster's scheduler has ended, or a task killed worker after worker; what is "
-                "finished is kept, and the same command resumes from there"
-            ) from None
-
-
-def _connect(scheduler: str):
-    """Connect to a scheduler, and wait for its first worker."""
-    from distributed import Client
-
-    try:
-        client = Client(scheduler, timeout=START_S)
-    except (OSError, ValueError) as error:
-        raise InputError(f"The scheduler {scheduler} does not answer: {error}.") from None
-    try:
-        client.wait_for_workers(1, timeout=START_S)
-    except TimeoutError:
-        client.close()
-        raise InputError(
-            f"The scheduler {scheduler} has no workers: start some with `dask worker {scheduler}`."
-        ) from None
-    return client
+            except (CancelledError, KilledWorker):
+                raise ChildProcessError(
+                    "The cluster's scheduler has ended, or a task killed worker after worker; what "
+                    "is finished is kept, and the same command resumes from there"
+                ) from None

@@ -19,9 +19,8 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import atomic_folder, remove_leftovers
+from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
 from lf_flame._common.input_files import readable
-from lf_flame._common.locks import exclusive
 from lf_flame._common.workers import carry_out
 from lf_flame._common.zarr_files import ZARR_ERRORS, open_array
 from lf_flame.datasets.config import DatasetConfig, config_to_json

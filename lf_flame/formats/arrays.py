@@ -9,7 +9,6 @@ import numpy as np
 
 from lf_flame._common.arrays_in_files import ArrayFile, open_arrays
 from lf_flame._common.images import FLOAT, to_unit
-from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
 from lf_flame.formats.lenslet_image import cut_views
@@ -21,6 +20,7 @@ from lf_flame.formats.view_files.orders import (
     fold,
     read_grid,
 )
+from lf_flame.formats.zarr_arrays import ZarrFile
 from lf_flame.lightfield import LightField
 
 HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
-from lf_flame._common.zarr_files import EVERY_CHUNK, import_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_files.folder import write_view_folder
+from lf_flame.formats.zarr_arrays import EVERY_CHUNK, import_zarr
 from lf_flame.lightfield import AXES, LightField
 
 

@@ -23,10 +23,15 @@ from keras import ops
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.arrays_in_files import open_arrays
-from lf_flame._common.atomic_files import atomic_write, remove_leftovers, write_json, write_text
+from lf_flame._common.atomic_files import (
+    atomic_write,
+    exclusive,
+    remove_leftovers,
+    write_json,
+    write_text,
+)
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import parse_json, read_record
-from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import load_run

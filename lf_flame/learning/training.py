@@ -74,6 +74,7 @@ def train(
     started, recipe, dataset = time.perf_counter(), config.recipe(preset), Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
     source, weights = find_weights(config, preset)
+    progress.tell(f"Weights of the backbone: {weights}.")
     planes, *image = dataset.targets.shape[1:]
     network = build_refocus_resnet50(
         tuple(image), planes, **asdict(config.model) | {"backbone_weights": source},

@@ -19,6 +19,7 @@ from scipy import ndimage, stats
 from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
+from lf_flame.formats.exposure import read_exposure
 from lf_flame.tomography.spectra import SpectralResponses
 
 TABLE = "colours"
@@ -374,3 +375,25 @@ def _by_colour(photograph: np.ndarray) -> np.ndarray:
     """Sum of the colours, each scaled to its own brightest hundredth."""
     tops = np.percentile(photograph, 99, axis=(0, 1))
     return (photograph / np.where(tops > 0, tops, 1.0)).sum(axis=2)
+
+
+def read_exposed_colours(path: Path, source: Path) -> tuple[ColourCalibration, list[str]]:
+    """Read a calibration of colours with its gains for the exposure of a flame's picture.
+
+    Beside it a sentence where one exposure is known and not the other, or they differ.
+    """
+    calibration, exposure = read_colours(path), read_exposure(source)
+    if calibration.exposure is None:
+        return calibration, []
+    if exposure is None:
+        return calibration, [
+            f"{source} states no exposure: it is taken as that of the furnace's first picture, "
+            f"{calibration.exposure:.3g} s at ISO 100."
+        ]
+    times = exposure / calibration.exposure
+    if abs(times - 1) < 1e-6:
+        return calibration, []
+    return calibration.exposed(exposure), [
+        f"{source} was exposed {times:.3g} times as the furnace's first picture, as their files "
+        f"state; this is taken into account."
+    ]

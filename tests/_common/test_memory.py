@@ -148,16 +148,6 @@ def test_an_image_of_a_layer_takes_no_more_than_is_said(tmp_path, monkeypatch, m
         read_scene(tmp_path / "a.toml")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", ["L", "RGB"])
-@pytest.mark.parametrize("side", [2, 5])
-def test_a_folder_takes_no_more_than_is_said(tmp_path, monkeypatch, mode, side):
-    for view in range(side**2):
-        Image.new(mode, (500, 400)).save(tmp_path / f"{view // side}_{view % side}.png")
-    said, peak = stated_need(tmp_path, monkeypatch, lambda: read_light_field(tmp_path))
-    assert 0.5 * said < peak < said
-
-
 def test_large_views_are_refused_before_one_is_decoded(tmp_path, monkeypatch):
     """Four pictures that say they are of 30,000 x 30,000 pixels, and hold none."""
     Image.new("L", (1, 1)).save(tmp_path / "0_0.png")

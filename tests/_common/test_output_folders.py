@@ -5,8 +5,7 @@ import threading
 
 import pytest
 
-from lf_flame._common.atomic_files import write_json, write_text
-from lf_flame._common.locks import exclusive
+from lf_flame._common.atomic_files import exclusive, write_json, write_text
 from lf_flame._common.output_folders import output_folder
 from lf_flame.errors import InputError
 

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +10,9 @@ from checkerboards import Bench
 from programs import run
 from skimage.io import imread
 
-from lf_flame import PAPER_CAMERA, Layer, Scene, render, write_light_field
+from lf_flame import write_light_field
 from lf_flame.calibration import fit_targets, measure_target, read_law
 from lf_flame.calibration.output import notes
-from lf_flame.formats import read_raw
-from lf_flame.formats.images import write_image
 from lf_flame.scenes import read_camera
 
 BENCH = Bench(views=3, lenslets=(36, 44))
@@ -135,31 +132,6 @@ def test_lines_of_the_reader_stand_above_the_progress_bar(boards):
     lines = [line for line in said if "views of 36 x 44 pixels" in line]
     assert len(lines) == len(DEPTHS)
     assert all(line.startswith("3 x 3 views") for line in lines)
-
-
-@pytest.mark.slow
-def test_signs_and_depths_agree_with_the_simulator_and_with_decoded_raw_images(tmp_path):
-    """A checkerboard rendered by the package, written as raw images with a white one."""
-    camera = replace(PAPER_CAMERA, views=9, lenslets=(28, 32))
-    board = np.indices((10, 10)).sum(axis=0) % 2 * 0.8 + 0.1
-    side, depths = 0.8, (-4.0, 1.0, 4.0)
-    # A round pupil, which leaves the corners of each micro-image dark.
-    y, x = np.indices((9, 9)) - 4
-    white = np.tile(np.clip(4.9 - np.hypot(y, x), 0.02, 1.0), camera.lenslets)
-    write_image(tmp_path / "white.tif", white.astype(np.float32))
-    targets = []
-    for depth in depths:
-        layer = Layer(board, depth, (10 * side, 10 * side), (0.2, -0.3))
-        raw = white * render(Scene([layer]), camera).to_raw()
-        write_image(tmp_path / "raw.tif", raw.astype(np.float32))
-        targets.append(measure_target(read_raw(tmp_path / "raw.tif", tmp_path / "white.tif")[0]))
-    law = fit_targets(depths, targets, square_mm=side).law
-    for depth in depths:
-        assert law.depth_to_slope(depth) == pytest.approx(
-            camera.depth_to_slope(depth), rel=0.005, abs=0.003
-        )
-        size = camera.field_mm(depth)[0] / camera.lenslets[0]
-        assert law.mm_per_lenslet(depth) == pytest.approx(size, rel=1e-3)
 
 
 def test_the_viewer_and_flicker_take_a_calibration(boards, tmp_path):

@@ -48,6 +48,8 @@ def test_the_size_of_the_light_field_counts(call, words):
         said[camera] = done
     assert "is for views of 16 x 24 pixels, got 15 x 21" in said["whole"].output
     assert "is for views" not in said["own"].output
+    if words.startswith("info"):  # which says what to type next, with what was given
+        assert "next: lf-flame refocus flame.npy --camera own.toml\n" in said["own"].output
     other = call(f"{words.format('five')} --camera five.toml")
     assert isinstance(other.exception, InputError)
     assert "3 x 3" in str(other.exception)

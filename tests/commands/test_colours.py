@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from experiments.emission.truth import Lens, SootFlame, planck, trace
 from lf_flame.commands.cli import commands
-from lf_flame.commands.tomography import read_exposed_colours
+from lf_flame.tomography.colour_calibration import read_exposed_colours
 
 COLOURS = (480.0, 640.0)
 LENS = Lens(views=3, lenslets=(36, 32))

@@ -3,9 +3,7 @@
 import csv
 import json
 import shutil
-import weakref
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,16 +14,12 @@ from skimage.io import imread, imsave
 from lf_flame import (
     PAPER_CAMERA,
     Layer,
-    LightField,
     Scene,
     render,
 )
-from lf_flame.commands.frames import FrameReader, find_frames, read_timestamps, times_by_names
-from lf_flame.commands.reading_options import Reading
 from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.flame_video.flame_shape import DOUBTS
 from lf_flame.flame_video.series import REPEATED
-from lf_flame.formats import reading, write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
 
@@ -143,16 +137,6 @@ def test_an_array_of_views_is_measured_in_the_central_view_or_refocused(video, t
     assert resolvable == pytest.approx(0.5 * row_error(0.2))
 
 
-@pytest.mark.slow
-def test_a_flame_that_stands_still_has_no_frequency(still, tmp_path, drawn):
-    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "There is no flicker: the heights are constant" in result.output
-    found = record_of(tmp_path / "out")["flicker"]
-    assert found["frequency_hz"] is None
-    assert found["false_alarm"] == 1
-
-
 def test_a_dark_or_damaged_frame_is_named_and_the_rest_measured(video, tmp_path):
     folder = shutil.copytree(video[0], tmp_path / "video")
     dark = np.random.default_rng(0).standard_normal((5, 5, 48, 40)).astype(np.float32)
@@ -174,81 +158,6 @@ def test_a_dark_or_damaged_frame_is_named_and_the_rest_measured(video, tmp_path)
     assert record["standard_deviation_of_height"] == pytest.approx(np.std(known), rel=1e-5)
     assert record["flicker"]["frequency_hz"] == pytest.approx(FLICKER_HZ, abs=0.5)
     assert any(DOUBTS["dark"] in warning for warning in record["warnings"])
-
-
-@pytest.mark.slow
-def test_a_dark_video_is_told(still, tmp_path, drawn):
-    for number in range(16):
-        replace(still, number, np.zeros((5, 5, 48, 40), np.float32))
-    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "needs 16 frames with a height at least, got 0" in result.output
-    assert record_of(tmp_path / "out")["flicker"] is None
-    assert (tmp_path / "out" / "flicker.png").exists()
-
-
-def test_doubtful_frames_are_told(still, tmp_path):
-    views = np.load(tmp_path / "one.npy")
-    replace(still, 3, np.pad(views, ((0, 0), (0, 0), (0, 22), (0, 0)))[:, :, 22:])
-    replace(still, 4, np.minimum(views, 0.7 * views.max()))
-    replace(still, 5, views + 0.8 * np.roll(views, 15, axis=3))
-    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    for number, doubt in ((3, DOUBTS["cut"]), (4, DOUBTS["ceiling"]), (5, DOUBTS["apart"])):
-        assert f"Warning: 1 of 16 frames, first {number}.npy: {doubt}" in result.output
-        assert rows_of(tmp_path / "out")[number]["warnings"] == doubt
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ["a", "a2b9", "a2b10", "a010b1", "a10b2", "b1"],
-        ["t_-12.5", "t_-3.0", "t_-0.5", "t_0.0", "t_2.5", "t_10.0"],
-        ["x-10", "x-9", "x0", "x9", "x10"],
-        ["view-9", "view-10", "view-100"],
-    ],
-)
-def test_frames_come_in_the_order_of_their_numbers(tmp_path, names):
-    for name in names[::-1]:
-        (tmp_path / f"{name}.npy").touch()
-    assert [path.stem for path in find_frames([tmp_path])] == names
-
-
-def seconds(*names, rate=100):
-    return times_by_names([Path(f"{name}.npy") for name in names], rate)
-
-
-def test_where_numbers_are_missing_time_passes():
-    found, notes = seconds("f0", "f2", "f3", "f4", "f7")
-    assert found == pytest.approx([0, 0.02, 0.03, 0.04, 0.07])
-    assert "3 are missing" in notes[0]
-    assert seconds("f08", "f09", "f10", "f11")[1] == []
-    assert seconds("a-1", "a0", "a2")[0] == pytest.approx([0, 0.01, 0.03])
-    # One number that never changes counts nothing.
-    assert seconds("run7_1", "run7_2", "run7_4")[0] == pytest.approx([0, 0.01, 0.03])
-
-
-def test_numbers_that_may_be_no_counts_get_a_note():
-    found, notes = seconds("f0", "f10", "f30")
-    assert found == pytest.approx([0, 0.1, 0.3])
-    assert "rise by 10 or multiples" in notes[0]
-    assert "1 are missing" in notes[1]
-    for names in (["a", "b", "c"], ["r1_1", "r1_2", "r2_4"], ["f1", "g2", "h4"]):
-        found, notes = seconds(*names)
-        assert found == pytest.approx([0, 0.01, 0.02])
-        assert "do not hold one number" in notes[0]
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["1.5\n2\n\n4e0\n", "\ufeffseconds\r\n1.5\r\n2\r\n4\r\n", "frame,time_s\n7,1.5\n8,2\n9,4"],
-)
-def test_times_from_a_file(tmp_path, text):
-    (tmp_path / "times.csv").write_text(text, encoding="utf-8")
-    found, notes = read_timestamps(tmp_path / "times.csv", 3)
-    assert found.tolist() == [1.5, 2, 4]
-    (tmp_path / "ms.txt").write_text("10\n20\n30")
-    assert "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3)[1][0]
 
 
 def small_flame(height_px):
@@ -275,7 +184,7 @@ def write_pictures(folder, heights, numbers=None, suffix="png"):
         np.save(path, picture) if suffix == "npy" else imsave(path, picture, check_contrast=False)
 
 
-@pytest.mark.parametrize("suffix", ["png", "tif", "npy"])
+@pytest.mark.parametrize("suffix", ["png", "npy"])
 def test_ordinary_pictures_are_the_default_and_too_few_periods_are_named(tmp_path, suffix):
     """30 pictures at 200 a second of a flame at 12.5 Hz: 1.8 periods; the first is no spark."""
     heights = 20 + 8 * np.sin(2 * np.pi * 12.5 * np.arange(30) / 200)
@@ -294,19 +203,17 @@ def test_ordinary_pictures_are_the_default_and_too_few_periods_are_named(tmp_pat
     assert found == pytest.approx(heights, abs=0.2)
 
 
-@pytest.mark.parametrize("rate", [[], ["--frames-per-second", 100]])
-def test_what_process_wrote_is_read(tmp_path, rate):
-    """Two frames are missing, and one is dark; times are in the folder, or frames are counted."""
+def test_what_process_wrote_is_read(tmp_path):
+    """Two frames are missing, and one is dark; frames are counted."""
     numbers = [*range(20), *range(22, 60)]
     heights = 20 + 5 * np.sin(2 * np.pi * 12.5 * np.array(numbers) / 100)
     write_pictures(tmp_path / "video", heights, numbers)
     dark = np.zeros((40, 16), np.uint16)
     imsave(tmp_path / "video" / "f030.png", dark, check_contrast=False)
     out, words = tmp_path / "flame.zarr", ["--steps", "height,contour", "--workers", 1]
-    stated = [] if rate else ["--frames-per-second", 100]
-    done = run("process", tmp_path / "video", *words, *stated, "--out", out)
+    done = run("process", tmp_path / "video", *words, "--out", out)
     assert done.exit_code == 0, done.output
-    done = run("flicker", out, *rate, "--out", tmp_path / "out")
+    done = run("flicker", out, "--frames-per-second", 100, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert "The flame flickers at 12.5 Hz" in done.output
     assert "1 of 60 frames, first f030.png: Nothing is above the noise" in done.output
@@ -315,7 +222,7 @@ def test_what_process_wrote_is_read(tmp_path, rate):
     assert float(rows[25]["time_s"]) == pytest.approx(0.25)
     found = [float(row["height_px"]) for n, row in enumerate(rows) if n not in (20, 21, 30)]
     assert found == pytest.approx(np.delete(heights, 28), abs=0.2)
-    for refused in (["--slope", 1], [] if rate else ["--frames-per-second", 100]):
+    for refused in (["--slope", 1], []):
         done = run("flicker", out, *refused, "--out", tmp_path / "other")
         assert "InputError" in repr(done.exception)
 
@@ -382,55 +289,3 @@ def test_pictures_that_are_likely_coded_get_a_note(tmp_path, suffix, kind):
         in result.output
     )
     assert "gamma-coded" in record_of(tmp_path / "out")["notes"][0]
-
-
-def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
-    for name in ("1.npy", "2.npy", "3.png", "notes.txt", ".4.npy"):
-        (tmp_path / name).touch()
-    found = find_frames([tmp_path], [tmp_path / "3.png"])
-    assert [path.name for path in found] == ["1.npy", "2.npy"]
-    assert find_frames([tmp_path / "[12].npy"]) == found
-
-
-def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
-    """When one is read the one before is gone."""
-    alive, before, read = weakref.WeakSet(), [], reading.read_array
-
-    def watched(*args, **options):
-        before.append(len(alive))
-        light_field, found = read(*args, **options)
-        alive.add(light_field)
-        return light_field, found
-
-    monkeypatch.setattr(reading, "read_array", watched)
-    words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
-    result = run("flicker", still, *words, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert before == [0] * 19  # the first is read in each process, and tried out
-
-
-def test_folders_of_views_are_frames(tmp_path):
-    """The order of views is that of the first frame: a dark one shows none."""
-    views = np.random.default_rng(0).uniform(size=(3, 3, 12, 10)).astype(np.float32)
-    (tmp_path / "video").mkdir()
-    for number, scale in enumerate((1.0, 0.5, 0.0)):
-        write_light_field(LightField(scale * views), tmp_path / "video" / f"f{number}")
-    paths = find_frames([tmp_path / "video"])
-    frames = map(FrameReader(paths[0], Reading(order="col,row")), paths)
-    for frame, scale in zip(frames, (1.0, 0.5, 0.0), strict=True):
-        assert frame.views == pytest.approx(scale * views.swapaxes(0, 1), abs=1e-4)
-
-
-def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
-    """As `Reading` decodes each by itself, where nothing else is different."""
-    rows, columns = np.indices((90, 108))
-    white = 0.1 + 0.9 * np.clip(4.5 - np.hypot(rows % 9 - 4, columns % 9 - 4), 0, 1)
-    imsave(tmp_path / "white.tif", (60000 * white).astype(np.uint16), check_contrast=False)
-    for number in range(3):
-        raw = white * (0.3 + 0.1 * number + 0.2 * np.sin(rows / 30))
-        raw = (60000 * raw).astype(np.uint16)
-        imsave(tmp_path / f"raw{number}.tif", raw, check_contrast=False)
-    reading = Reading(white=tmp_path / "white.tif", pitch=9.0)
-    paths = find_frames([tmp_path / "raw*.tif"])
-    for path, frame in zip(paths, map(FrameReader(paths[0], reading), paths), strict=True):
-        assert frame.views == pytest.approx(reading.read(path).views, abs=1e-6)

@@ -1,15 +1,12 @@
 """What `lf-flame info` says of files, and the previews that it writes."""
 
-import io
-
 import lytro_files as own
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from focused_pictures import Camera, Waves
-from PIL import Image
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.commands.cli import commands
 from lf_flame.formats import write_focal_stack, write_lenslet_image, write_light_field
 from lf_flame.formats.images import write_image
@@ -47,7 +44,6 @@ def test_a_lytro_picture(told, tmp_path):
         "0.004 s, f/2.2, ISO 80, 2015-05-17T13:31:37.412Z",
         "24.2 mm, zoom step -297, focus step 309",
         "hexagonal lenslets, pitch 14.005 pixels",
-        "JPEG of 16 x 12 pixels",
         "missing: a white image of this camera",
         "next: lf-flame refocus 'my photo.lfr' --white caldata-B5143909630.tar",
     ):
@@ -98,12 +94,12 @@ def test_focused_lenslets_are_not_taken_for_others(told, tmp_path):
     (tmp_path / "calibration.xml").write_text(camera.xml())
     said = told("raw.png")
     assert "hexagonal lenslets, pitch 23." in said
-    assert "type: lf-flame refocus raw.png --focused CALIBRATION.xml (or its white image" in said
+    assert "type: lf-flame convert raw.png views.npz --focused CALIBRATION.xml (or its" in said
     said = told("calibration.xml")
     assert "calibration.xml: calibration of a Raytrix camera" in said
     assert "pitch 23.300 pixels along rows" in said
     assert "virtual depths of 1 to 3, 2.8 to 4, 3.8 to 100" in said
-    assert said.endswith("next: lf-flame refocus RAW.png --focused calibration.xml\n")
+    assert said.endswith("next: lf-flame convert RAW.png views.npz --focused calibration.xml\n")
 
 
 def test_other_light_fields(told, tmp_path, rng):
@@ -145,32 +141,6 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     assert "note: The raw image is a colour mosaic (Bayer)" in said
     assert "--bayer rggb or bggr" in said
     assert "--white WHITE.png --bayer PATTERN" in said
-
-
-def test_previews(told, tmp_path, rng):
-    write_picture(tmp_path / "a.lfr")
-    told("a.lfr", "--thumbnail", "a.jpg")
-    assert (tmp_path / "a.jpg").read_bytes() == own.jpeg()
-    told("a.lfr", "--thumbnail", "a.png")
-    with Image.open(io.BytesIO(own.jpeg())) as image, Image.open(tmp_path / "a.png") as written:
-        assert written.format == "PNG"
-        np.testing.assert_array_equal(np.asarray(written), np.asarray(image))
-    views = rng.uniform(size=(3, 3, 20, 30)).astype(np.float32)
-    np.save(tmp_path / "a.npy", views)
-    told("a.npy", "--thumbnail", "b.png")
-    with Image.open(tmp_path / "b.png") as written:
-        expected = np.rint(255 * views.mean(axis=(0, 1)))
-        assert np.abs(np.asarray(written) - expected).max() <= 1
-
-
-def test_a_thumbnail_that_is_no_jpeg_is_not_written(told, tmp_path, monkeypatch):
-    for data in (b"MZ" + bytes(300), own.jpeg()[:200], b""):
-        monkeypatch.setattr(own, "jpeg", lambda data=data: data)
-        write_picture(tmp_path / "a.lfr")
-        assert "holds a thumbnail that is no JPEG" in told("a.lfr")
-        with pytest.raises(InputError, match="holds a thumbnail that is no JPEG"):
-            told("a.lfr", "--thumbnail", "a.jpg")
-        assert not (tmp_path / "a.jpg").exists()
 
 
 def test_a_picture_that_cannot_be_read_is_told_of_its_folder(told, tmp_path):

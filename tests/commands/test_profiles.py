@@ -64,41 +64,6 @@ def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
     assert {row["standard_deviation"] for row in rows} == {row["low_95"] for row in rows} == {""}
 
 
-FILES = ("emission.tif", "draws.tif")
-
-
-PLANES = np.ones((2, 6, 8), np.float32)
-
-
-@pytest.mark.slow
-def test_a_bomb_is_refused_before_it_is_inflated(folder, tmp_path, monkeypatch):
-    bomb = np.zeros((2, 4000, 4000), np.float32)
-    tifffile.imwrite(folder / "draws.tif", bomb, compression="zlib")
-    assert (folder / "draws.tif").stat().st_size < 1e6
-    monkeypatch.setenv("LF_FLAME_MEMORY_GB", "0.1")
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert "draws.tif would need 0.384 GB" in str(result.exception)
-
-
-OME = """<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"
- UUID="urn:uuid:a"><Image ID="Image:0"><Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="float"
- SizeX="8" SizeY="6" SizeZ="2" SizeC="1" SizeT="1"><Channel ID="Channel:0" SamplesPerPixel="1"/>
- <TiffData IFD="0" FirstZ="0" PlaneCount="2"><UUID FileName="secret.tif">urn:uuid:b</UUID>
- </TiffData></Pixels></Image></OME>"""
-
-
-def test_no_file_is_opened_that_a_file_names(folder, tmp_path):
-    """As an OME-TIFF may, whose planes then are those of another file: here 9, not 1."""
-    for name, level, urn in (("emission.tif", 1, "a"), ("secret.tif", 9, "b")):
-        said = OME.replace('UUID="urn:uuid:a"', f'UUID="urn:uuid:{urn}"')
-        options = {"description": said, "metadata": None, "compression": "zlib"}
-        tifffile.imwrite(folder / name, level * PLANES, **options)
-    assert tifffile.imread(folder / "emission.tif").max() == 9  # the library's own way
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert {float(row["emission"]) for row in rows_of(tmp_path / "out" / "axial.csv")} == {1.0}
-
-
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_plane_is_read_back_as_one(tmp_path, count):
     """A stack of one plane, or of one draw's plane, is rows and columns alone to a TIFF reader."""

@@ -18,8 +18,7 @@ from PIL import Image
 from lf_flame import PAPER_CAMERA, InputError, LightField, write_light_field
 from lf_flame.calibration import CameraLaw
 from lf_flame.commands.cli import commands
-from lf_flame.commands.frames import FrameReader, find_frames, read_timestamps, times_by_names
-from lf_flame.commands.reading_options import Reading
+from lf_flame.flame_video.frames import FrameReader, find_frames, read_timestamps, times_by_names
 from lf_flame.formats import write_movie
 from lf_flame.tomography import ColourCalibration, SpectralResponses
 
@@ -104,7 +103,6 @@ def write_cameras():
         .replace("640,0", "640,2"),
         "other.xml": "<scene/>",
         "text.txt": "text",
-        "x.png.json": '{"mine": 1}',
         **{f"{name}.csv": text for name, text in TIMES.items()},
     }.items():  # fmt: skip
         Path(name).write_text(text)
@@ -195,7 +193,7 @@ REFUSED = [
     ("abel narrow.npy --camera camera.toml", "8 columns of pixels or more, got views of"),
     ("abel ball.npy --camera law.toml --axis-depth 40", RANGE),
     ("camera --figure camera.pdf", "must end in .png"),
-    ("resolution --figure resolution.txt", "must end in .png"),
+    ("camera law.toml --figure camera.png", "needs a thin-lens camera"),
     *(
         (f"calibrate {' '.join(words)} --square-mm 5 --out out", said)
         for words, said in (
@@ -226,7 +224,7 @@ REFUSED = [
         ("light.xyz", ".png, .tif, .npy, .npz or .zarr, got light.xyz"),
         ("text.txt", "got text.txt"),
     ),
-    ("convert bright.npy x.png", "x.png.json is there"),
+    ("convert bright.npy x.png", "state a factor, as --gain 0.671"),
     ("convert bright.npy y.png --bits 32", "Floats (32 bits) are written as .tif"),
     *each(
         FLICKER,
@@ -253,9 +251,6 @@ REFUSED = [
         "info",
         ("other.tar", "other.tar holds no white images of a Lytro camera"),
         ("other.xml", "no calibration of a Raytrix camera"),
-        ("ball.npy --thumbnail a.gif", "must end in"),
-        ("ball.npy --thumbnail ball.npy", "must end in"),
-        ("picture.png --thumbnail picture.png", "is read, and cannot be replaced"),
         ("four.npy --camera law.toml", "5 x 5 views"),
     ),
     *(
@@ -318,11 +313,9 @@ REFUSED = [
         ("--views 5", "--views does not apply to views, which is read as a folder of views"),
         ("--layout hexagonal", "--layout does not apply"),
         ("--pitch 9", "which is read as a folder of views"),
-        ("--slope 1 --interpolation sinc --method space", "does not know 'sinc'"),
         ("--slope 0.5 --map 1 1", "lower slope first, got 1.0 and 1.0"),
         ("--map=auto --map -1 1", "cannot both be given"),
-        ("--slope 1 --gain 1e308", "gain must be from 1e-06 to 1e+06, got 1e+308"),
-        ("--slope 1 --gamma nan", "gamma must be from 0.01 to 100, got nan"),
+        ("--slope 1 --gain nan", "no finite number"),
         ("--slope 1 --network empty", "no finished run"),
         ("--depth-mm 9 --camera nine.toml", "has 9 x 9 views, but the light field has 5 x 5"),
         ("--depth-mm 1e9 --camera camera.toml", "Depths must lie above -326 mm"),
@@ -334,10 +327,9 @@ REFUSED = [
     ("refocus ball.npy --region 10 40 10 500", "inside the 48 x 60 lenslets"),
     ("refocus none", "no such file or folder"),
     *each(
-        "refocus ball.npy --cross",
-        ("--region 10 40 10 40", "9 x 9 views are needed, got 5 x 5"),
-        ("--region 0 40 0 40 --background 90", "from -24 to 24, beyond which"),
-        ("", "--background and --cross need --region"),
+        "refocus ball.npy --background",
+        ("90 --region 0 40 0 40", "from -24 to 24, beyond which"),
+        ("1", "--background needs --region"),
     ),
     *(
         (HOT.format(name), said)
@@ -409,12 +401,12 @@ REFUSED = [
     (lambda: find_frames([Path("ball.npy"), Path("ball.npy")]), "more than once"),
     (lambda: find_frames([Path("empty")]), "holds no frames"),
     (
-        lambda: FrameReader.by_first_sound([Path("ball.npy")], Reading(bayer="rggb")),
+        lambda: FrameReader.by_first_sound([Path("ball.npy")], {"bayer": "rggb"}),
         "--bayer does not apply to",
     ),
     (
         partial(
-            FrameReader.by_first_sound, [Path("ball.npy")], Reading(pitch=9.0, order="col,row")
+            FrameReader.by_first_sound, [Path("ball.npy")], {"pitch": 9.0, "order": "col,row"}
         ),
         "--pitch does not apply",
     ),
@@ -438,7 +430,7 @@ def test_it_is_refused_in_a_sentence_and_nothing_is_written(folder, monkeypatch,
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("refocus wide.npy --ring 0.5", "--ring does not apply to a network"),
+        ("refocus wide.npy --aperture 0.5", "--aperture does not apply to a network"),
         ("refocus wide.npy --interpolation sinc", "--interpolation does not apply to a network"),
         ("refocus wide.npy --map -1 1", "--map does not apply to a network"),
         ("refocus small.npy", "needs images of 17 pixels"),

@@ -4,9 +4,7 @@ import json
 import os
 import re
 import shutil
-import struct
 import sys
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -84,13 +82,9 @@ def scene(**changes):
         ({"views": 10**10}, "of 1 to 100000 each"),
         ({"lenslets": "[90000, 90000]"}, "There is not enough memory"),
         ({"views": "[1"}, "is not a TOML file"),
-        ({"centre_mm": "[1e308, 1e308]"}, "must tell its cells apart"),
-        ({"depth_mm": "1e308"}, "depth_mm of a layer must be finite"),
         ({"size_mm": "[5e-324, 1.0]"}, "must tell its cells apart"),
-        ({"image": '"a\\u0000b.png"'}, "holds a null byte"),
         ({"shape": "[" * 5000}, "nest deeper than 64"),
         ({"views": str([0] * 100_000)}, "camera.views: "),
-        ({"x" * 100_000: "1"}, "is not a known key"),
     ],
     ids=lambda value: str(value)[:40],
 )
@@ -99,42 +93,8 @@ def test_scenes(refuse, changes, words):
     assert words in refuse("simulate", "scene.toml")
 
 
-def write_bomb(path):
-    """A file that says at its beginning that it holds an image of 20,000 x 20,000 pixels."""
-    Image.new("L", (1, 1)).save(path)
-    data = bytearray(path.read_bytes())
-    data[16:24] = struct.pack(">II", 20_000, 20_000)
-    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
-    path.write_bytes(data)
-
-
 def write_odd_tiff(path):
     tifffile.imwrite(path, np.zeros((4, 5), np.uint8), metadata={"axes": "QQ"}, shaped=True)
-
-
-@pytest.mark.parametrize(
-    ("name", "write", "words"),
-    [
-        ("bomb.png", write_bomb, "would need 10.4 GB of memory, and 1 GB are allowed"),
-        ("cut.png", lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "it is damaged"),
-        ("pipe.png", os.mkfifo, "must be a regular file, and is a pipe"),
-        ("folder.png", Path.mkdir, "must be a regular file, and is a folder"),
-        ("none.png", lambda path: None, "there is no such file"),
-    ],
-    ids=lambda value: str(value)[:20],
-)
-def test_images_of_layers(refuse, tmp_path, monkeypatch, name, write, words):
-    monkeypatch.setenv(LIMIT, "1")
-    write(tmp_path / name)
-    scene(shape="", image=f'"{name}"')
-    text = Path("scene.toml").read_text().replace("shape = \n", "")
-    Path("scene.toml").write_text(text)
-    assert words in refuse("simulate", "scene.toml")
-
-
-def write_headers(path):
-    """An archive of 300 arrays."""
-    np.savez(path, **{f"array_{k}" * 3: np.zeros(1) for k in range(300)})
 
 
 def write_large_raw(path):
@@ -146,7 +106,6 @@ def write_large_raw(path):
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
-        ("many.npz", write_headers, "(1,) ...; name one by"),
         ("large.npz", lambda path: np.savez_compressed(path, views=np.zeros((3, 3, 700, 700))),
          "would need 0.0529 GB of memory"),
         ("text.npz", lambda path: path.write_text("no archive"), "no NumPy file of plain arrays"),
@@ -154,8 +113,6 @@ def write_large_raw(path):
         ("odd.tif", write_odd_tiff, ""),
         ("a.txt", lambda path: path.write_text(""), "is no light field"),
         ("text.lfr", lambda path: path.write_text("text"), "no container of a Lytro camera"),
-        ("pipe.lfr", os.mkfifo, "must be a regular file, and is a pipe"),
-        ("alone.raw", lambda path: path.write_bytes(bytes(99)), "without a description"),
         ("large.raw", write_large_raw, "would need 68.7 GB of memory, and 0.05 GB are allowed"),
     ],
     ids=lambda value: str(value)[:20],
@@ -164,29 +121,6 @@ def test_light_fields(refuse, tmp_path, monkeypatch, name, write, words):
     monkeypatch.setenv(LIMIT, "0.05")
     write(tmp_path / name)
     assert words in refuse("refocus", name)
-
-
-@pytest.mark.parametrize(
-    ("name", "write", "words"),
-    [
-        ("pipe.tar", os.mkfifo, "must be a regular file, and is a pipe"),
-        ("empty", Path.mkdir, "empty holds no two images"),
-        ("pipe", os.mkfifo, "is no light field"),
-        ("none", lambda path: None, "no such file or folder"),
-    ],
-    ids=lambda value: str(value)[:20],
-)
-def test_files_of_which_nothing_is_known(refuse, tmp_path, name, write, words):
-    write(tmp_path / name)
-    assert words in refuse("info", name, "--thumbnail", "out.png")
-
-
-def test_a_folder_of_large_views(refuse, tmp_path, monkeypatch):
-    monkeypatch.setenv(LIMIT, "0.01")
-    (tmp_path / "views").mkdir()
-    for view in range(4):
-        Image.new("L", (950, 950)).save(tmp_path / "views" / f"view_{view}.png", compress_level=1)
-    assert "views would need" in refuse("refocus", "views", "--order", "row,col")
 
 
 @pytest.mark.parametrize(
@@ -258,15 +192,6 @@ def test_names_and_links(refuse, tmp_path):
     assert "symbolic links" in refuse("convert", "views.npy", "loop")
 
 
-def test_apertures_and_slopes_of_any_size(refuse, tmp_path):
-    np.save(tmp_path / "views.npy", np.zeros((3, 3, 16, 18), np.float32))
-    for option, value in (("--aperture", "inf"), ("--aperture", "nan"), ("--ring", "1e308"),
-                          ("--slope", "1e308"), ("--slope", "nan"), ("--pitch", "nan"),
-                          ("--views", 10**30)):  # fmt: skip
-        assert refuse("refocus", "views.npy", option, value, "--out", "o")
-    assert ended(["refocus", "views.npy", "--slope", 0, "--aperture", "1e308", "--out", "o"]) == 0
-
-
 @pytest.mark.parametrize(
     ("samples", "words"),
     [("1e39", "samples.smoke"), (10**7, "1 to 1000000"), ("1e7", "1 to 1000000")],
@@ -311,7 +236,7 @@ VALUES = st.recursive(
 
 
 @pytest.mark.slow
-@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(key=st.sampled_from(sorted(RUN)), value=VALUES)
 def test_any_value_in_a_record_is_taken_or_refused(tmp_path_factory, key, value):
     """Never a traceback: `ended` would raise what is no exit."""

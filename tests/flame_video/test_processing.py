@@ -13,8 +13,8 @@ from PIL import Image
 
 from lf_flame import InputError, LightField, PlenopticCamera, read_light_field
 from lf_flame.commands.cli import commands
-from lf_flame.commands.frames import times_by_names, with_gaps
 from lf_flame.flame_video import find_steps, look_at, process_frames, processing
+from lf_flame.flame_video.frames import times_by_names, with_gaps
 from lf_flame.flame_video.series import read_series
 from lf_flame.flame_video.steps import Frame
 from lf_flame.tomography import FrustumGrid, reconstruct

@@ -12,8 +12,7 @@ from focused_pictures import Camera, Waves
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
 from lf_flame.commands.cli import commands
-from lf_flame.commands.frames import FrameReader
-from lf_flame.commands.reading_options import Reading
+from lf_flame.flame_video.frames import FrameReader
 from lf_flame.formats import (
     FocusedLenslets,
     FocusedPlan,
@@ -267,9 +266,9 @@ def test_commands_take_pictures_of_focused_lenslets(call):
 
 @pytest.mark.slow
 def test_frames_of_a_video_are_read_by_one_plan(call):
-    reading = Reading(focused=Path("camera.xml"), views=3)
+    options = {"focused": Path("camera.xml"), "views": 3}
     shutil.copy("raw.png", "later.png")
-    first, later = map(FrameReader(Path("raw.png"), reading), [Path("raw.png"), Path("later.png")])
+    first, later = map(FrameReader(Path("raw.png"), options), [Path("raw.png"), Path("later.png")])
     assert first.views.shape[:2] == (3, 3)
     np.testing.assert_array_equal(first.views, later.views)
 

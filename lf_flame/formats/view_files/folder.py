@@ -17,7 +17,6 @@ from lf_flame._common.images import FLOAT, read_shape
 from lf_flame._common.input_files import File, PackedFile, list_zip, read_zip
 from lf_flame._common.memory import check_memory
 from lf_flame._common.printable import printable
-from lf_flame._common.zarr_files import is_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image, to_levels, write_image
 from lf_flame.formats.view_files.names import Stated, number_grid
@@ -32,6 +31,7 @@ from lf_flame.formats.view_files.orders import (
     read_grid,
     stated_order,
 )
+from lf_flame.formats.zarr_arrays import is_zarr
 from lf_flame.lightfield import LightField
 
 ARCHIVE = ".zip"

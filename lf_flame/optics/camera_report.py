@@ -1,16 +1,18 @@
-"""A drawing of a camera, by the ray transfer matrices that the simulation uses.
-
-As the paper's Figures 2, 3 and 5: focal plane, main lens, microlens array and sensor, and the
-marginal rays of a point on the axis at each depth.
-"""
+"""Numbers that follow from a camera, as tables, and a drawing of its rays."""
 
 from collections.abc import Sequence
+from dataclasses import MISSING, fields
 
 import numpy as np
+from tabulate import tabulate
 
 from lf_flame._common.figures import subplots
 from lf_flame.optics import ray_transfer
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
+
+ALIKE = 1.02
+"""Largest ratio of an aperture to the matched one at which micro-images hardly overlap."""
 
 LENSLETS_SHOWN = 5
 """Number of lenslets in the enlarged part."""
@@ -19,8 +21,88 @@ RAYS = 61
 """Number of rays over the aperture in the enlarged part; those outside its lenslets are cut."""
 
 
+def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
+    """Tabulate the numbers that follow from a camera, and the slopes at some depths."""
+    fov, field = camera.field_of_view_deg, camera.field_mm(0.0)
+    rows = [
+        ("main lens focal length", f"{camera.main_lens_focal_mm:g} mm"),
+        ("focal plane to main lens", f"{camera.focus_distance_mm:g} mm"),
+        ("main lens to microlens array", f"{camera.image_distance_mm:.3f} mm (thin lens)"),
+        ("magnification", f"{-camera.image_distance_mm / camera.focus_distance_mm:.4f}"),
+        ("aperture, f-number matched", f"{camera.aperture_mm:.2f} mm"),
+        ("aperture", _aperture(camera)),
+        *_imperfections(camera),
+        ("view step on the main lens", f"{camera.view_step_mm:.3f} mm"),
+        ("lenslets (rows x columns)", f"{camera.lenslets[0]} x {camera.lenslets[1]}"),
+        ("views", f"{camera.views} x {camera.views}"),
+        ("pixels from lenslet to lenslet", f"{camera.micro_image_pitch_mm / camera.pixel_mm:.3f}"),
+        ("pixel pitch", f"{camera.pixel_mm * 1e3:.3f} um"),
+        ("field of view (down x across)", f"{fov[0]:.2f} x {fov[1]:.2f} degrees"),
+        ("field at the focal plane", f"{field[0]:.2f} x {field[1]:.2f} mm"),
+    ]
+    tables = [table(rows, "camera", "value"), depth_table(camera, depths_mm)]
+    return "\n\n".join([*tables, *_doubts(camera)])
+
+
+def depth_table(lens: Lens, depths_mm: Sequence[float]) -> str:
+    """Tabulate slope and field at some depths."""
+    lens.check_depths(depths_mm)
+    rows = [
+        (f"{depth:g}", f"{lens.depth_to_slope(depth):+.3f}",
+         "{:.2f} x {:.2f}".format(*lens.field_mm(depth)))
+        for depth in depths_mm
+    ]  # fmt: skip
+    return table(rows, "depth (mm)", "slope (lenslets per view)", "field (mm)")
+
+
+def _doubts(camera: PlenopticCamera) -> list[str]:
+    """List what is unlikely or unfortunate in a camera that can be computed all the same."""
+    matched, given = camera.aperture_mm, camera.aperture_diameter_mm
+    if given is None:
+        return []
+    if given > matched * ALIKE:
+        return [
+            f"note: the aperture is wider than the {matched:.2f} mm that match the lenslets: "
+            f"micro-images overlap, and the outer views hold light of two lenslets. From f/"
+            f"{camera.main_lens_focal_mm / matched:.2f} on, as engraved, they do not."
+        ]
+    lit = given / camera.view_step_mm
+    if lit < camera.views / 2:
+        return [
+            f"note: the aperture lights {lit:.2g} of the {camera.views} pixels under a lenslet; "
+            f"the other views are dark. All lengths are in mm."
+        ]
+    return []
+
+
+def _aperture(camera: PlenopticCamera) -> str:
+    """Describe the aperture of the camera, with its f-numbers as engraved and at work."""
+    given = camera.aperture_diameter_mm
+    shape = "square, matched" if given is None else "round"
+    width = camera.aperture_mm if given is None else given
+    return (
+        f"{shape}, {width:.2f} mm, f/{camera.main_lens_focal_mm / width:.2f} "
+        f"(at work f/{camera.image_distance_mm / width:.2f})"
+    )
+
+
+def _imperfections(camera: PlenopticCamera) -> list[tuple[str, str]]:
+    """List the deviations of a camera from ideal lenses, as given."""
+    told = ("pixel_pitch_mm", "aperture_diameter_mm")
+    optional = [one for one in fields(camera) if one.default is not MISSING]
+    values = [(one.name, getattr(camera, one.name), one.default) for one in optional]
+    return [(name, str(x)) for name, x, ideal in values if x != ideal and name not in told]
+
+
+def table(rows: list[tuple], *columns: str) -> str:
+    """Make a table of texts for the terminal."""
+    return tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
+
+
 def camera_figure(camera: PlenopticCamera, depths_mm: Sequence[float]):
     """Draw rays from points on the axis through main lens and lenslets to the sensor.
+
+    As the paper's Figures 2, 3 and 5, by the ray transfer matrices that the simulation uses.
 
     Parameters
     ----------

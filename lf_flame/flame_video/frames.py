@@ -1,50 +1,29 @@
 """Frames of a video: their files in order, their times, and reading them one at a time."""
 
-import csv
 import glob
-import io
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-import click
-import cloup
 import numpy as np
 
 from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.input_files import read_text
-from lf_flame.commands.options import FILE, FiniteRange
-from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.flame_video.flicker import check_times
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
+from lf_flame.formats.reading import Found, find_light_field
 from lf_flame.formats.stacks import is_stack
 from lf_flame.formats.view_files.folder import ARCHIVE
 from lf_flame.formats.view_files.names import split_numbers
 from lf_flame.lightfield import LightField
-
-TIMES = cloup.option_group(
-    "When the frames were taken",
-    cloup.option(
-        "--frames-per-second",
-        type=FiniteRange(1e-9, 1e15),
-        help="Number of frames a second, more than twice the frequency of interest; the numbers in "
-        "the file names count the frames.",
-    ),
-    cloup.option(
-        "--timestamps",
-        type=FILE,
-        help="File with the time of each frame in seconds, in place of --frames-per-second: one "
-        "number a line, or a CSV table with a column time_s.",
-    ),
-)
 
 STATE = "state them by --timestamps FILE"
 
@@ -112,7 +91,7 @@ def find_times(
         return times_by_names(paths, frames_per_second or 1.0)
     if frames_per_second is not None:
         raise InputError("Say when the frames were taken: --frames-per-second or --timestamps.")
-    return read_timestamps(timestamps, len(paths))
+    return read_timestamps(timestamps, len(paths)), []
 
 
 def times_by_names(paths: Sequence[Path], frames_per_second: float) -> tuple[np.ndarray, list[str]]:
@@ -173,23 +152,19 @@ def with_gaps(
     return rows, np.interp(np.arange(len(rows)), counts, times)
 
 
-def read_timestamps(path: Path, frames: int) -> tuple[np.ndarray, list[str]]:
+def read_timestamps(path: Path, frames: int) -> np.ndarray:
     """Read the time of each frame: a number in s on each line, or a column titled ``time_s``."""
-    text = read_text(path, 1 << 26)
-    try:
-        rows = [row for row in csv.reader(io.StringIO(text)) if any(word.strip() for word in row)]
-    except csv.Error as error:
-        raise InputError(f"{path} cannot be read: it is no table ({error}).") from None
-    header = [word.strip() for word in rows[0]] if rows else []
+    lines = [line for line in read_text(path, 1 << 26).splitlines() if line.strip()]
+    rows = [[word.strip() for word in line.split(",")] for line in lines]
+    place, header = 0, rows[0] if rows else []
     if "time_s" in header:
         place, rows = header.index("time_s"), rows[1:]
     elif any(len(row) != 1 for row in rows):
         raise InputError(
             f"{path} must hold one column of times in s, or a table with a column titled time_s."
         )
-    else:
-        place = 0
-        rows = rows[bool(rows) and not any(letter.isdigit() for letter in rows[0][0]) :]
+    elif header and not any(letter.isdigit() for letter in header[0]):
+        rows = rows[1:]
     try:
         seconds = np.array([float(row[place] if place < len(row) else "") for row in rows])
     except ValueError as error:
@@ -199,25 +174,65 @@ def read_timestamps(path: Path, frames: int) -> tuple[np.ndarray, list[str]]:
             f"{path} must hold a time for each of the {frames} frames, got {len(seconds)}."
         )
     check_times(seconds, f"in {path}")
-    step = float(np.median(np.diff(seconds))) if frames > 1 else 0.0
-    # Flames flicker at a few to a few tens of Hz.
-    note = (
-        f"The times in {path} are taken for seconds, so that {step:g} s pass between frames; if "
-        f"they are in another unit, all frequencies are wrong by it."
-    )
-    return seconds, [note] * (step > 0.5)
+    return seconds
 
 
-def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
-    """Read the first frame, and choose the reader of the others.
+# Reading ------------------------------------------------------------------------------------------
 
-    An image, or an array of one, is an ordinary picture unless an option says otherwise.
+
+@dataclass
+class FrameReader:
+    """Reader of frames, which can be sent to other processes; each reads the frame `model` first.
+
+    `options` are those of `lf_flame.read_light_field`. Lenslets, or the order of views, are those
+    that are found in `model`; a picture, or an array of one, is a light field of one view unless an
+    option says otherwise. `notes` are sentences on `model`.
     """
-    views = {"views", "mosaic", "axes", "grid"} & reading.given().keys()
-    if not reading.is_raw and not views and _is_picture(path):
-        reading = replace(reading, views=1)
-    found = reading.find(path)
-    return found.again, found.light_field
+
+    model: Path
+    options: dict[str, Any]
+
+    @classmethod
+    def by_first_sound(cls, paths: Sequence[Path], options: dict[str, Any]) -> "FrameReader":
+        """Make a reader with the first of some frames that can be read."""
+        refusals = []
+        for path in paths:
+            reader = cls(path, options)
+            try:
+                v, u, t, s = reader._found.light_field.views.shape[:4]
+            except InputError as error:
+                refusals.append(error)
+                continue
+            kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
+            reader.notes.append(f"{kind} of {t} x {s} pixels")
+            return reader
+        raise refusals[0]
+
+    @property
+    def description(self) -> str:
+        """Options, and size and time of change of the files that they name, as text."""
+        files = [value for value in self.options.values() if isinstance(value, Path)]
+        found = [path.stat() for path in files if path.is_file()]
+        given = {name: str(x) if isinstance(x, Path) else x for name, x in self.options.items()}
+        return f"{given} {[(one.st_size, one.st_mtime_ns) for one in found]}"
+
+    @cached_property
+    def _found(self) -> Found:
+        stated = {"white", "lenslets", "pitch", "focused", "views", "mosaic", "axes", "grid"}
+        plain = stated.isdisjoint(self.options) and _is_picture(self.model)
+        return find_light_field(self.model, **self.options, **({"views": 1} if plain else {}))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on the frame `model`."""
+        return self._found.notes
+
+    def __call__(self, path: Path) -> LightField:
+        """Read a frame."""
+        return self._found.again(path)
+
+    def __reduce__(self):
+        return FrameReader, (self.model, self.options)
 
 
 def _is_picture(path: Path) -> bool:
@@ -227,54 +242,3 @@ def _is_picture(path: Path) -> bool:
         with open_arrays(path) as file:
             return len(file.header("").shape) < 4
     return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))
-
-
-@dataclass(frozen=True)
-class FrameReader:
-    """Reader of frames in other processes, which repeat the searches in the same frame, in silence.
-
-    Attributes
-    ----------
-    model : Path
-        Frame in which lenslets or the order of views are found.
-    reading : Reading
-        Options.
-    """
-
-    model: Path
-    reading: Reading
-
-    @classmethod
-    def by_first_sound(cls, paths: Sequence[Path], reading: Reading) -> "FrameReader":
-        """Make a reader with the first of some frames that can be read."""
-        refusals = []
-        for path in paths:
-            reader = cls(path, reading)
-            try:
-                reader.__dict__["_read"], first = _reader(path, reading)
-            except InputError as error:
-                refusals.append(error)
-                continue
-            v, u, t, s = first.views.shape[:4]
-            kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
-            click.echo(f"{kind} of {t} x {s} pixels", err=True)
-            return reader
-        raise refusals[0]
-
-    @property
-    def description(self) -> str:
-        """Options, and size and time of change of the files that they name, as text."""
-        found = [path.stat() for path in self.reading.files if path.is_file()]
-        return f"{self.reading.given()} {[(one.st_size, one.st_mtime_ns) for one in found]}"
-
-    @cached_property
-    def _read(self) -> Callable[[Path], LightField]:
-        with redirect_stderr(io.StringIO()):
-            return _reader(self.model, self.reading)[0]
-
-    def __call__(self, path: Path) -> LightField:
-        """Read a frame."""
-        return self._read(path)
-
-    def __reduce__(self):
-        return FrameReader, (self.model, self.reading)

@@ -1,0 +1,353 @@
+"""Facts of files: what a file is, what is missing to read it, and which command comes next."""
+
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame._common.images import TIFF_SUFFIXES, read_shape
+from lf_flame._common.printable import printable
+from lf_flame.errors import InputError
+from lf_flame.formats.arrays import ARRAY_SUFFIXES
+from lf_flame.formats.coding import notes_on_coding
+from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
+from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
+from lf_flame.formats.lytro.decoding import is_lytro
+from lf_flame.formats.lytro.metadata import LytroMetadata
+from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES, LytroFile
+from lf_flame.formats.lytro.white import holds_white_files, white_files
+from lf_flame.formats.raw.checks import refuse_mosaic
+from lf_flame.formats.raw.lenslet_search import estimate_grid
+from lf_flame.formats.raw.reading import read_raw
+from lf_flame.formats.reading import find_light_field, note_on_order
+from lf_flame.formats.stacks import is_stack, read_focal_stack
+from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
+from lf_flame.lightfield import LightField
+
+WIDTH = 14
+"""Number of letters of the names of facts."""
+
+LONGEST = 600
+"""Largest number of letters of a sentence."""
+
+MOST_NAMED = 5
+"""Largest number of files of a folder that are named."""
+
+
+@dataclass
+class Found:
+    """Kind and facts of a file.
+
+    `facts` are printed in their order; `notes` and `missing` (files or options that are needed) are
+    sentences; `command` is what to type next, and `shape` the light field's (v, u, t, s), if known.
+    """
+
+    kind: str
+    facts: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    command: str = ""
+    shape: tuple[int, ...] = ()
+
+    def text(self, source: Path) -> str:
+        """Describe it in lines: kind, facts, what is missing, and the next command."""
+        lines = [f"{printable(source)}: {self.kind}"]
+        for name, fact in self.facts.items():
+            lines.append(f"  {printable(name, 40):<{WIDTH}}{printable(fact)}")
+        lines += [f"note: {printable(one, LONGEST)}" for one in self.notes]
+        lines += [f"missing: {printable(one, LONGEST)}" for one in self.missing]
+        if self.command:
+            lines.append(f"next: {printable(self.command, LONGEST)}")
+        return "\n".join(lines)
+
+    def add_light_field(self, light_field: LightField) -> None:
+        """Add size and shape of a light field, and what of it is excluded or unknown."""
+        v, u, t, s, *channels = light_field.views.shape
+        self.shape = (v, u, t, s)
+        colour = f"{channels[0]} channels" if channels else "grey"
+        self.facts["views"] = f"{v} x {u}, of {t} x {s} pixels, {colour}"
+        if light_field.uncounted:
+            self.facts["weights"] = light_field.uncounted
+        if light_field.unknown:
+            self.facts["unknown pixels"] = light_field.unknown
+
+
+def typed(*words: str | Path) -> str:
+    """Command line, with its words quoted for a shell."""
+    return " ".join(["lf-flame", *(shlex.quote(str(word)) for word in words)])
+
+
+def describe(source: Path, white: Path | None = None, lenslets: Path | None = None) -> Found:
+    """Find out what a file or folder is; of a raw image, by an image that shows its lenslets."""
+    if white is not None or lenslets is not None:
+        return _raw_image(source, white, lenslets)
+    if is_lytro(source):
+        return _lytro_picture(source)
+    if source.suffix.lower() == ".tar" or (source.is_dir() and holds_white_files(source)):
+        return _lytro_white_files(source)
+    if is_view_folder(source):
+        return _folder(source)
+    if is_raytrix(source):
+        facts = {"lenslets": read_raytrix(source, (1, 1)).describe()}
+        found = Found("calibration of a Raytrix camera", facts)
+        found.command = typed("convert", "RAW.png", "views.npz", "--focused", source)
+        return found
+    if source.suffix.lower() in IMAGE_SUFFIXES:
+        return _image(source)
+    return _views(source)
+
+
+def _folder(source: Path) -> Found:
+    """Folder, archive or list of views."""
+    try:
+        folder = scan_view_folder(source)
+    except InputError as error:
+        if not source.is_dir():
+            raise
+        return _other_folder(source, error)
+    rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
+    kind = "folder" if source.is_dir() else f"{source.suffix.lower()} file"
+    found = Found(f"{kind} with one image for each view")
+    v, u = folder.files.shape
+    found.shape = (v, u, rows, columns)
+    colour = "grey" if channels < 3 else "colour"
+    found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
+    found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
+    found.notes += folder.found.describe()[1:]
+    if folder.missing:
+        found.facts["missing"] = f"{len(folder.missing)} views, which have weight 0"
+    if folder.left_out:
+        found.facts["left out"] = f"{folder.left_out} other files"
+    found.notes += notes_on_coding(source)
+    found.command = typed("refocus", source)
+    return found
+
+
+def _other_folder(source: Path, error: InputError) -> Found:
+    """Folder without views, which may hold single files to be looked at."""
+    known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
+    paths = sorted(path for path in source.iterdir() if path.suffix.lower() in known)
+    if not paths:
+        raise error
+    found = Found("folder of single files")
+    more = f" and {len(paths) - MOST_NAMED} more" if len(paths) > MOST_NAMED else ""
+    found.facts["files"] = ", ".join(path.name for path in paths[:MOST_NAMED]) + more
+    found.notes.append(f"the files are not read as the views of one light field. {error}")
+    found.command = typed("info", paths[0])
+    return found
+
+
+def _raw_image(source: Path, white: Path | None, lenslets: Path | None) -> Found:
+    """Raw image with a white image or one of the lenslets: it is decoded, so that all fits."""
+    light_field, grid = read_raw(source, white, lenslets=lenslets)
+    found = Found("raw image of a plenoptic camera", {"lenslets": grid.describe()})
+    found.add_light_field(light_field)
+    given = (("--white", white), ("--lenslets", lenslets))
+    options = [word for name, file in given if file is not None for word in (name, file)]
+    if white is None:
+        found.missing.append("the white image (--white), without which outer views are too dark.")
+    found.command = typed("refocus", source, *options)
+    return found
+
+
+def _image(source: Path) -> Found:
+    """Raw image, white image, spots, lenslet image, any other picture, or stack of pages."""
+    if source.suffix.lower() in TIFF_SUFFIXES and is_stack(source):
+        pages, slopes = read_focal_stack(source)
+        if slopes is None:
+            return _views(source)
+        held = f"{len(pages)}, at slopes from {slopes.min():g} to {slopes.max():g}"
+        return Found("stack of refocused images", {"images": held})
+    image = read_image(source)
+    found = Found("image")
+    colour = "grey" if image.ndim == 2 else "colour"
+    found.facts["pixels"] = f"{image.shape[0]} x {image.shape[1]}, {colour}"
+    found.facts["values"] = f"{image.min():.4g} to {image.max():.4g}"
+    try:
+        grid = estimate_grid(image)
+    except InputError:
+        return _unknown_image(source, image, found)
+    found.facts["lenslets"] = grid.describe()
+    found.notes.append(
+        "the lenslets are those that this picture shows; a white image or closed-aperture spots "
+        "(--white, --lenslets) show them for certain."
+    )
+    options = []
+    try:
+        refuse_mosaic(image, grid, "raw")
+    except InputError as error:
+        found.notes.append(str(error))
+        options += ["--bayer", "PATTERN"]  # the note names two
+    views = round(grid.pitch)
+    on_pixels = abs(grid.pitch - views) < 0.02 and abs(grid.rotation) < 1e-3
+    in_blocks = not any(n % views for n in image.shape[:2])
+    found.notes.append(_if_focused(source))
+    if grid.layout == "rectangular" and on_pixels and in_blocks and not options:
+        found.kind = "lenslet image"
+        found.command = typed("refocus", source, "--views", str(views))
+        return found
+    if _shows_spots(image):
+        found.kind = "calibration with a closed aperture: spots at the lenslets' centres"
+        found.missing.append("the raw image that it belongs to.")
+        found.command = typed("refocus", "RAW.tif", "--lenslets", source, *options)
+        return found
+    found.kind = "raw image of a plenoptic camera, or its white image"
+    found.missing.append(
+        "the white image (flat field) of the camera, in the same form; or one of the lenslets "
+        "alone (--lenslets), which may be the raw image itself."
+    )
+    found.command = typed("refocus", source, "--white", "WHITE.png", *options)
+    return found
+
+
+def _unknown_image(source: Path, image: np.ndarray, found: Found) -> Found:
+    """Picture that shows no lenslets: what it may be, and what cannot be known."""
+    fit = [n for n in range(2, 65) if not any(side % n for side in image.shape[:2])]
+    found.facts["lenslets"] = "none are seen for certain"
+    if fit:
+        found.notes.append(
+            f"if this is a lenslet image, N x N pixels to a lenslet, N divides both sides: "
+            f"{', '.join(map(str, fit))}; only the camera's data say which N it is."
+        )
+    found.missing.append(
+        "what shows the lenslets: the white image of a raw image (--white), spots (--lenslets), "
+        "the number of pixels under a lenslet of a lenslet image (--views), or the rows x columns "
+        "of views that lie side by side (--mosaic 8x8)."
+    )
+    found.notes.append(_if_focused(source))
+    found.command = typed("refocus", source, "--white", "WHITE.png")
+    return found
+
+
+def _shows_spots(image: np.ndarray) -> bool:
+    """Whether most of a picture is dark, and what is bright is little of it."""
+    lit = image > 0.3 * np.percentile(image, 99.8)
+    return bool(lit.mean() < 0.15)
+
+
+def _if_focused(source: Path) -> str:
+    command = typed("convert", source, "views.npz", "--focused", "CALIBRATION.xml")
+    return (
+        f"a picture does not say whether the lenslets are focused, as those of a Raytrix camera "
+        f"are; for such a camera type: {command} (or its white image in place of the calibration)."
+    )
+
+
+def _views(source: Path) -> Found:
+    """Any other file, which is read as a light field."""
+    light_field, order, *_ = find_light_field(source)
+    found = Found("light field")
+    found.add_light_field(light_field)
+    found.facts["values"] = f"{light_field.views.min():.4g} to {light_field.views.max():.4g}"
+    if order is not None:
+        found.facts["order"] = f"{order.order}, {order.reason}"
+    told = [note_on_order(light_field, source)] if order is None else order.describe()[1:]
+    found.notes += [note for note in told if note]
+    found.command = typed("refocus", source)
+    return found
+
+
+# Lytro cameras ------------------------------------------------------------------------------------
+
+
+def _lytro_picture(source: Path) -> Found:
+    """Describe a picture of a Lytro camera."""
+    file = LytroFile(source)
+    found = Found("picture of a Lytro camera")
+    if file.container is not None:
+        found.facts["container"] = f"{len(file.container.sections)} sections, all as their SHA-1"
+    if file.metadata is not None:
+        found.facts |= _lytro_facts(file.metadata)
+    if not file.has_raw:
+        found.missing.append(
+            "the raw image: a processed file has no views; export the raw picture (.lfr, or .lfp) "
+            "from the camera's library."
+        )
+        return found
+    return _with_white(found, file, source)
+
+
+def _with_white(found: Found, file: LytroFile, source: Path) -> Found:
+    """Add what is known of the white image of a raw picture, and the next command."""
+    if file.has_white:
+        found.facts["white image"] = "in the file"
+        found.command = typed("refocus", source)
+        return found
+    metadata = file.metadata
+    serial = metadata.serial if metadata is not None else ""
+    archive = f"caldata-{serial or 'SERIAL'}.tar"
+    found.missing.append(
+        f"a white image of this camera, without which vignetting is not corrected: {archive}, or "
+        f"the folder of its MOD_*.RAW and MOD_*.TXT; `{typed('refocus', source)}` does "
+        f"without."
+    )
+    if metadata is not None and metadata.grid is None:
+        found.missing.append("the place of the lenslets, so that a white image is needed.")
+    found.command = typed("refocus", source, "--white", archive)
+    return found
+
+
+def _lytro_facts(metadata: LytroMetadata) -> dict[str, str]:
+    """Facts of a frame, by name."""
+    rows, columns = metadata.shape
+    black, white = (
+        "/".join(f"{x:g}" for x in sorted(set(levels.ravel().tolist())))
+        for levels in (metadata.black, metadata.white)
+    )
+    facts = {
+        "camera": ", ".join(
+            f"{name}{value}"
+            for name, value in (
+                ("", metadata.model),
+                ("serial number ", metadata.serial),
+                ("firmware ", metadata.firmware),
+            )
+            if value
+        ),
+        "sensor": f"{columns} x {rows} pixels of {metadata.bits} bits, {metadata.bayer} mosaic, "
+        f"black {black}, white {white}",
+        "exposure": _joined(
+            ("{:.4g} s", metadata.exposure_s),
+            ("f/{:.3g}", metadata.f_number),
+            ("ISO {:g}", metadata.iso),
+            ("{}", metadata.date or None),
+        ),
+        "lens": _joined(
+            ("{:.4g} mm", metadata.focal_mm),
+            ("zoom step {:g}", metadata.zoom_step),
+            ("focus step {:g}", metadata.focus_step),
+        ),
+        "lenslets": metadata.grid.describe() if metadata.grid else "",
+    }
+    if metadata.orientation != 1:
+        facts["orientation"] = f"{metadata.orientation} (EXIF); views stay as on the sensor"
+    return {name: fact for name, fact in facts.items() if fact}
+
+
+def _joined(*parts: tuple[str, float | str | None]) -> str:
+    return ", ".join(form.format(value) for form, value in parts if value is not None)
+
+
+def _lytro_white_files(source: Path) -> Found:
+    """Describe white images of a Lytro camera."""
+    with white_files(source) as files:
+        metadata = [one.metadata for one in files]
+    if not metadata:
+        raise InputError(
+            f"{source} holds no white images of a Lytro camera (MOD_*.RAW, MOD_*.TXT)."
+        )
+    serials = sorted({one.serial or "unknown" for one in metadata})
+    rows, columns = metadata[0].shape
+    found = Found("white images of a Lytro camera")
+    found.facts["images"] = f"{len(metadata)}, {columns} x {rows} pixels of {metadata[0].bits} bits"
+    found.facts["cameras"] = ", ".join(serials[:10])
+    for name, steps in (
+        ("zoom steps", {one.zoom_step for one in metadata}),
+        ("focus steps", {one.focus_step for one in metadata}),
+    ):
+        known = sorted(step for step in steps if step is not None)
+        if known:
+            found.facts[name] = f"{len(known)}, from {known[0]:g} to {known[-1]:g}"
+    found.command = typed("refocus", "PICTURE.lfr", "--white", source)
+    return found
