@@ -1,13 +1,9 @@
-"""Slopes, brightness and sharpness at their extremes, and scores of images without error."""
-
-import math
-from fractions import Fraction
+"""Slopes, brightness and sharpness at their extremes."""
 
 import numpy as np
 
-from experiments.hard_cases.report import UNIT32, Values, as_exact, hard_case
+from experiments.hard_cases.report import UNIT32, Values, hard_case
 from lf_flame._common.arrays import centred
-from lf_flame.learning.scores import psnr, ssim
 from lf_flame.refocus import find_sharpest_slope, fourier_refocus, shift_and_sum
 
 SLOPES = np.linspace(-2, 2, 81)
@@ -82,38 +78,3 @@ def huge_slope() -> Values:
     obvious = sum(views[0, u][:, k] for u, k in enumerate(columns)) / 3
     ours = shift_and_sum(views, [1e9, 3e9, 1e300])
     return Values(np.stack([exact] * 3), np.stack([obvious] * 3), ours)
-
-
-@hard_case(
-    "PSNR of images that differ in the last digit, in dB",
-    "E[a^2] + E[b^2] - 2 E[a b]",
-    "mean of squared differences",
-    1e-5,
-)
-def nearly_equal_images() -> Values:
-    truth = np.random.default_rng(0).uniform(0.5, 0.9, size=(16, 20)).astype(np.float32)
-    exact, obvious, ours = [], [], []
-    for difference in (1e-3, 1e-6, UNIT32):
-        image = truth.copy()
-        image.ravel()[::10] += np.float32(difference)
-        square = np.mean((as_exact(truth.astype(float)) - as_exact(image.astype(float))) ** 2)
-        exact.append(-10 * (math.log10(square.numerator) - math.log10(square.denominator)))
-        naive = np.mean(truth**2) + np.mean(image**2) - 2 * np.mean(truth * image)
-        obvious.append(-10 * np.log10(naive))
-        ours.append(psnr(truth, image))
-    return Values(np.array(exact), obvious, ours, scale=1.0)
-
-
-@hard_case("SSIM of constant images", "quality index without constants", "luminance term", 1e-6)
-def constant_images() -> Values:
-    pairs = [(0, 0), (1, 1), (0, 1), (0.5, 0.5), (0.4, 0.5), (1e-30, 0), (1, 1 - UNIT32)]
-    exact, obvious, ours = [], [], []
-    for pair in pairs:
-        a, b = (np.full((16, 20), value, np.float32) for value in pair)
-        p, q, k = (*(Fraction(float(x[0, 0])) for x in (a, b)), Fraction(1, 100) ** 2)
-        exact.append((2 * p * q + k) / (p * p + q * q + k))
-        means, covariance = np.array([a.mean(), b.mean()]), np.cov(a.ravel(), b.ravel())
-        luminance = 2 * means.prod() / np.sum(means**2)
-        obvious.append(luminance * 2 * covariance[0, 1] / np.trace(covariance))
-        ours.append(ssim(a, b))
-    return Values(np.array(exact), obvious, ours, scale=1.0)

@@ -66,8 +66,7 @@ def hard_case(name: str, obvious: str, here: str, allowed: float, fails_by: floa
 SUBJECTS = {
     "optics": "Optics",
     "light": "Simulated light",
-    "refocusing": "Refocusing and scores",
-    "emission": "Emission by depth: limited by noise and few views, not by rounding",
+    "refocusing": "Refocusing",
 }
 """Modules of this folder that hold cases, in the table's order, and what they are about."""
 

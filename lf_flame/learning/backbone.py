@@ -15,15 +15,12 @@ import numpy as np
 
 from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.input_files import readable
+from lf_flame.datasets.encodings import SMALLEST
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
 from lf_flame.learning.keras_loading import KERAS_ERRORS, check_keras
 
-STAGES = {
-    "conv3": "conv3_block4_out",
-    "conv4": "conv4_block6_out",
-    "conv5": "conv5_block3_out",
-}
+STAGES = {f"conv{k}": f"conv{k}_block{n}_out" for k, n in ((3, 4), (4, 6), (5, 3))}
 """Layer that is the backbone's output, for each depth at which it can be cut."""
 
 NO_BACKBONE = "none"
@@ -31,9 +28,6 @@ NO_BACKBONE = "none"
 
 IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
 """Mean that `keras.applications.resnet.preprocess_input` subtracts, on a scale from 0 to 255."""
-
-SMALLEST = 32
-"""Side of the smallest image that Keras's ResNet-50 accepts."""
 
 
 def build_backbone(
@@ -54,7 +48,7 @@ def build_backbone(
     if depth not in STAGES:
         known = ", ".join([*STAGES, NO_BACKBONE])
         raise InputError(f"backbone_depth must be one of {known}, got {depth!r}.")
-    if min(shown[:2]) < SMALLEST:
+    if min(shown[:2]) < SMALLEST:  # Keras refuses them in other words
         raise InputError(
             f"ResNet-50 needs images of {SMALLEST} pixels or more along each side, got "
             f"{shown[0]} x {shown[1]}."

@@ -139,13 +139,8 @@ def build_decoder(
     x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3))(x)
     x = layers.Reshape((*image, planes))(x)
     x = drop(x, "image")
-    x = layers.Conv2D(
-        planes,
-        3,
-        padding="same",
-        activation="sigmoid",
-        kernel_initializer=initial(4),
-    )(x)
+    last = {"activation": "sigmoid", "kernel_initializer": initial(4)}
+    x = layers.Conv2D(planes, 3, padding="same", **last)(x)
     x = layers.Permute((3, 1, 2))(x)
     stack = layers.Reshape((planes, *image, 1))(x)
     return keras.Model(feature_map, stack, name="decoder")

@@ -14,9 +14,7 @@ import reprlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from datetime import timedelta
 from pathlib import Path
-from zipfile import BadZipFile, ZipFile
 
 import keras
 import numpy as np
@@ -79,7 +77,7 @@ class ShuffledSamples(Batches):
         self.order = np.arange(len(inputs))
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw the order."""
+        """Draw the order of the samples."""
         self.order = rng.permutation(len(self.order))
 
     def __len__(self) -> int:
@@ -178,7 +176,7 @@ class EpochEnd(keras.callbacks.Callback):
     def __init__(self, run: Run, state: "TrainingState", watched: str, started: float, bar):
         super().__init__()
         self.run, self.state, self.watched, self.bar = run, state, watched, bar
-        self.started, self.count = started, 0
+        self.started = started
         self.saved = self.begun = time.perf_counter()
 
     def on_epoch_begin(self, epoch, logs=None):
@@ -192,10 +190,6 @@ class EpochEnd(keras.callbacks.Callback):
         state.add(epoch + 1, logs["loss"], logs[self.watched], now - self.begun, self.model)
         self.bar.set_postfix_str(f"best validation PSNR {state.best_row.val_psnr_db:.2f} dB")
         self.bar.update()
-        self.count += 1
-        if self.count == 2:  # nothing is compiled any more
-            duration = timedelta(seconds=round(run.epochs * (now - self.begun)))
-            progress.tell(f"{run.epochs} epochs: about {duration} (h:mm:ss) on this machine, now.")
         # Whichever end of an epoch is nearest to the limit: half of them are early, half late.
         middle_of_next = now - self.started + (now - self.begun) / 2
         if 0 < 60 * run.minutes <= middle_of_next:
@@ -331,15 +325,9 @@ def _write_result(run: Run, state: TrainingState, out: Path, started: float) -> 
 
 
 def _is_finished(run: Run, out: Path) -> bool:
-    """Whether the folder holds the network of all epochs, whole."""
-    if not ((out / "run.json").exists() and (out / "model.keras").exists()):
-        return False
-    try:
-        with ZipFile(out / "model.keras") as archive:
-            whole = archive.testzip() is None
-    except BadZipFile:
-        whole = False
-    return whole and load_run(out).get("epochs") == run.epochs
+    """Whether the folder holds the network of all epochs."""
+    there = (out / "run.json").exists() and (out / "model.keras").exists()
+    return there and load_run(out)["epochs"] == run.epochs
 
 
 def _refuse_other_run(run: Run, out: Path) -> None:

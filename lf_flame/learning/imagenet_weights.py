@@ -22,9 +22,6 @@ MD5 = "4d473c1dd8becc155b73f8504c6f6626"
 TIMEOUT_S = 5.0
 """Longest time in seconds to wait for the connection, and for each part of the file."""
 
-PART = 1 << 20
-"""Number of bytes that are read at a time."""
-
 
 class ImagenetUnavailable(InputError):
     """The ImageNet weights are neither in Keras's cache nor can they be downloaded."""
@@ -64,7 +61,7 @@ def _download(url: str, path: Path) -> None:
     with urlopen(url, timeout=TIMEOUT_S) as response, path.open("wb") as file:
         size = int(response.headers.get("Content-Length") or 0) or None
         with progress.bar("ImageNet weights", size, "B", stays=True, unit_scale=True) as bar:
-            while part := response.read(PART):
+            while part := response.read(1 << 20):
                 file.write(part)
                 bar.update(len(part))
 

@@ -70,17 +70,11 @@ def check_keras() -> None:
             )
 
 
-LARGEST_CONFIG = 1 << 24
-"""Largest size of a network's description in bytes; that of ResNet-50 has 0.2 million."""
-
 KERAS_ERRORS = (
     OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError, NotImplementedError,
     OverflowError, EOFError, BadZipFile, zlib.error,
 )  # fmt: skip
 """Exceptions of Keras, h5py and zipfile for a damaged or unknown file of a network or weights."""
-
-MEMBERS = {"metadata.json", "config.json", "model.weights.h5"}
-"""Names of the files in a saved network; an archive with any other file is refused."""
 
 CLASSES = frozenset(
     (
@@ -130,13 +124,13 @@ def _read_config(path: Path) -> Any:
     """Read a network's description, if the whole archive fits into memory."""
     with readable(path, (KeyError, *ZIP_ERRORS)), ZipFile(path) as archive:
         sizes = {member.filename: member.file_size for member in archive.infolist()}
-        if sizes.keys() != MEMBERS:
+        if sorted(sizes) != ["config.json", "metadata.json", "model.weights.h5"]:
             raise InputError(
-                f"{path} is not a Keras file of this package: it must hold "
-                f"{', '.join(sorted(MEMBERS))}, and nothing else."
+                f"{path} is not a Keras file of this package: it must hold config.json, "
+                f"metadata.json, model.weights.h5, and nothing else."
             )
         check_memory(sum(sizes.values()), path)
-        if sizes["config.json"] > LARGEST_CONFIG:
+        if sizes["config.json"] > 1 << 24:  # that of ResNet-50 has 0.2 MB
             raise InputError(f"{path} cannot be read: its config.json is larger than 16 MB.")
         if (damaged := archive.testzip()) is not None:
             raise InputError(

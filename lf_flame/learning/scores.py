@@ -59,16 +59,13 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     """
     measures = {"ssim": ssim, "psnr_db": psnr, "psnr_foreground_db": psnr_foreground}
     rows = []
-    for truths, images in zip(
-        np.swapaxes(targets, 0, 1), np.swapaxes(predictions, 0, 1), strict=True
-    ):
+    planes = (np.swapaxes(x, 0, 1) for x in (targets, predictions))
+    for truths, images in zip(*planes, strict=True):
         row: dict[str, float] = {"n_test": len(truths)}
         for name, measure in measures.items():
             values = pd.Series([measure(a, b) for a, b in zip(truths, images, strict=True)])
-            row |= {
-                name: values.mean(),
-                f"{name.removesuffix('_db')}_sd": standard_deviation(values),
-            }
+            row[name] = values.mean()
+            row[f"{name.removesuffix('_db')}_sd"] = standard_deviation(values)
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -8,17 +8,14 @@ from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
 
-MAX_SEED = 1_000_000
-"""Largest seed: layers use 1000 times the seed plus a small number as a 32-bit seed."""
-
 MOST_EPOCHS = 999_999
 """Maximum number of epochs."""
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed that is out of range."""
-    if not 0 <= seed <= MAX_SEED:
-        raise InputError(f"seed must be 0 to {MAX_SEED}, got {seed}.")
+    """Refuse a seed of which 1000 times, plus a small number, is no 32-bit seed for the layers."""
+    if not 0 <= seed <= 1_000_000:
+        raise InputError(f"seed must be 0 to 1000000, got {seed}.")
 
 
 @strict
@@ -57,10 +54,8 @@ class Recipe:
 
     def __post_init__(self):
         for name in ("epochs", "batch_size"):
-            if not 1 <= getattr(self, name) <= MOST_EPOCHS:
-                raise InputError(
-                    f"{name} must be from 1 to {MOST_EPOCHS}, got {getattr(self, name)}."
-                )
+            if not 1 <= (value := getattr(self, name)) <= MOST_EPOCHS:
+                raise InputError(f"{name} must be from 1 to {MOST_EPOCHS}, got {value}.")
         if not self.learning_rate > 0:
             raise InputError(f"learning_rate must be above 0, got {self.learning_rate}.")
 

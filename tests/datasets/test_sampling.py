@@ -35,11 +35,10 @@ def test_the_papers_data_sets_are_those_of_the_paper(kind, samples):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["shapes", "flames"])
-def test_slopes_found_are_the_geometrys(kind):
+def test_slopes_found_are_the_geometrys():
     """As through the paper's camera, with fewer views: pixels as large, and the same aperture."""
-    config = read_config(DATA_GEN / f"{kind}.toml")
-    config = replace(config, camera=replace(config.camera, views=9))
+    config = read_config(DATA_GEN / "flames.toml")
+    config = replace(config, camera=replace(config.camera, views=7))
     found = [search.slope for search in search_slopes(config, whole_range=True)]
     np.testing.assert_allclose(found, config.camera.depth_to_slope(config.depths_mm), atol=0.003)
     near = [search.slope for search in search_slopes(config)]

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from builders import shapes, toml
+from builders import camera, shapes, toml
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
@@ -60,7 +60,8 @@ name = "moving"
 
 def write(folder, variants, study=STUDY):
     """Write a study and the files that it names."""
-    (folder / "data.toml").write_text(toml(shapes(20)))
+    coarse = shapes(20, (20, 32)) | {"camera": camera(5, (20, 32), 12)}
+    (folder / "data.toml").write_text(toml(coarse))
     (folder / "training.toml").write_text(TRAINING)
     (folder / "tiny.toml").write_text(study + variants)
     return Path("tiny.toml")
