@@ -88,10 +88,10 @@ def _aperture(camera: PlenopticCamera) -> str:
 
 def _imperfections(camera: PlenopticCamera) -> list[tuple[str, str]]:
     """List the deviations of a camera from ideal lenses, as given."""
-    told = ("pixel_pitch_mm", "aperture_diameter_mm")
+    shown = ("pixel_pitch_mm", "aperture_diameter_mm")  # elsewhere in the table
     optional = [one for one in fields(camera) if one.default is not MISSING]
     values = [(one.name, getattr(camera, one.name), one.default) for one in optional]
-    return [(name, str(x)) for name, x, ideal in values if x != ideal and name not in told]
+    return [(name, str(x)) for name, x, ideal in values if x != ideal and name not in shown]
 
 
 def table(rows: list[tuple], *columns: str) -> str:

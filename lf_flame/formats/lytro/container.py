@@ -8,16 +8,11 @@ published; this description follows from files of both cameras.
 """
 
 import hashlib
-import io
 import re
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from PIL import Image
-
-from lf_flame._common.images import PILLOW_ERRORS
 from lf_flame._common.input_files import check_regular, parse_json, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
@@ -194,14 +189,3 @@ def parse_table(text: str, source: str | Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(f"{source} cannot be read: its metadata must hold names and values.")
     return values
-
-
-def check_jpeg(data: bytes, source: str | Path) -> tuple[int, int]:
-    """Check that data are a whole JPEG image; give its rows and columns."""
-    with (
-        readable(source, PILLOW_ERRORS, "holds a thumbnail that is no JPEG"),
-        Image.open(io.BytesIO(data), formats=("JPEG",)) as image,
-    ):
-        check_memory(prod(image.size) * 2 * len(image.getbands()), source)
-        image.load()
-        return image.height, image.width

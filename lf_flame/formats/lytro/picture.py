@@ -1,4 +1,4 @@
-"""Pictures of the Lytro cameras: packed pixels, thumbnail and white image, from their files."""
+"""Pictures of the Lytro cameras: packed pixels and white image, from their files."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -111,16 +111,6 @@ class LytroFile:
     def has_white(self) -> bool:
         """Whether the file holds its own white image."""
         return self._held("modulationDataRef")
-
-    def thumbnail(self) -> bytes | None:
-        """Bytes of the largest JPEG preview, which are not checked; None if there is none."""
-        if self.container is None:
-            return None
-        listed = tables(self._table.find("thumbnails", "thumbnailArray", "picture/thumbnailArray"))
-        entries = [NestedValues(one, self.path) for one in listed]
-        found = [(-(one.number("width") or 0), one.text("imageRef")) for one in entries]
-        held = [one for one in found if one[1] in self.container]
-        return self.container.read(min(held)[1]) if held else None
 
     def read(self) -> LytroPicture:
         """Unpack the picture, and the white image that the file holds."""
