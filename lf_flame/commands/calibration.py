@@ -29,7 +29,6 @@ from lf_flame.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from lf_flame.lightfield import LightField
 
 MOST_UNKNOWN = 0.01
 """Largest fraction of unknown pixels of a picture of the source."""
@@ -259,16 +258,11 @@ def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[n
                 f"{source} must have a channel for each of the {colours} spectral responses, got "
                 f"{light_field.channels}."
             )
-        _refuse_unknown(source, light_field)
+        lost = 0.0 if light_field.valid is None else 1 - float(light_field.valid.mean())
+        if lost > MOST_UNKNOWN:
+            raise InputError(
+                f"{source} is saturated or unknown in {lost:.1%} of its pixels, of "
+                f"{MOST_UNKNOWN:.0%} at most: its mean would be too dark; expose less."
+            )
         found.append(light_field.photograph)
     return found
-
-
-def _refuse_unknown(source: Path, light_field: "LightField") -> None:
-    """Refuse a picture that is saturated where it is bright."""
-    lost = 0.0 if light_field.valid is None else 1 - float(light_field.valid.mean())
-    if lost > MOST_UNKNOWN:
-        raise InputError(
-            f"{source} is saturated or unknown in {lost:.1%} of its pixels, of {MOST_UNKNOWN:.0%} "
-            f"at most: its mean would be too dark; expose less."
-        )

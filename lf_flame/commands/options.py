@@ -93,9 +93,6 @@ PATH = UsablePath(path_type=Path)
 EXISTING = UsablePath(exists=True, path_type=Path)
 
 
-# Help ---------------------------------------------------------------------------------------------
-
-
 def option(name: str, help: str, type: Any = None, *, rare: bool = False, **more: Any) -> Callable:
     """Option of a command; a `rare` one is shown by ``--help-all`` only."""
     names = name.split()
@@ -177,9 +174,6 @@ def _is_importing() -> bool:
 
 HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 """Settings of the outermost group of a program."""
-
-
-# Options of several commands ----------------------------------------------------------------------
 
 
 OVERWRITE = flag("--overwrite", "Replace the folder of an earlier call.")

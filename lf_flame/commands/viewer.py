@@ -66,12 +66,13 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
       lf-flame view results/emission                   emission, plane by plane
     """  # noqa: D301 - click reads the backspace
+    from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.viewer.exhibit import Exhibit
 
     beside = (options[name] for name in ("white", "lenslets", "dark"))
     _check_single_file(options["single_file"], (source, camera, *beside))
     reading = pick(Reading, options)
-    if is_emission(source):
+    if (source / RECORD).is_file():
         for name, value in (reading.given() | {"slopes": slopes, "camera": camera}).items():
             if value is not None:
                 raise InputError(f"--{name} does not apply to planes of `lf-flame reconstruct`.")
@@ -91,13 +92,6 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
         with_map=not no_map,
     )
     show(exhibit, **options)
-
-
-def is_emission(source: Path) -> bool:
-    """Whether a path is a folder of `lf-flame reconstruct`."""
-    from lf_flame.tomography.emission_folder import RECORD
-
-    return (source / RECORD).is_file()
 
 
 def emission_exhibit(source: Path, title: str | None) -> "Exhibit":
