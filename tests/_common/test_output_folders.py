@@ -1,12 +1,13 @@
 """A folder of results appears as a whole; what is the user's is never replaced."""
 
 import json
+import os
 import threading
 
 import pytest
 
 from lf_flame._common.atomic_files import exclusive, write_json, write_text
-from lf_flame._common.output_folders import output_folder
+from lf_flame._common.output_folders import output_folder, recorded_path
 from lf_flame.errors import InputError
 
 RECORD = "work.json"
@@ -150,3 +151,18 @@ def test_never_two_at_once(tmp_path):
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match="/ is the root of all folders"), exclusive("/"):
         pass
+
+
+@pytest.mark.parametrize("out", ["results/o", "results", "deep/er/store/o", "plain/o", "."])
+def test_a_recorded_path_leads_back(tmp_path, monkeypatch, out):
+    """Through links, which the system follows before it goes up."""
+    (tmp_path / "deep" / "er" / "store").mkdir(parents=True)
+    (tmp_path / "results").symlink_to("deep/er/store")
+    (tmp_path / "lf.npy").touch()
+    (tmp_path / "link.npy").symlink_to("lf.npy")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / out).mkdir(parents=True, exist_ok=True)
+    for name in ("lf.npy", "link.npy"):
+        recorded = recorded_path(name, out)
+        assert not os.path.isabs(recorded)  # noqa: PTH117
+        assert (tmp_path / out / recorded).samefile(tmp_path / "lf.npy")

@@ -137,6 +137,33 @@ def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path)
     np.testing.assert_array_equal(found.views, light_field.views)
 
 
+def test_the_aperture_holds_for_the_map(tmp_path, rng):
+    """Views outside of it hold other light, which does not reach the map."""
+    picture, views = rng.uniform(size=(40, 48)), np.empty((5, 5, 40, 48), np.float32)
+    for v, u in np.ndindex(5, 5):
+        views[v, u] = np.roll(picture, (v - 2, u - 2), axis=(0, 1))
+    views[[0, -1]] = rng.uniform(size=(2, 5, 40, 48))
+    views[:, [0, -1]] = rng.uniform(size=(5, 2, 40, 48))
+    np.save(tmp_path / "views.npy", views)
+    errors = []
+    for k, more in enumerate(((), ("--aperture", 0.5))):
+        out = tmp_path / str(k)
+        run(tmp_path / "views.npy", "--slope", 1, "--map", -0.5, 2, *more, "--out", out)
+        errors.append(np.abs(imread(out / "slope_map.tif")[8:-8, 8:-8] - 1))
+    assert np.any(errors[0] != errors[1])
+    assert np.mean(errors[1] > 0.07) < 0.01
+
+
+def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
+    for brightness in (1e-3, 50.0):
+        np.save(tmp_path / "views.npy", light_field.views * np.float32(brightness))
+        run(tmp_path / "views.npy", "--slope", 0.5, "--out", tmp_path / "out", "--overwrite")
+        assert imread(tmp_path / "out" / "refocused_1_slope+0.500.png").max() > 120
+        written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+        white = written["radiance_of_white_in_png"]
+        assert white == pytest.approx(light_field.views.max() * brightness)
+
+
 @pytest.fixture
 def leaves(tmp_path):
     """Leaves at two depths, up to three times as bright as a camera's white."""
