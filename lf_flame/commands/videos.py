@@ -30,7 +30,7 @@ from lf_flame.commands.options import (
     tell,
     tell_all,
 )
-from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.reading_options import READING, Reading, note_on_pixels
 from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
 
@@ -243,8 +243,9 @@ def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
     reading = reading.for_camera(paths[0], lens)
     with progress.stage(f"Reading {printable(paths[0])}"):
         reader, said = FrameReader.by_first_sound(paths[:TRIED], reading.stated), Said()
-    for line in reader.notes:
-        tell(printable(line))
+    on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
+    for line in (*reader.notes, *on_camera):
+        tell(printable(line, 600))
     with crew.executor() as executor:
         made = process_frames(
             rows, out, steps, times_s=times, time_unit="s" if is_timed else "frame", read=reader,

@@ -199,7 +199,7 @@ class FrameReader:
         for path in paths:
             reader = cls(path, options)
             try:
-                v, u, t, s = reader._found.light_field.views.shape[:4]
+                v, u, t, s = reader.shape[:4]
             except InputError as error:
                 refusals.append(error)
                 continue
@@ -226,6 +226,11 @@ class FrameReader:
     def notes(self) -> list[str]:
         """Sentences on the frame `model`."""
         return self._found.notes
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the light field in `model`."""
+        return self._found.light_field.shape
 
     def __call__(self, path: Path) -> LightField:
         """Read a frame."""
