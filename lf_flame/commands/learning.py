@@ -106,7 +106,9 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
         settings = replace(settings, seed=seed)
     if epochs is not None:
         settings = settings.with_epochs(preset, epochs)
+    settings.recipe(preset)
     if data is not None:
+        data = data.absolute()  # "." has no name
         Dataset(data)  # refuses what is no data set, before Keras is loaded
     load_keras()
     from lf_flame.learning.backbone import build_backbone

@@ -172,6 +172,7 @@ TRAIN = f"train {ROOT}/experiments/shapes.toml --out r"
         (f"tables {RESULTS / 'paper'} none", "There is no results folder"),
         (f"{TRAIN} --data x --preset smoke", "There is no data set at"),
         (f"{TRAIN} --data . --preset big", "one of paper, smoke, got 'big'"),
+        (f"{TRAIN} --data . --preset smoke", "There is no data set at"),
         (f"{TRAIN} --data . --seed 1000001", "seed must be 0 to 1000000, got 1000001"),
     ],
 )
