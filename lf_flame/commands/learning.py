@@ -87,7 +87,6 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
 
     After --minutes, or Ctrl-C, the same command resumes after the last epoch that was saved. The
     run folder then holds the best network so far, and run.json the number of epochs.
-
     ImageNet weights are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME).
     Without --data and --out, the weights are found and checked, and nothing is trained.
 
@@ -133,7 +132,6 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     The network has memorised the depth of each object, from the pictures of one camera and one
     kind of scene: its input image holds no parallax. In any other scene its output is invented,
     and looks like its training pictures. To refocus a light field as it is, use `lf-flame refocus`.
-
     An image is a picture of 8 or 16 bits (raw lenslet images too), or a light field in views. It is
     averaged over blocks of pixels to the network's size, or interpolated where that does not divide
     the image's size. OUT/IMAGE receives the refocused images and a record.
