@@ -11,6 +11,4 @@ from .sensor import Sensor as Sensor
 from .sensor import expose as expose
 from .slope_conventions import CONVENTIONS as CONVENTIONS
 from .slope_conventions import from_slope as from_slope
-from .slope_conventions import ng_alpha as ng_alpha
-from .slope_conventions import plenoptomos_distance as plenoptomos_distance
 from .slope_conventions import to_slope as to_slope

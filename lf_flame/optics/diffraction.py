@@ -1,305 +1,237 @@
-"""Diffraction at an aperture: the blur of an incoherent image, as weights on its samples.
+"""Diffraction at an aperture: the blur of an incoherent image, through the transfer function.
 
-The line and point spreads are those of the square and the round pupil in focus (J. W. Goodman,
-Introduction to Fourier Optics, 3rd ed., section 6.3). A sample is the mean over a box, and the
-image is taken as constant over each box. A weight is therefore the spread averaged over one box and
-summed over another, that is, over a triangle (hat) two samples wide. Such weights are never
-negative and, untruncated, sum to 1 for any spread, however small compared with a sample.
+Input and output are constant over each sample: the weights are the pattern averaged over one
+sample and summed over another. The transfer functions are those of a square and a round pupil in
+focus (J. W. Goodman, Introduction to Fourier Optics, 3rd ed., section 6.3). A spread is wavelength
+times distance over the width of the aperture: from the centre of a square aperture's pattern to its
+first dark line.
 """
 
-from __future__ import annotations
-
 import math
-from itertools import pairwise
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts load when they are used
-from numpy.typing import ArrayLike
 
-from lf_flame.errors import InputError
+COARSE_FREQUENCIES = 65
+"""Number of frequencies along each axis at which the aliases of a round aperture's response are
+summed; the sum is smooth between these."""
 
-MOST_SAMPLES = 512
-"""Largest half-width of the kernel of a square aperture, in samples."""
+MOST_ALIASES = 16
+"""Number of aliases on each side above which a round aperture is treated along each axis alone."""
 
-MOST_ROUND_SAMPLES = 32
-"""Largest half-width of the kernel of a round aperture, in samples."""
+BORDER, MOST_BORDER = 200, 2048
+"""Width by which an image is continued at its border, in spreads, and at most in samples."""
 
-RINGS = 64
-"""Number of rings of the Airy pattern that are resolved. Farther out, the light outside a radius
-differs from its trend by less than 1e-5, which changes a weight by less than 1e-8."""
-
-NODES = 12
-"""Number of Gauss-Legendre nodes in each panel; no panel holds more than one resolved ring."""
+FINEST = 1e-5
+"""Spread in cells below which diffraction is left out: it would move 3e-5 of the light."""
 
 ROWS_AT_ONCE = 256
-"""Number of rows held as float64 at a time when a two-dimensional kernel is applied."""
+"""Number of rows held as float64 at a time."""
+
+REACH = 32
+"""Number of pixels of a view on each side over which `blur_views` spreads light."""
+
+PARTS = 8
+"""Number of cells along each axis into which a pixel of a view is cut for its kernel."""
 
 
-def square_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
-    """Weights along one axis for a square aperture: line spread ``sinc^2(x / spread) / spread``.
+def blur_cells(
+    cells: np.ndarray,
+    spread_mm: float,
+    cell_mm: tuple[float, float],
+    round_aperture: bool,
+    over: tuple[tuple[int, int], tuple[int, int]],
+    dark: tuple[int, int],
+) -> np.ndarray:
+    """Blur light that is constant over each cell; return the mean over each cell.
 
-    Its transfer function is the triangle ``1 - |frequency| * spread``. The weights are second
-    differences of the twice integrated line spread, which has a closed form.
+    The light is multiplied by the aperture's transfer function in the frequency domain, so that
+    the whole pattern counts, and cells may be large compared with it.
 
     Parameters
     ----------
+    cells : ndarray of float64, shape (rows, columns)
+        Radiance of each cell; 0 outside.
     spread_mm : float
-        Wavelength times distance over the width of the aperture, in mm: the distance from the
-        centre to the first dark line. 0 to MOST_SAMPLES samples.
-    sample_mm : float
-        Width of a sample, above 0.
-    tail : float
-        Largest fraction of the light that the kernel may leave out, 0 to 1. The kernel is as short
-        as that allows, with at most MOST_SAMPLES on each side even if that leaves out more.
+        Wavelength times distance over the width of the aperture; above 0.
+    cell_mm : (float, float)
+        Height and width of a cell, above 0.
+    round_aperture : bool
+        Whether the aperture is round; otherwise square.
+    over : ((int, int), (int, int))
+        Range of rows and of columns to return, (first, last + 1), counted from the first cell; it
+        may extend beyond the cells.
+    dark : (int, int)
+        Number of dark rows and columns added beside all these, because the transform repeats the
+        light periodically.
 
     Returns
     -------
-    ndarray of float64, shape (odd,)
-        Symmetric weights, 0 or above, with sum 1.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range; the message names it.
+    ndarray of float64, shape (rows of `over`, columns of `over`)
+        Blurred radiance, 0 or above.
     """
-    ratio = _samples_per_spread(spread_mm, sample_mm, tail, MOST_SAMPLES)
-    if ratio == 0:
-        return np.ones(1)
-    twice = ratio * _sinc2_twice_integrated(np.arange(MOST_SAMPLES + 2) / ratio)
-    weights = np.concatenate([[2 * twice[1]], np.diff(twice, 2)]).clip(0)
-    left_out = 1 - (2 * np.cumsum(weights) - weights[0])
-    half = _shortest(left_out, tail)
-    kernel = np.concatenate([weights[half:0:-1], weights[: half + 1]])
-    return kernel / kernel.sum()
+    firsts = [min(first, 0) for first, _ in over]
+    ends = [max(end, count) for (_, end), count in zip(over, cells.shape, strict=True)]
+    counts = [
+        scipy.fft.next_fast_len(end - first + beside, real=True)
+        for first, end, beside in zip(firsts, ends, dark, strict=True)
+    ]
+    field = np.zeros(counts)
+    field[tuple(slice(-f, n - f) for f, n in zip(firsts, cells.shape, strict=True))] = cells
+    response = _round_response if round_aperture else _square_response
+    spectrum = scipy.fft.rfft2(field) * response(counts, spread_mm, cell_mm)
+    blurred = scipy.fft.irfft2(spectrum, counts)
+    wanted = tuple(slice(a - f, b - f) for (a, b), f in zip(over, firsts, strict=True))
+    return blurred[wanted].clip(0)
 
 
-def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
-    """Weights on a square grid for a round aperture: the Airy pattern.
-
-    Its transfer function is ``2/pi (arccos q - q sqrt(1 - q^2))`` with ``q = |frequency| *
-    spread``; the light outside a radius r is ``J0(v)^2 + J1(v)^2`` with ``v = pi r / spread``
-    (Rayleigh; Born & Wolf, Principles of Optics, section 8.5.2).
+def blur_lines(image: np.ndarray, axis: int, spread_mm: float, sample_mm: float) -> np.ndarray:
+    """Blur an image along one axis with the whole pattern of a square aperture.
 
     Parameters
     ----------
-    spread_mm : float
-        Wavelength times distance over the diameter of the aperture, in mm; the first dark ring
-        has 1.22 times this radius. 0 to MOST_ROUND_SAMPLES samples.
-    sample_mm : float
-        Side of a sample, above 0.
-    tail : float
-        Largest fraction of the light that the kernel may leave out, 0 to 1. The kernel is as small
-        as that allows, with at most MOST_ROUND_SAMPLES on each side even if that leaves out more.
+    image : ndarray, shape (y, x)
+        Values, constant over each sample; the outermost samples continue beyond the border.
+    axis : int
+    spread_mm, sample_mm : float
+        Wavelength times distance over the aperture's width, 0 or above; width of a sample.
 
     Returns
     -------
-    ndarray of float64, shape (odd, odd)
-        Symmetric weights, 0 or above, with sum 1.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range; the message names it.
+    ndarray of float64, shape (y, x)
     """
-    ratio = _samples_per_spread(spread_mm, sample_mm, tail, MOST_ROUND_SAMPLES)
-    if ratio == 0:
-        return np.ones((1, 1))
-    weights = _airy_shares(ratio, MOST_ROUND_SAMPLES).clip(0)
-    copies = np.where(np.arange(len(weights)) == 0, 1, 2)
-    inside = (weights * copies[:, None] * copies).cumsum(axis=0).cumsum(axis=1).diagonal()
-    half = _shortest(1 - inside, tail)
-    mirrored = np.abs(np.arange(-half, half + 1))
-    kernel = weights[np.ix_(mirrored, mirrored)]
-    return kernel / kernel.sum()
+    lines = np.moveaxis(image, axis, -1)
+    count, out = lines.shape[1], np.empty(lines.shape)
+    beside = math.ceil(min(BORDER * spread_mm / sample_mm, MOST_BORDER)) + 1
+    size = scipy.fft.next_fast_len(count + 2 * beside, real=True)
+    border = ((0, 0), (beside, size - count - beside))
+    (response,) = _along_axes([size], spread_mm, [sample_mm], _triangle)
+    for low in range(0, len(lines), ROWS_AT_ONCE):
+        padded = np.pad(lines[low : low + ROWS_AT_ONCE].astype(np.float64), border, "edge")
+        spectrum = scipy.fft.rfft(padded, axis=1) * response
+        blurred = scipy.fft.irfft(spectrum, size, axis=1)
+        out[low : low + ROWS_AT_ONCE] = blurred[:, beside : beside + count]
+    return np.moveaxis(out, -1, axis)
 
 
-def blur_raw(raw: ArrayLike, kernel: np.ndarray) -> np.ndarray:
-    """Blur a raw image; its outermost pixels continue beyond the border.
+def blur_views(
+    views: np.ndarray, spread_mm: float, pixel_mm: float, round_aperture: bool
+) -> np.ndarray:
+    """Blur each sub-aperture view; its outermost pixels continue beyond the border.
 
     Parameters
     ----------
-    raw : array_like, shape (y, x)
-    kernel : ndarray, shape (odd,) or (odd, odd)
-        Weights with sum 1. One axis is applied along the columns and along the rows.
-
-    Returns
-    -------
-    ndarray of float32, shape (y, x)
-
-    Raises
-    ------
-    InputError
-        If the image or the kernel has another shape.
-    """
-    raw, kernel = np.asarray(raw, np.float32), np.asarray(kernel, np.float64)
-    if raw.ndim != 2 or raw.size == 0:
-        raise InputError(f"A raw image to blur needs shape (y, x), got {raw.shape}.")
-    if kernel.ndim not in (1, 2) or any(n % 2 == 0 for n in kernel.shape):
-        raise InputError(f"A kernel needs one or two axes of odd length, got {kernel.shape}.")
-    if kernel.ndim == 2:
-        return _blur_in_two_dimensions(raw, kernel)
-    along = scipy.ndimage.convolve1d(raw, kernel, axis=0, output=np.float32, mode="nearest")
-    return scipy.ndimage.convolve1d(along, kernel, axis=1, output=np.float32, mode="nearest")
-
-
-def blur_views(views: ArrayLike, kernel: np.ndarray) -> np.ndarray:
-    """Blur each sub-aperture view like `blur_raw`; its outermost pixels continue outside.
-
-    Parameters
-    ----------
-    views : array_like, shape (v, u, t, s)
-    kernel : ndarray, shape (odd,) or (odd, odd)
-        Weights with sum 1; one axis is applied along both.
+    views : ndarray, shape (v, u, t, s)
+    spread_mm, pixel_mm : float
+        Wavelength times distance over the aperture's width; side of a pixel.
+    round_aperture : bool
+        Whether the aperture is round; otherwise square.
 
     Returns
     -------
     ndarray of float32, shape (v, u, t, s)
-
-    Raises
-    ------
-    InputError
-        If the array or the kernel has another shape.
     """
-    views = np.asarray(views, np.float32)
-    if views.ndim != 4:
-        raise InputError(f"Views to blur need shape (v, u, t, s), got {views.shape}.")
-    out = np.empty(views.shape, np.float32)
+    kernel, out = _kernel(spread_mm / pixel_mm, round_aperture), np.empty(views.shape, np.float32)
     for view in np.ndindex(views.shape[:2]):
-        out[view] = blur_raw(views[view], kernel)
+        padded = np.pad(views[view].astype(np.float64), REACH, "edge")
+        blurred = scipy.signal.oaconvolve(padded, kernel, "valid")
+        # Rounding of the Fourier transform must not make dark pixels negative.
+        out[view] = blurred.clip(views[view].min(), views[view].max())
     return out
+
+
+@lru_cache(maxsize=16)
+def _kernel(spread: float, round_aperture: bool) -> np.ndarray:
+    """Weights of a pixel's neighbours for a spread in pixels; their sum is 1."""
+    ends = (-REACH * PARTS, (REACH + 1) * PARTS)
+    dark = math.ceil(min(BORDER * spread * PARTS, MOST_BORDER))
+    cell, pixel = (1 / PARTS, 1 / PARTS), np.ones((PARTS, PARTS))
+    fine = blur_cells(pixel, spread, cell, round_aperture, (ends, ends), (dark, dark))
+    weights = fine.reshape(2 * REACH + 1, PARTS, -1, PARTS).sum(axis=(1, 3))
+    return weights / weights.sum()
 
 
 def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool) -> float:
     """Fraction of the light of a uniformly lit square that diffraction moves out of it.
 
     It bounds the change of the mean over the square, relative to the range of the light: the loss
-    if all is bright inside and dark outside.
-
-    Parameters
-    ----------
-    spread_mm : float
-        Wavelength times distance over the aperture's width, in mm, 0 or above.
-    side_mm : float
-        Side of the square in mm, above 0.
-    round_aperture : bool
-        Whether the aperture is round; otherwise square.
+    if all is bright inside and dark outside. Each axis counts by itself: for a round aperture this
+    is up to a seventh too much.
     """
-    ratio = _samples_per_spread(spread_mm, side_mm, 0, math.inf)
-    if ratio == 0:
-        return 0.0
-    if round_aperture:
-        return 1 - float(_airy_shares(ratio, 0)[0, 0])
-    return 1 - float(2 * ratio * _sinc2_twice_integrated(np.array([0, 1 / ratio]))[1]) ** 2
+    ratio = spread_mm / side_mm
+    if ratio < 1e-4:  # a little above the limit for both apertures
+        return 0.26 * ratio * (3.5 - math.log(ratio)) if ratio else 0.0
+    transfer = _round_transfer if round_aperture else _triangle
+    cycles = np.linspace(0, 1 / ratio, 16 * math.ceil(1 / ratio + 16) + 1)
+    passed = transfer(cycles * ratio) * np.sinc(cycles) ** 2
+    return 1 - (2 * scipy.integrate.simpson(passed, x=cycles)) ** 2
 
 
-def _samples_per_spread(spread_mm: float, sample_mm: float, tail: float, most: float) -> float:
-    """Spread in samples; 0 where float64 cannot distinguish the kernel from a point."""
-    if not (math.isfinite(sample_mm) and sample_mm > 0):
-        raise InputError(f"sample_mm must be a positive, finite length in mm, got {sample_mm}.")
-    if not 0 <= spread_mm <= most * sample_mm:
-        raise InputError(
-            f"spread_mm must be 0 to {most * sample_mm:.6g} ({most} samples) for the kernel to "
-            f"reach the first dark line, got {spread_mm}."
-        )
-    if not 0 <= tail <= 1:
-        raise InputError(f"tail must be a share of the light, 0 to 1, got {tail}.")
-    ratio = spread_mm / sample_mm
-    return ratio if ratio > np.finfo(float).eps else 0.0
+def _square_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
+    """Transfer factor of `blur_cells` at each frequency of a real transform, square aperture."""
+    rows, columns = _along_axes(counts, spread_mm, cell_mm, _triangle)
+    return _mirrored(rows[:, None] * columns, counts[0])
 
 
-def _shortest(left_out: np.ndarray, tail: float) -> int:
-    """First index that leaves out at most `tail`, else the last one."""
-    enough = np.flatnonzero(left_out <= tail)
-    return int(enough[0]) if enough.size else len(left_out) - 1
+def _round_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
+    """Transfer factors for a round aperture; its smooth aliases come from a coarse grid."""
+    if max(_aliases(spread_mm, cell) for cell in cell_mm) > MOST_ALIASES:
+        # Compared with such a pattern cells are large, their edges straight: each axis alone.
+        rows, columns = _along_axes(counts, spread_mm, cell_mm, _round_transfer)
+        return _mirrored(rows[:, None] * columns, counts[0])
+    ratios = [spread_mm / cell for cell in cell_mm]
+
+    def passed(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Fraction transmitted at frequencies in cycles per cell along y and along x."""
+        tall, wide = (y * ratios[0])[:, None], (x * ratios[1])[None, :]
+        boxes = (np.sinc(y) ** 2)[:, None] * np.sinc(x) ** 2
+        return _round_transfer(np.hypot(tall, wide)) * boxes
+
+    coarse = np.linspace(0, 0.5, COARSE_FREQUENCIES)
+    folded = np.zeros((coarse.size, coarse.size))
+    most = [_aliases(spread_mm, cell) for cell in cell_mm]
+    for i in range(-most[0], most[0] + 1):
+        for j in range(-most[1], most[1] + 1):
+            if i or j:
+                folded += passed(coarse + i, coarse + j)
+    y, x = (scipy.fft.rfftfreq(count) for count in counts)
+    half = passed(y, x) + scipy.interpolate.RectBivariateSpline(coarse, coarse, folded)(y, x)
+    return _mirrored(half, counts[0])
 
 
-def _sinc2_twice_integrated(t: np.ndarray) -> np.ndarray:
-    """Integrate sinc^2 twice from 0 to each t; the first t is 0."""
-    z = 2 * np.pi * t[1:]
-    si, ci = scipy.special.sici(z)
-    cin = np.euler_gamma + np.log(z) - ci
-    rest = t[1:] * si / np.pi - (np.sin(z / 2) / np.pi) ** 2 - cin / (2 * np.pi**2)
-    return np.concatenate([[0], rest])
+def _along_axes(counts, spread_mm: float, cell_mm, transfer) -> list[np.ndarray]:
+    """Transfer factors along each axis, from frequency 0 up, for a separable pattern."""
+    coarse, found = np.linspace(0, 0.5, COARSE_FREQUENCIES), []
+    for count, cell in zip(counts, cell_mm, strict=True):
+        if spread_mm < FINEST * cell:
+            found.append(np.ones(count // 2 + 1))
+            continue
+        aliases = np.arange(1, _aliases(spread_mm, cell) + 1)
+        cycles = coarse[:, None] + np.concatenate([-aliases, aliases])
+        passed = transfer(np.abs(cycles) * (spread_mm / cell)) * np.sinc(cycles) ** 2
+        folded = scipy.interpolate.CubicSpline(coarse, passed.sum(axis=1))
+        here = scipy.fft.rfftfreq(count)
+        found.append(transfer(here * (spread_mm / cell)) * np.sinc(here) ** 2 + folded(here))
+    return found
 
 
-def _airy_shares(ratio: float, half: int) -> np.ndarray:
-    """Fraction of the Airy pattern under the hat at each sample of a quadrant.
-
-    With ``A(r)`` the mean of a hat over the circle of radius r, the fraction is the integral of A
-    over the enclosed light. By parts it is ``A(0)`` plus the integral of ``A'(r)`` times the light
-    outside r, which hardly oscillates.
-
-    Returns
-    -------
-    ndarray of float64, shape (half + 1, half + 1)
-    """
-    sums = np.zeros((half + 3, half + 3))
-    for low, high in pairwise(_panel_edges(ratio, half + 1)):
-        r, weight = _panel_nodes(low, high)
-        weighted = weight * _light_outside(r / ratio)
-        sums += np.tensordot(weighted, _corner_slopes(r, half), axes=1)
-    shares = np.diff(np.diff(sums, 2, axis=0), 2, axis=1) / (2 * np.pi)
-    shares[0] *= 2  # a hat on an axis lies in two quadrants, the central one in four
-    shares[:, 0] *= 2
-    shares[0, 0] += 1
-    return shares
+def _mirrored(half: np.ndarray, count: int) -> np.ndarray:
+    """Append the negative frequencies of the first axis."""
+    return np.concatenate([half, half[(count - 1) // 2 : 0 : -1]])
 
 
-def _panel_edges(ratio: float, reach: int) -> np.ndarray:
-    """Radii between which the integrand is smooth: of samples, of rings, then doubling."""
-    lattice = np.arange(reach + 1)
-    corners = np.sqrt(np.unique(lattice[:, None] ** 2 + lattice**2))
-    rings = ratio * np.arange(RINGS + 1)
-    doublings = max(0, math.ceil(math.log2(corners[-1] / rings[-1])))
-    far = rings[-1] * 2.0 ** np.arange(1, doublings + 1)
-    edges = np.unique(np.concatenate([corners, rings, far]))
-    return edges[edges <= corners[-1]]
+def _aliases(spread_mm: float, cell_mm: float) -> int:
+    """Count the multiples of the sampling frequency that the transfer function reaches a side."""
+    return math.ceil(cell_mm / spread_mm + 0.5)
 
 
-def _panel_nodes(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on a panel, in the square root of the distance from its lower edge.
-
-    The chord that a circle cuts off a grid line grows as that root once the two touch.
-    """
-    x, weight = np.polynomial.legendre.leggauss(NODES)
-    t = (1 + x) / 2
-    return low + (high - low) * t**2, (high - low) * t * weight
+def _triangle(q: np.ndarray) -> np.ndarray:
+    """Transfer function of a square aperture at frequencies times its spread (Goodman, 6.3)."""
+    return np.maximum(1 - q, 0)
 
 
-def _light_outside(r: np.ndarray) -> np.ndarray:
-    """Fraction of the Airy pattern outside a radius in spreads; its trend beyond RINGS."""
-    v = np.pi * r
-    return np.where(r > RINGS, 2 / (np.pi * v), scipy.special.j0(v) ** 2 + scipy.special.j1(v) ** 2)
-
-
-def _corner_slopes(r: np.ndarray, half: int) -> np.ndarray:
-    """Slopes in r of the integral of ``(x - m)+ (y - n)+`` over a quarter of a circle.
-
-    Second differences in m and n, from -1 to half + 1, turn these corners into hats.
-
-    Returns
-    -------
-    ndarray of float64, shape (len(r), half + 3, half + 3)
-    """
-    corner, r = np.arange(-1, half + 2), r[:, None]
-    start = np.maximum(corner, 0)
-    near = start / r
-    far = np.sqrt(np.maximum((r - start) * (r + start), 0)) / r
-    # the arc runs from sin = n / r to cos = m / r; `near` holds these, `far` the other function
-    lit = 1 - near[:, :, None] ** 2 - near[:, None, :] ** 2
-    along = corner[:, None] * (near[:, :, None] - far[:, None, :])
-    slopes = r[:, :, None] * lit + along + along.swapaxes(1, 2)
-    return np.where(lit > 0, slopes, 0)
-
-
-def _blur_in_two_dimensions(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    out = np.empty_like(image)
-    above, aside = (n // 2 for n in kernel.shape)
-    for low in range(0, len(image), ROWS_AT_ONCE):
-        rows = np.arange(low - above, min(low + ROWS_AT_ONCE, len(image)) + above)
-        slab = image[rows.clip(0, len(image) - 1)].astype(np.float64)
-        padded = np.pad(slab, ((0, 0), (aside, aside)), "edge")
-        blurred = scipy.signal.oaconvolve(padded, kernel, "valid")
-        # rounding of the Fourier transform must not make dark pixels negative
-        out[low : low + ROWS_AT_ONCE] = blurred.clip(slab.min(), slab.max())
-    return out
+def _round_transfer(q: np.ndarray) -> np.ndarray:
+    """Transfer function of a round aperture at frequencies times its spread (Goodman, 6.3)."""
+    inside = np.minimum(q, 1)
+    return 2 / np.pi * (np.arccos(inside) - inside * np.sqrt(1 - inside**2))

@@ -9,12 +9,10 @@ blurred together.
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from lf_flame.optics import diffraction
-from lf_flame.optics.aperture_response import blur_cells
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
@@ -24,9 +22,6 @@ from lf_flame.simulation.slabs import Plane
 from lf_flame.simulation.stops import neighbours
 
 Interval = tuple[float, float]
-
-TAIL = 1e-3
-"""Largest fraction of the light that a kernel leaves out."""
 
 PARTS = 8
 """Cells under the image of a lenslet, at least: each is taken as even after the blur, too."""
@@ -60,15 +55,10 @@ def main_lens_share_leaving(camera: PlenopticCamera) -> float:
     return diffraction.share_leaving_square(spread, camera.lenslet_pitch_mm, _is_round(camera))
 
 
-@lru_cache(maxsize=16)
-def main_lens_kernel(camera: PlenopticCamera) -> np.ndarray:
-    """Diffraction of the main lens in lenslets: (odd,), or (odd, odd) for a round aperture.
-
-    For what is known of the light on each lenslet as a whole only.
-    """
+def blur_whole_lenslets(views: np.ndarray, camera: PlenopticCamera) -> np.ndarray:
+    """Blur views by diffraction at the main lens, as if light were even over each lenslet."""
     spread, pitch = main_lens_spread_mm(camera), camera.lenslet_pitch_mm
-    kernel = diffraction.round_kernel if _is_round(camera) else diffraction.square_kernel
-    return kernel(spread, pitch, TAIL)
+    return diffraction.blur_views(views, spread, pitch, _is_round(camera))
 
 
 def _is_round(camera: PlenopticCamera) -> bool:
@@ -140,7 +130,7 @@ def blur_layer(
     for axis, grid in enumerate(grids):
         cells = grid.cut(cells, axis)
     (top, left), (height, width) = zip(*(grid.place_mm for grid in grids), strict=True)
-    blurred = blur_cells(
+    blurred = diffraction.blur_cells(
         cells,
         spread,
         (grids[0].cell_mm, grids[1].cell_mm),

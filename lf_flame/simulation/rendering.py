@@ -14,14 +14,13 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.gathering import gather, optical_passes
 from lf_flame.simulation.layouts import as_views
 from lf_flame.simulation.lenslet_blur import blur_on_sensor, leaves_gaps, tiled_sensor
-from lf_flame.simulation.main_lens_blur import blur_planes, main_lens_kernel
+from lf_flame.simulation.main_lens_blur import blur_planes, blur_whole_lenslets
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels
 from lf_flame.simulation.planning.decisions import find_counts, make_plan
@@ -138,7 +137,7 @@ def render_plan(
     _check_hexagonal(seen, passes[0], plan)
     views = as_views(gather(planes, passes, layout_gathered, rays), seen, layout_gathered)
     if _diffracts(camera, plan, "main_lens") and _dim(planes):
-        views = diffraction.blur_views(views, main_lens_kernel(camera))
+        views = blur_whole_lenslets(views, camera)
     if seen is not camera:
         raw = blur_on_sensor(LightField.trusted(views).to_raw(), seen, camera)
         views = as_views(raw, camera, "raw")

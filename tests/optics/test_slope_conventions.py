@@ -7,13 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates, shift
 
 from lf_flame import PAPER_CAMERA
-from lf_flame.optics.slope_conventions import (
-    CONVENTIONS,
-    from_slope,
-    ng_alpha,
-    plenoptomos_distance,
-    to_slope,
-)
+from lf_flame.optics.slope_conventions import CONVENTIONS, from_slope, to_slope
 from lf_flame.refocus import fourier_refocus, shift_and_sum
 
 N = 5
@@ -98,24 +92,6 @@ def test_a_nearer_object_has_a_positive_benchmark_disparity():
         assert np.sign(disparity) == -np.sign(depth)
 
 
-def test_alpha_is_that_of_the_camera():
-    alpha = np.array([0.9, 1.0, 1.1, np.inf])
-    convention = ng_alpha(PAPER_CAMERA)
-    slopes = PAPER_CAMERA.alpha_to_slope(alpha)
-    np.testing.assert_allclose(to_slope(alpha, convention), slopes, atol=1e-12)
-    np.testing.assert_allclose(
-        from_slope([0.3, -1.0], convention), PAPER_CAMERA.slope_to_alpha(np.array([0.3, -1.0]))
-    )
-
-
-def test_plenoptomos_reads_lens_points_moved_by_alpha(rng):
-    """Parallel geometry: a view at v on the lens is read at t + v (1 - 1/alpha)."""
-    views, z, z0, lens_pitch, pixel = rng.uniform(size=(N, N, 14, 17)), 1.3, 1.0, 0.02, 0.005
-    reads = lens_pitch * CENTRED * (1 - z0 / z) / (pixel * 0.5)
-    slope = to_slope(z, plenoptomos_distance(z0, lens_pitch, pixel, magnification=0.5))
-    np.testing.assert_allclose(shift_and_sum(views, slope), read_at(views, reads), atol=1e-6)
-
-
 @given(
     name=st.sampled_from(sorted(CONVENTIONS)),
     number=st.floats(-1e6, 1e6),
@@ -126,16 +102,3 @@ def test_numbers_come_back(name, number, views):
     there = to_slope(number, name, views)
     assert isinstance(there, float)
     assert from_slope(there, name, views) == pytest.approx(number, rel=1e-12)
-
-
-def test_alphas_come_back_even_from_infinity():
-    convention = plenoptomos_distance(2.0, 0.02, 0.005)
-    assert from_slope(to_slope(np.inf, convention), convention) == np.inf
-    numbers = np.array([0.5, 2.0, 7.0])
-    np.testing.assert_allclose(from_slope(to_slope(numbers, convention), convention), numbers)
-
-
-def test_plenoptomos_magnification_is_1_unless_stated():
-    """A view at v reads t + v (1 - z0 / z): at an infinite distance, v in pixels of the views."""
-    assert plenoptomos_distance(300.0, 5.6, 0.112).to_slope(np.inf) == pytest.approx(50.0)
-    assert plenoptomos_distance(300.0, 5.6, 0.112, 2.0).to_slope(np.inf) == pytest.approx(25.0)
