@@ -62,13 +62,13 @@ class Method:
     share: float = 0.0
 
 
-def _by_library(study: Study, rays: int, finite_width: bool = True) -> np.ndarray:
+def _by_library(study: Study, rays: int) -> np.ndarray:
     """Integrate by about so many rays for each pixel, or exactly for 0 rays."""
     image = np.zeros((study.camera.views,) * 2 + study.camera.lenslets, np.float32)
     planes = slice_scene(study.scene, {}, absorption=False, dimming={"occlusion"})
     optics = OpticalPass(study.camera)
     if rays:
-        trace(planes, optics, "views", math.isqrt(rays), image, finite_width=finite_width)
+        trace(planes, optics, "views", math.isqrt(rays), image)
     else:
         integrate(planes, optics, "views", image)
     return image
@@ -114,9 +114,7 @@ SQUARES = (1, *((n * 2**k) ** 2 for k in range(9) for n in (2, 3)))
 METHODS = {
     "random": Method("random rays (Monte Carlo)", "#D55E00", "o", _by_random_rays,
                      [4**k for k in range(10)], share=0.6),
-    "midpoint": Method("midpoint rule", "#009E73", "^", partial(_by_library, finite_width=False),
-                       SQUARES, share=0.2),
-    "thin": Method("rays of finite width", "#0072B2", "D", _by_library, SQUARES, share=0.2),
+    "thin": Method("rays of finite width", "#0072B2", "D", _by_library, SQUARES, share=0.4),
     "exact": Method("exact integrator", "#000000", "*", _by_library),
 }  # fmt: skip
 

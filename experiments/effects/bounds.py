@@ -17,7 +17,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, Sensor
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.planning.decisions import make_plan
+from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.rendering import render
 
@@ -118,7 +118,7 @@ def measure_scene(seed: int, number: int) -> list[dict] | None:
     """
     try:
         scene, camera = draw_scene(np.random.default_rng([seed, number]))
-        plan = make_plan(scene, camera, TOLERANCE, None, rays=1)  # of the decisions alone
+        plan = plan_effects(scene, camera, TOLERANCE, rays=1)  # of the decisions alone
     except InputError:
         return None
     rows: list[dict] = []
@@ -166,7 +166,7 @@ def _largest_change(scene, camera, states, bound: float) -> tuple[float, float]:
     fewest that show the change to be within the bound and their error, which is how far fewer rays
     were off in both.
     """
-    rays = any(make_plan(scene, camera, TOLERANCE, state, rays=1).traced for state in states)
+    rays = any(plan_effects(scene, camera, TOLERANCE, state, rays=1).traced for state in states)
     before: list[np.ndarray] = []
     for count in RAY_COUNTS if rays else (None,):
         fixed = {"integrator": "rays", "rays": count} if rays else {}
@@ -195,6 +195,7 @@ def check_bounds(scenes: int, seed: int) -> dict:
     ) as pool:
         found = list(step_bar(pool.map(partial(measure_scene, seed), range(scenes)), scenes))
     lines = pd.DataFrame([row for rows in found if rows for row in rows])
+    refused = sum(rows is None for rows in found)
     violates = lines.change > lines.bound + lines.error + ROUNDING
     sure = (lines.change > ROUNDING) & (lines.error < lines.change / 10)
     lines = lines.assign(ratio=(lines.bound / lines.change).where(sure), violates=violates)
@@ -207,9 +208,9 @@ def check_bounds(scenes: int, seed: int) -> dict:
     )
     return {
         "scenes": scenes,
-        "refused": sum(rows is None for rows in found),
+        "refused": refused,
         "most_seconds": MOST_SECONDS,
-        "left": sum(rows is not None and WHOLE not in [row["effect"] for row in rows] for rows in found),
+        "left": scenes - refused - int((lines.effect == WHOLE).sum()),
         "seed": seed,
         "tolerance": TOLERANCE,
         "rows": table.reset_index().to_dict("records"),

@@ -76,12 +76,12 @@ def plan(scene, tolerance, on, off, assume, measure) -> None:
       lf-flame plan scene.toml
       lf-flame plan scene.toml --assume 550nm,round,12bit --measure
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.simulation.planning import assumptions
+    from lf_flame.simulation.planning import plan as plans
     from lf_flame.simulation.planning.decisions import plan_effects
 
     layers, camera, effects, stated = _read_scene(scene, on, off)
     if assume:
-        camera = assumptions.assume(camera, assume.replace(" ", "").split(","), stated)
+        camera = plans.assume(camera, assume.replace(" ", "").split(","), stated)
     found = plan_effects(layers, camera, tolerance, effects, typical=True, stated=stated)
     if measure:
         from tqdm import tqdm

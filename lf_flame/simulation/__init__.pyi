@@ -1,5 +1,5 @@
 from .measuring import measure_changes as measure_changes
-from .planning.assumptions import assume as assume
 from .planning.decisions import plan_effects as plan_effects
 from .planning.plan import EffectPlan as EffectPlan
+from .planning.plan import assume as assume
 from .rendering import render as render

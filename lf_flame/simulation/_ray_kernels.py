@@ -17,8 +17,7 @@ import numpy as np
 from numba import njit
 
 from lf_flame._common.threads import parallel
-from lf_flame.simulation._falloff_kernels import shade_ray
-from lf_flame.simulation._stop_kernels import (
+from lf_flame.simulation._weight_kernels import (
     Lenslet,
     Pixel,
     Place,
@@ -26,6 +25,7 @@ from lf_flame.simulation._stop_kernels import (
     inside,
     on_array,
     passes,
+    shade_ray,
     whole,
 )
 
@@ -36,7 +36,7 @@ def radiance(planes, transmission, rays, weights, pixel, ray):
     # A single plane, which nothing attenuates.
     if transmission is None:
         at, down, right = hit(rays, weights, 0, pixel, ray)
-        return mean(planes.emission, planes.stride[0], at, down, right)
+        return box_mean(planes.emission, planes.stride[0], at, down, right)
     # Front to back: `clear` is the transmission of all planes passed so far, `before` that in
     # front of the plane, or of the sheet of which it is a strip.
     light, clear, before, sheet = 0.0, 1.0, 1.0, 0
@@ -45,9 +45,9 @@ def radiance(planes, transmission, rays, weights, pixel, ray):
         if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
             before, sheet = clear, planes.sheet[p]
         gain = before * strip_gain(planes, p, pixel)
-        light += gain * mean(planes.emission, planes.stride[p], at, down, right)
+        light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
         # A ray meets one strip of a sheet: what they stop adds up.
-        stopped = 1.0 - mean(transmission, planes.stride[p], at, down, right)
+        stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
         clear = max(clear - gain * stopped, 0.0)
     return light
 
@@ -69,14 +69,9 @@ def alone(planes, transmission, pixel):
 
 @njit
 def hit(rays, weights, p, pixel, ray):
-    """Cell that a ray meets on plane p, and the weights of the next cells down and right.
-
-    Without weights both are None: all light comes from the one cell.
-    """
+    """Cell that a ray meets on plane p, and the weights of the next cells down and right."""
     row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
     at = int(row + rays.columns[p, pixel.view_column, pixel.column, ray.column])
-    if weights is None:
-        return at, None, None
     down = weights.down[p, pixel.view_row, pixel.row, ray.row]
     return at, down, weights.right[p, pixel.view_column, pixel.column, ray.column]
 
@@ -131,14 +126,6 @@ def cell(position, breadth, cells):
         return 0, 0.0
     weight = (position + breadth / 2 - (start + 1)) / max(breadth, 1e-12)
     return start + 1, min(max(weight, 0.0), 1.0)
-
-
-@njit
-def mean(values, stride, at, down, right):
-    """Mean over a ray's box; without weights, the value of one cell."""
-    if down is None:
-        return values[at]
-    return box_mean(values, stride, at, down, right)
 
 
 @njit

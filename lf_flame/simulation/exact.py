@@ -1,16 +1,25 @@
-"""The exact integrator: each pixel's ray bundle over the cells of the planes, in closed form."""
+"""The exact integrator: each pixel's ray bundle over the cells of the planes, in closed form.
 
+The compiled loops at the end gather: each output element is summed by one thread in a fixed order,
+so the bits do not depend on the number of threads. Sums run in float64.
+"""
+
+import math
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
-from lf_flame.simulation import _exact_kernels
-from lf_flame.simulation.layouts import Layout, arrange, seen_range
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame._common.threads import parallel
+from lf_flame.simulation._weight_kernels import shade
+from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange, seen_range
 from lf_flame.simulation.slabs import Plane
 
 Width = float | np.ndarray
 """One width for all, or one for each."""
+
+TINY = np.finfo(float).tiny
+"""Divides where a width may be 0."""
 
 LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
@@ -32,7 +41,7 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.
     layout : {"views", "raw"} or Lines
         Layout of the image.
     out : ndarray of float32 or float64, shape (a, b, c, d)
-        Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
+        Image in the order of `lf_flame.simulation.optical_pass`; the light is added to it.
     """
     for neighbour in optics.lit_neighbours():
         through = replace(optics, neighbour=neighbour)
@@ -59,7 +68,7 @@ def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
     for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
         reach[:, p] = seen_range(np.any(weight, axis=2))
         part = lines[top : top + heights[p]]
-        _exact_kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
+        integrate_columns(plane.emission, start, weight, *reach[:, p], part)
         bands[0][p] = [bands[0][p][0] + top, bands[0][p][1] * optics.share]
         top += heights[p]
     most = max(weight.shape[2] for _, weight in bands[0])
@@ -68,7 +77,7 @@ def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
     falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
-    _exact_kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
+    integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
 
 
 def bundle_bands(
@@ -126,8 +135,92 @@ def band_weights(
     start = np.empty(centres_mm.shape, np.int64)
     weights = np.empty((*centres_mm.shape, band))
     lines = len(centres), -1
-    _exact_kernels.weigh_bands(
+    weigh_bands(
         edges_mm, centres.reshape(lines), float(lenslet_mm), widths.reshape(lines),
         start.reshape(lines), weights.reshape(*lines, band),
     )  # fmt: skip
     return start, weights
+
+
+@njit
+def trapezoid_cdf(x, wide, narrow):
+    """`lf_flame.optics.ray_bundle.trapezoid_cdf` of one number, for widths in order."""
+    distance, half = abs(x), 0.5
+    if wide > 0.0:
+        rest = (wide + narrow) / 2 - distance
+        if rest < narrow:
+            ramp = max(rest, 0.0)
+            half = 0.5 - ramp / wide * (ramp / max(narrow, TINY)) / 2
+        else:
+            half = min(distance / wide, 0.5)
+    return 0.5 + half if x > 0.0 else 0.5 - half if x < 0.0 else 0.5
+
+
+@parallel(lambda centres: len(centres))
+def weigh_bands(v, edges, centres, lenslet, pixels, start, weights):
+    """Shares of trapezoids in cells: weights[v, k, i] of cell start[v, k] + i for centres[v, k].
+
+    edges[cell]: evenly spaced. lenslet, pixels[v, k]: widths of the boxes that make a trapezoid.
+    """
+    cells, cell_width = edges.size - 1, edges[1] - edges[0]
+    band, border = weights.shape[2], edges[cells]
+    for k in range(centres.shape[1]):
+        centre, pixel = centres[v, k], pixels[v, k]
+        wide, narrow, reach = max(lenslet, pixel), min(lenslet, pixel), (lenslet + pixel) / 2
+        if centre + reach < edges[0] or centre - reach > border:  # as most do: in short
+            start[v, k] = 0 if centre < border else cells - band
+            weights[v, k] = 0.0
+            continue
+        first = math.floor((centre - reach - edges[0]) / cell_width)
+        start[v, k] = min(max(first, 0), cells - band)
+        near = trapezoid_cdf(edges[start[v, k]] - centre, wide, narrow)
+        for i in range(band):
+            far = trapezoid_cdf(edges[start[v, k] + i + 1] - centre, wide, narrow)
+            weights[v, k, i] = far - near
+            near = far
+
+
+@parallel(lambda texture: len(texture))
+def integrate_columns(row, texture, start, weight, first, last, out):
+    """``texture @ Kx.T``, K banded: out[row, b, d].
+
+    start[b, d], weight[b, d, j]: first cell and weights of the band.
+    """
+    cells = texture[row]
+    for b in range(start.shape[0]):
+        for d in range(first[b], last[b]):
+            light, near, band = 0.0, start[b, d], weight[b, d]
+            for j in range(band.size):
+                light += band[j] * cells[near + j]
+            out[row, b, d] = light
+
+
+@parallel(lambda weight: weight.shape[1] * weight.shape[2])
+def integrate_rows(k, columns, start, weight, falloff, seen, first, last, out):
+    """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
+
+    columns[row, b, d]: the planes' textures, integrated along x, one below the other.
+    start[p, a, c], weight[p, a, c, i]: first row and weights of the band in plane p.
+    seen[p, a, c], first[p, b], last[p, b]: the pixels along y and x that can see plane p.
+    """
+    planes, groups, lines, band = weight.shape
+    a, c = k // lines, k % lines
+    total = np.empty(columns.shape[2])
+    for b in range(columns.shape[1]):
+        low, high = total.size, 0
+        for p in range(planes):
+            if seen[p, a, c]:
+                low, high = min(low, first[p, b]), max(high, last[p, b])
+        total[low:high] = 0.0
+        for p in range(planes):
+            if not seen[p, a, c]:
+                continue
+            inside = total[first[p, b] : last[p, b]]
+            for i in range(band):
+                w = weight[p, a, c, i]
+                if w != 0.0:
+                    cells = columns[start[p, a, c] + i, b, first[p, b] : last[p, b]]
+                    for d in range(inside.size):
+                        inside[d] += w * cells[d]
+        for d in range(low, high):
+            out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))

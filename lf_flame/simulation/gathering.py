@@ -10,8 +10,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
 from lf_flame.optics.ray_bundle import ArrayPart
 from lf_flame.simulation.exact import integrate
-from lf_flame.simulation.layouts import Layout, Lines, blank_image
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.optical_pass import Layout, Lines, OpticalPass, blank_image
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane
 

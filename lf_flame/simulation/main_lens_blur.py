@@ -16,10 +16,9 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import beyond_mm, misplaced_mm, true_pitch_mm
+from lf_flame.simulation.bundle_limits import beyond_mm, misplaced_mm, neighbours, true_pitch_mm
 from lf_flame.simulation.lenslet_blur import wavelength_mm
 from lf_flame.simulation.slabs import Plane
-from lf_flame.simulation.stops import neighbours
 
 Interval = tuple[float, float]
 

@@ -7,10 +7,9 @@ import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.planning.assumptions import CAUSES
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.planning.effects import EFFECTS
-from lf_flame.simulation.planning.plan import EffectPlan, PlannedEffect
+from lf_flame.simulation.planning.plan import CAUSES, EffectPlan, PlannedEffect
 from lf_flame.simulation.rendering import render_plan
 
 RAYS = 4
@@ -31,7 +30,7 @@ def measure_changes(
     """Measure the change of the image by each effect of a plan, by rendering with and without it.
 
     An effect whose cause the camera does not state is measured at a typical value of the cause
-    (`lf_flame.simulation.planning.assumptions`). The bounds of a plan hold for all similar scenes;
+    (`lf_flame.simulation.planning.plan`). The bounds of a plan hold for all similar scenes;
     the measured change of one scene is smaller, often by far.
 
     Parameters

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lf_flame.optics.ray_bundle import Footprint
-from lf_flame.simulation.layouts import Layout, arrange
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange
 from lf_flame.simulation.slabs import Plane
 
 LENSLET_FINER = 1.5
@@ -44,7 +43,7 @@ class PlaneRays(NamedTuple):
     positions : ndarray of float64, shape (p, e, f, i)
         Middles of the rays' boxes, in cells from the first edge.
     boxes : ndarray of float64, shape (p,)
-        Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
+        Breadth of a ray's box in cells, 0 to 1.
     shifts : ndarray of float64, shape (p, g, h)
         Shift of the bundles by a rotated array, in cells.
     pitch_shifts : ndarray of float64, shape (p,)
@@ -130,48 +129,26 @@ def ray_grid(
     layout: Layout,
     rays: int,
     axis: int,
-    finite_width: bool,
 ) -> RayGrid:
-    """Lay the rays of all bundles over some planes, along one axis.
-
-    Parameters
-    ----------
-    planes : list of Plane
-    optics : OpticalPass
-    layout : {"views", "raw"} or Lines
-    rays : int
-        Smallest number of rays for each pixel.
-    axis : int
-        0 for y, 1 for x.
-    finite_width : bool
-        False for rays without breadth.
-
-    Returns
-    -------
-    RayGrid
-    """
+    """Lay the rays of all bundles over some planes along an axis, at least so many for a pixel."""
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
     edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
-    tiling = _lattice(rays)
-    if finite_width:
-        tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
+    tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
     along = ImageAxis(optics, layout, axis)
     seen = [_meets(*one, optics, axis) for one in zip(footprints, edges, strict=True)]
     return RayGrid(
-        planes=_on_planes(footprints, edges, tiling, along, finite_width),
-        stops=_on_stops(tiling, along, finite_width),
+        planes=_on_planes(footprints, edges, tiling, along),
+        stops=_on_stops(tiling, along),
         seen=np.any([arrange(pixels, layout, axis) for pixels in seen], axis=0),
         tiling=tiling,
     )
 
 
-def _on_planes(
-    footprints, layer_edges, tiling: Tiling, along: ImageAxis, finite_width
-) -> PlaneRays:
+def _on_planes(footprints, layer_edges, tiling: Tiling, along: ImageAxis) -> PlaneRays:
     """Lay the rays over planes, in cells of the layers or in wider ones."""
     # Without defocus a plane sees the pixel as a point; a stop never does.
     wide = along.optics.defocus
-    boxes_mm = np.array([_box_mm(one, tiling, wide) * finite_width for one in footprints])
+    boxes_mm = np.array([_box_mm(one, tiling, wide) for one in footprints])
     edges_mm = tuple(
         _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
     )
@@ -190,15 +167,14 @@ def _on_planes(
     )
 
 
-def _on_stops(tiling: Tiling, along: ImageAxis, finite_width: bool) -> StopRays:
+def _on_stops(tiling: Tiling, along: ImageAxis) -> StopRays:
     """Lay the rays over the round stops of a pass."""
     optics = along.optics
     stops = [optics.stop(distance, along.axis) for distance, _ in optics.stops]
     # On a stop the pixel's image is far wider than the lenslet's: its tiles alone do not overlap.
-    tile = finite_width / tiling.on_pixel
     return StopRays(
         places_mm=_stack([_hits_mm(stop, tiling, True, along) for stop in stops], tiling, along),
-        boxes_mm=np.array([stop.pixel_width_mm * tile for stop in stops]),
+        boxes_mm=np.array([stop.pixel_width_mm / tiling.on_pixel for stop in stops]),
         shifts_mm=_shifts(stops, 1.0, along),
         pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
     )
@@ -238,17 +214,6 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
     return Tiling(
         np.repeat(pixel_places, on_lenslet), np.tile(lenslet_places, on_pixel), on_pixel, on_lenslet
     )
-
-
-def _lattice(rays: int) -> Tiling:
-    """Place single rays on pixel and lenslet by a rank-1 lattice, one on each tile of both.
-
-    Both have the same midpoints. Their order along the lenslet steps by about the golden section,
-    so that each width alone, and both together, are sampled evenly.
-    """
-    step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
-    places = (np.arange(rays) + 0.5) / rays - 0.5
-    return Tiling(places, places[np.arange(rays) * step % rays], rays, rays)
 
 
 def _aspect(widths: np.ndarray) -> float:

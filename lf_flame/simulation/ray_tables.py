@@ -1,7 +1,7 @@
 """Tables that the ray kernels read: the planes, the rays on them, and each effect.
 
 Numba takes these named tuples as they are. In their shapes (a, c) is the place of a pixel along y
-and (b, d) along x, as in `lf_flame.simulation.layouts`: a and b count views, c and d rows and
+and (b, d) along x, as in `lf_flame.simulation.optical_pass`: a and b count views, c and d rows and
 columns. i and j count a pixel's rays along y and x, p the planes from front to back, k the stops.
 """
 

@@ -7,8 +7,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame.simulation import _ray_kernels
 from lf_flame.simulation.exact import band_weights
-from lf_flame.simulation.layouts import Layout, arrange, seen_range
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange, seen_range
 from lf_flame.simulation.ray_grid import PlaneRays, RayGrid, Tiling, ray_grid
 from lf_flame.simulation.ray_tables import (
     LensletTables,
@@ -34,7 +33,6 @@ def trace(
     layout: Layout,
     rays: int,
     out: np.ndarray,
-    finite_width: bool = True,
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
 
@@ -51,17 +49,15 @@ def trace(
     rays : int
         Smallest number of rays along each axis; rounded up so that they tile pixel and lenslet.
     out : ndarray of float32 or float64, shape (a, b, c, d)
-        Image in the order of `lf_flame.simulation.layouts`; the light is added to it.
-    finite_width : bool, optional
-        Whether rays have boxes; False is the plain midpoint rule.
+        Image in the order of `lf_flame.simulation.optical_pass`; the light is added to it.
     """
     front = _first_that_dims(planes)
     for group in [*([plane] for plane in planes[:front]), planes[front:]]:
         if not group:
             continue
-        y, x = (ray_grid(group, optics, layout, rays, axis, finite_width) for axis in (0, 1))
+        y, x = (ray_grid(group, optics, layout, rays, axis) for axis in (0, 1))
         find = _lenslet_tables if optics.every_lenslet else _own_tables
-        kernel, tables = find(group, optics, layout, y, x, finite_width)
+        kernel, tables = find(group, optics, layout, y, x)
         seen = SeenTable(y.seen, *seen_range(x.seen))
         share = optics.share / (y.count * x.count)
         runs = _runs(out.shape[2], out.size * y.count * x.count * len(group))
@@ -74,7 +70,7 @@ def _first_that_dims(planes: list[Plane]) -> int:
     return next((k for k, p in enumerate(planes) if p.transmission is not None), len(planes))
 
 
-def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x, finite_width: bool) -> tuple:
+def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
     """Return the kernel for light through every lenslet, and its tables."""
     stop, second = _stop_tables(optics, y, x)
     tables = LensletTables(
@@ -84,27 +80,27 @@ def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x, finite_wi
         stop=stop,
         second=second,
         micro_images=_micro_image_table(optics, layout),
-        squares=_square_table(y.tiling, x.tiling, optics, finite_width),
-        falloff=_falloff_table(y.tiling, x.tiling, optics, layout, finite_width),
+        squares=_square_table(y.tiling, x.tiling, optics),
+        falloff=_falloff_table(y.tiling, x.tiling, optics, layout),
         tilt=optics.tilt_table(layout) if optics.falloff else None,
     )
     return _ray_kernels.trace_lenslets, (tables,)
 
 
-def _own_tables(planes, optics: OpticalPass, layout: Layout, y, x, finite_width: bool) -> tuple:
+def _own_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
     """Return the kernel for light through each pixel's own lenslet, and its tables."""
     table = _plane_table(planes, y.planes, x.planes, optics, layout)
     stop, second = _stop_tables(optics, y, x)
-    falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
+    falloff = _falloff_table(y.tiling, x.tiling, optics, layout)
     # Positions become indices once, outside the ray loop.
     rows, down = _indices(y.planes)
     columns, right = _indices(x.planes)
     stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
     rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
     rays = RayTable(rows, columns, y.planes.boxes, x.planes.boxes)
-    weights = WeightTable(down, right) if finite_width else None
+    weights = WeightTable(down, right)
     bounded = table.transmission is not None or stop is not None or falloff is not None
-    if finite_width and not bounded:
+    if not bounded:
         return _ray_kernels.trace_apart, (table, rays, weights)
     return _ray_kernels.trace_planes, (table, rays, weights, stop, second, falloff)
 
@@ -138,14 +134,14 @@ def _runs(lines: int, cells: int) -> list[slice]:
 
 
 def _falloff_table(
-    y: Tiling, x: Tiling, optics: OpticalPass, layout: Layout, finite_width: bool
+    y: Tiling, x: Tiling, optics: OpticalPass, layout: Layout
 ) -> RayFalloffTable | None:
     """Tangents of all rays, or None without cos^4."""
     if not optics.falloff:
         return None
     rows, columns = (arrange(optics.tangents(axis), layout, axis) for axis in (0, 1))
     pixel = optics.camera.pixel_mm / optics.camera.lenslet_focal_mm
-    boxes = (pixel / y.on_pixel * finite_width, pixel / x.on_pixel * finite_width)
+    boxes = pixel / y.on_pixel, pixel / x.on_pixel
     return RayFalloffTable(
         rows,
         columns,
@@ -189,9 +185,7 @@ def _micro_image_table(optics: OpticalPass, layout: Layout) -> MicroImageTable:
     )
 
 
-def _square_table(
-    y: Tiling, x: Tiling, optics: OpticalPass, finite_width: bool
-) -> SquareTable | None:
+def _square_table(y: Tiling, x: Tiling, optics: OpticalPass) -> SquareTable | None:
     """Places of the rays on a pixel, where micro-images are squares."""
     if not optics.square_micro_images:
         return None
@@ -199,8 +193,8 @@ def _square_table(
     return SquareTable(
         -pixel * y.along_pixel,  # as for the falloff
         -pixel * x.along_pixel,
-        pixel / y.on_pixel * finite_width,
-        pixel / x.on_pixel * finite_width,
+        pixel / y.on_pixel,
+        pixel / x.on_pixel,
         pixel,
     )
 

@@ -17,16 +17,15 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.bundle_limits import whole_views
 from lf_flame.simulation.gathering import gather, optical_passes
-from lf_flame.simulation.layouts import as_views
 from lf_flame.simulation.lenslet_blur import blur_on_sensor, leaves_gaps, tiled_sensor
 from lf_flame.simulation.main_lens_blur import blur_planes, blur_whole_lenslets
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.optical_pass import OpticalPass, as_views
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels
-from lf_flame.simulation.planning.decisions import find_counts, make_plan
+from lf_flame.simulation.planning.decisions import find_counts, plan_effects
 from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.slabs import Plane, slice_scene
-from lf_flame.simulation.stops import whole_views
 
 PARTS_BESIDE_GAPS = 4
 """Parts of a pixel along each axis, with a fixed number of rays, where pixels leave gaps."""
@@ -95,7 +94,7 @@ def render(
     """
     _check_options(integrator, rays, layout)
     with progress.stage("Looking which effects the scene calls for"):
-        plan = make_plan(scene, camera, tolerance, effects, rays=rays)
+        plan = plan_effects(scene, camera, tolerance, effects, rays=rays)
     return render_plan(scene, camera, plan, integrator, rays, seed, layout)
 
 

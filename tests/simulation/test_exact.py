@@ -5,8 +5,7 @@ from lf_flame import Layer, Scene
 from lf_flame.optics.ray_bundle import trapezoid_cdf
 from lf_flame.simulation import exact
 from lf_flame.simulation.exact import band_weights, integrate
-from lf_flame.simulation.layouts import blank_image
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.optical_pass import OpticalPass, blank_image
 from lf_flame.simulation.slabs import slice_scene
 
 

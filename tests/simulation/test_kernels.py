@@ -11,7 +11,8 @@ from lf_flame import Layer, Scene, render
 from lf_flame._common.threads import Kernel
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
-from lf_flame.simulation import _exact_kernels, _ray_kernels
+from lf_flame.simulation import _ray_kernels
+from lf_flame.simulation.exact import integrate_columns, integrate_rows
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
@@ -62,8 +63,8 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
     """However they are reached: another scene, layout or number of rays compiles nothing."""
     kernels = [
         _ray_kernels.trace_apart,
-        _exact_kernels.integrate_columns,
-        _exact_kernels.integrate_rows,
+        integrate_columns,
+        integrate_rows,
         refocus_kernels.sum_bands,
     ]
 

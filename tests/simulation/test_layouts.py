@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame.simulation.layouts import arrange, as_views, blank_image, seen_range
+from lf_flame.simulation.optical_pass import arrange, as_views, blank_image, seen_range
 
 
 def test_blank_images_have_the_shape_of_the_sensor(small_camera):

@@ -9,8 +9,7 @@ import pytest
 from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.simulation import rays as rays_module
 from lf_flame.simulation.gathering import optical_passes
-from lf_flame.simulation.layouts import Lines, blank_image
-from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.optical_pass import Lines, OpticalPass, blank_image
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 

@@ -20,7 +20,7 @@ def planes_of(*layers):
 def test_boxes_have_the_mean_and_variance_of_the_bundle(small_camera, rays, axis):
     optics = OpticalPass(small_camera)
     layer = Layer([[1.0]], 10.0, (30.0, 30.0))
-    grid = ray_grid(planes_of(layer), optics, "views", rays, axis, True)
+    grid = ray_grid(planes_of(layer), optics, "views", rays, axis)
     bundle, edges = optics.footprint(10.0, axis), grid.planes.edges_mm[0]
     cell_mm = edges[1] - edges[0]
     middles = edges[0] + cell_mm * grid.planes.positions[0]
@@ -37,24 +37,21 @@ def test_a_grid_has_the_shape_of_the_image(small_camera):
     )
     planes = planes_of(Layer([[1.0]], 5.0, (9.0, 9.0)), Layer([[0.0]], -5.0, (1.0, 1.0)))
     for layout, along, across in (("views", (5, 24), (5, 30)), ("raw", (1, 120), (1, 150))):
-        grid = ray_grid(planes, optics, layout, 4, 0, True)
+        grid = ray_grid(planes, optics, layout, 4, 0)
         assert grid.planes.positions.shape == (2, *along, grid.count)
         assert grid.stops.places_mm.shape == (2, *along, grid.count)
         assert grid.planes.shifts.shape == grid.stops.shifts_mm.shape == (2, *across)
         assert grid.seen.shape == along
-        bare = ray_grid(planes, replace(optics, stops=()), layout, 4, 0, True)
+        bare = ray_grid(planes, replace(optics, stops=()), layout, 4, 0)
         assert bare.stops.places_mm.shape[1:3] == along
         assert [len(table) for table in bare.stops] == [0] * 4
 
 
 def test_cells_finer_than_a_box_are_averaged(small_camera, rng):
     fine = Layer(rng.uniform(size=(500, 500)), 10.0, (3.0, 3.0))
-    grid = ray_grid(planes_of(fine), OpticalPass(small_camera), "views", 3, 0, True)
+    grid = ray_grid(planes_of(fine), OpticalPass(small_camera), "views", 3, 0)
     assert grid.planes.cells[0] < 500
     assert grid.planes.boxes[0] == pytest.approx(1.0)
-    single = ray_grid(planes_of(fine), OpticalPass(small_camera), "views", 3, 0, False)
-    assert single.planes.cells[0] == 500
-    assert single.planes.boxes[0] == 0
 
 
 @pytest.mark.parametrize("depths", [(-10.0, 20.0), (3.0, 7.0), (-10.0, 0.0), (0.5, 1.5)])

@@ -16,10 +16,15 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.planning.assumptions import is_stated, typical_bounds
 from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels, refine
-from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS, Estimate
-from lf_flame.simulation.planning.plan import LEFT_OUT_SHARE, EffectPlan, PlannedEffect
+from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS
+from lf_flame.simulation.planning.plan import (
+    LEFT_OUT_SHARE,
+    EffectPlan,
+    PlannedEffect,
+    is_stated,
+    typical_bounds,
+)
 from lf_flame.simulation.planning.scene_bounds import SceneBounds, bound_scene
 
 TOLERANCE = 1e-3
@@ -44,6 +49,7 @@ def plan_effects(
     typical: bool = False,
     *,
     stated: Collection[str] = (),
+    rays: int | None = None,
 ) -> EffectPlan:
     """Decide which optical effects to simulate for a scene, and how finely.
 
@@ -71,6 +77,8 @@ def plan_effects(
     stated : collection of str, optional
         Names of fields of the camera that were set on purpose, although to the default value;
         effects that they cause are not among the typical ones.
+    rays : int, optional
+        Number of rays of a pixel along each axis that is given. Default: found by the tolerance.
 
     Returns
     -------
@@ -91,29 +99,20 @@ def plan_effects(
     >>> sorted(plan_effects(scene, PAPER_CAMERA).kept)
     ['defocus']
     """
-    return make_plan(scene, camera, tolerance, effects, typical, stated)
-
-
-def make_plan(
-    scene: Scene,
-    camera: PlenopticCamera,
-    tolerance: float | None,
-    effects: Mapping[str, bool] | None,
-    typical: bool = False,
-    stated: Collection[str] = (),
-    rays: int | None = None,
-) -> EffectPlan:
-    """Make a plan as `plan_effects` does, or one for a given number of rays, which is not found."""
     forced = dict(effects or {})
-    check_request(TOLERANCE if tolerance is None else tolerance, forced)
+    _check_request(TOLERANCE if tolerance is None else tolerance, forced)
     bounds = bound_scene(scene, camera)
-    noise = _noise(bounds, forced)
-    by_noise = tolerance is None and OF_NOISE * noise > TOLERANCE
+    noise = OF_NOISE * _noise(bounds, forced)
+    by_noise = tolerance is None and noise > TOLERANCE
     if tolerance is None:
-        tolerance = OF_NOISE * noise if by_noise else TOLERANCE
-    chosen = _choose_effects(bounds, forced, LEFT_OUT_SHARE * tolerance)
-    _, estimates, kept = chosen
-    traced = _traced(chosen)
+        tolerance = max(noise, TOLERANCE)
+    allowance = LEFT_OUT_SHARE * tolerance
+    # Where defocus may be left out, the blur that softens other changes may be missing.
+    defocus = EFFECTS["defocus"](bounds).bound
+    bounds = replace(bounds, defocus=forced.get("defocus", defocus > allowance))
+    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    kept = _choose({name: found.bound for name, found in estimates.items()}, forced, allowance)
+    traced = _traced(bounds, {name for name in kept if estimates[name].bound > 0})
     counts = find_counts(bounds.pixels, kept, traced, tolerance, rays)
     options = {"slabs": counts.slabs, "colours": counts.colours, "rays": counts.rays}
     seconds = counts.parts**2 * bounds.pixels.time(kept=kept, traced=traced, **options)
@@ -161,21 +160,8 @@ def find_counts(
 ) -> Counts:
     """Find the numbers of slabs, colours, parts of pixels and rays that a tolerance needs.
 
-    Parameters
-    ----------
-    pixels : ChosenPixels
-    kept, traced : collection of str
-        Effects that are kept, and those of them that need rays.
-    tolerance : float
-    rays : int, optional
-        Number of rays that is given; parts of pixels are then not counted either.
-    by_rays : bool, optional
-        Whether rays are traced although no effect needs them.
-
-    Raises
-    ------
-    InputError
-        If a number would be too large.
+    rays: number that is given; parts of pixels are then not counted either. by_rays: whether rays
+    are traced although no effect needs them.
     """
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
@@ -229,72 +215,8 @@ def _noise(bounds: SceneBounds, forced: Mapping[str, bool]) -> float:
     return math.hypot(shot, read) / electrons
 
 
-class _Chosen(NamedTuple):
-    """Effects that are simulated, and the bounds from which they were chosen.
-
-    Attributes
-    ----------
-    bounds : SceneBounds
-        Bounds of the scene; without the blur of defocus if that is left out.
-    estimates : dict of str to Estimate
-        Estimate of each effect with these bounds.
-    kept : set of str
-        Names of the effects that are simulated.
-    """
-
-    bounds: SceneBounds
-    estimates: dict[str, Estimate]
-    kept: set[str]
-
-    @property
-    def changes(self) -> dict[str, float]:
-        """Bound of each effect."""
-        return _changes(self.estimates)
-
-
-def _choose_effects(bounds: SceneBounds, forced: dict[str, bool], allowance: float) -> _Chosen:
-    """Choose the effects to simulate: those forced on, and those that the allowance calls for."""
-    estimates, sharp = _estimate_changes(bounds, forced, allowance)
-    changes = _changes(estimates)
-    # Without the blur of defocus the bounds of other effects are larger. Leaving defocus out costs
-    # this difference too.
-    changes["defocus"] += sum(
-        max(0.0, sharp[name].bound - estimate.bound) for name, estimate in estimates.items()
-    )
-    kept = _choose(changes, forced, allowance)
-    if "defocus" in kept:
-        return _Chosen(bounds, estimates, kept)
-    return _Chosen(replace(bounds, defocus=False), sharp, kept)
-
-
-def _changes(estimates: Mapping[str, Estimate]) -> dict[str, float]:
-    return {name: estimate.bound for name, estimate in estimates.items()}
-
-
-def _estimate_changes(
-    bounds: SceneBounds, forced: Mapping[str, bool], allowance: float
-) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Estimate how much leaving out each effect changes the image, with and without defocus.
-
-    If defocus is certain to be kept, the second result equals the first.
-    """
-    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
-    if forced.get("defocus", estimates["defocus"].bound > allowance):
-        return estimates, estimates
-    without = replace(bounds, defocus=False)
-    sharp = {name: find(without) for name, find in EFFECTS.items()}
-    return (sharp if "defocus" in forced else estimates), sharp
-
-
-def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
-    """Check a tolerance, and the names and values of forced effects.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not a finite number above 0, an effect is unknown, or its value is not
-        True or False.
-    """
+def _check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
+    """Refuse a tolerance that is not above 0, and effects that are unknown or no booleans."""
     if not (tolerance > 0 and math.isfinite(tolerance)):
         raise InputError(f"tolerance must be above 0, got {tolerance}.")
     unknown = [repr(name) for name in forced if name not in EFFECTS]
@@ -308,13 +230,7 @@ def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
 
 
 def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
-    """Leave out effects, smallest bound first, while the sum of their bounds is small enough.
-
-    Returns
-    -------
-    set of str
-        Names of the effects that are kept.
-    """
+    """Leave out effects, smallest bound first, while their sum is small enough; keep the rest."""
     kept = {name for name, on in forced.items() if on}
     used = 0.0
     for name in sorted((name for name in changes if name not in forced), key=changes.__getitem__):
@@ -334,14 +250,16 @@ def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float
     return kept
 
 
-def _traced(chosen: _Chosen) -> tuple[str, ...]:
-    """Kept effects that occur, and that treat the rays of one pixel's bundle differently."""
-    changes = chosen.changes
+def _traced(bounds: SceneBounds, kept: Collection[str]) -> tuple[str, ...]:
+    """Kept effects that treat the rays of one pixel's bundle differently."""
     # A flat layer that absorbs, with nothing behind it, only becomes darker.
     alone = all(
-        not layer.depth_extent_mm and not chosen.bounds.behind[layer]
-        for layer in chosen.bounds.layers
+        not layer.depth_extent_mm and not bounds.behind[layer]
+        for layer in bounds.layers
         if layer.optical_thickness.any()
     )
-    candidates = chosen.kept - ({"self_absorption"} if alone else set())
-    return tuple(name for name in (*MATTER, *RAYS) if name in candidates and changes[name] > 0)
+    return tuple(
+        name
+        for name in (*MATTER, *RAYS)
+        if name in kept and not (name == "self_absorption" and alone)
+    )

@@ -7,18 +7,21 @@ scene and camera, before anything is rendered. The source of each formula is giv
 """
 
 import math
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import (
+from lf_flame.simulation.bundle_limits import (
+    crosstalk,
     farthest_move_mm,
     focus_spread,
     misplaced_mm,
+    neighbours,
     pitch_shifts_mm,
     rotation_shifts_mm,
+    share_cut,
     true_pitch_mm,
 )
 from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
@@ -34,24 +37,16 @@ from lf_flame.simulation.planning.scene_bounds import (
     stopped_inside,
 )
 from lf_flame.simulation.slabs import self_absorbed
-from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
 
 MEASURED = ", measured on some pixels, doubled"
 """Note on a change that was measured, not bounded: see `scene_bounds.measured_change`."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """Change of the image if an effect is left out.
+class Estimate(NamedTuple):
+    """Change of the image if an effect is left out, relative to its brightest pixel, and why.
 
-    Attributes
-    ----------
-    bound : float
-        Largest change of the image relative to its brightest pixel: an upper bound, or twice the
-        largest change of some measured pixels if the criterion says so; 0 if the effect does not
-        occur.
-    criterion : str
-        Reason, with its numbers.
+    The bound is an upper bound, or twice the largest change of some measured pixels if the
+    criterion says so; 0 if the effect does not occur.
     """
 
     bound: float
@@ -280,27 +275,24 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
 
 def _shot_noise(bounds: SceneBounds) -> Estimate:
     """Shot noise: 1 / sqrt(electrons) of the brightest pixel (Poisson; EMVA 1288)."""
-    return _noise(
-        bounds, lambda sensor: math.sqrt(bounds.brightest_raw * sensor.exposure_e), "shot"
-    )
+    sensor = bounds.camera.sensor
+    return _noise(bounds, "shot", sensor and math.sqrt(bounds.brightest_raw * sensor.exposure_e))
 
 
 def _read_noise(bounds: SceneBounds) -> Estimate:
     """Read noise relative to the electrons of the brightest pixel (EMVA 1288)."""
-    return _noise(bounds, lambda sensor: sensor.read_noise_e, "read")
-
-
-def _noise(bounds: SceneBounds, electrons, kind: str) -> Estimate:
     sensor = bounds.camera.sensor
-    if sensor is None:
+    return _noise(bounds, "read", sensor and sensor.read_noise_e)
+
+
+def _noise(bounds: SceneBounds, kind: str, electrons: float | None) -> Estimate:
+    camera, sensor = bounds.camera, bounds.camera.sensor
+    if sensor is None or electrons is None:
         return Estimate(0.0, "no sensor: ideal")
-    camera = bounds.camera
-    pixels = camera.views**2 * camera.lenslets[0] * camera.lenslets[1]
     # The root mean square of n random draws has a relative standard deviation of 1 / sqrt(2 n).
-    noise = electrons(sensor) * (1 + 5 / math.sqrt(2 * pixels))
-    words = (
-        f"{kind} noise {electrons(sensor):.3g} of {bounds.peak * sensor.exposure_e:.3g} electrons"
-    )
+    pixels = camera.views**2 * camera.lenslets[0] * camera.lenslets[1]
+    noise = electrons * (1 + 5 / math.sqrt(2 * pixels))
+    words = f"{kind} noise {electrons:.3g} of {bounds.peak * sensor.exposure_e:.3g} electrons"
     return Estimate(bounds.relative(noise / sensor.exposure_e), words)
 
 

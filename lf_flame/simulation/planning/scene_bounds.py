@@ -7,36 +7,32 @@ change of a pixel if its bundle of rays moves over a layer. Nothing is rendered.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.bundle_shifts import (
+from lf_flame.simulation.bundle_limits import (
+    crosstalk,
     farthest_move_mm,
     misplaced_mm,
+    neighbours,
     reach_mm,
+    round_stops,
+    share_crossing,
     true_pitch_mm,
 )
 from lf_flame.simulation.lenslet_blur import lenslet_share_leaving, tiled_sensor
 from lf_flame.simulation.main_lens_blur import main_lens_share_leaving
 from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels, has_matter
-from lf_flame.simulation.stops import crosstalk, neighbours, round_stops, share_crossing
 
 
-@dataclass(frozen=True)
-class LightSteps:
-    """Largest changes of light from place to place on a layer, along one axis.
+class LightSteps(NamedTuple):
+    """Largest changes of radiance on a layer along one axis, and the width of its cells.
 
-    Attributes
-    ----------
-    whole : float
-        Largest change of radiance between any two places.
-    next : float
-        Largest change of radiance between neighbouring cells; outside the layer it is 0.
-    cell_mm : float
-        Width of a cell.
+    Between any two places, and between neighbouring cells; outside the layer it is 0.
     """
 
     whole: float
@@ -50,18 +46,14 @@ class SceneBounds:
 
     Attributes
     ----------
-    camera : PlenopticCamera
-        Camera in front of the scene.
     layers : tuple of Layer
         Layers of the scene, nearest to the main lens first.
     footprints : mapping of (Layer, int) to Footprint
         Intersection of all pixels' bundles of rays with each layer, along axis 0 (y) and 1 (x).
-    radiance : float
-        Upper bound on the radiance of a pixel: the sum of the brightest cells of all layers.
-    brightest_raw : float
-        Upper bound on the radiance of a pixel, with light through neighbouring lenslets.
+    radiance, brightest_raw : float
+        Upper bound on the radiance of a pixel: the sum of the brightest cells of all layers;
+        `brightest_raw` includes light through neighbouring lenslets.
     pixels : ChosenPixels
-        Some pixels of the image.
     peak : float
         Radiance of the brightest of these, with all that the camera and the scene state; what
         diffraction may take from it is subtracted.
@@ -70,7 +62,7 @@ class SceneBounds:
     steps : mapping of (Layer, int) to LightSteps
         Largest changes of the light that a layer adds or stops, along each axis.
     defocus : bool
-        Whether the blur of defocus is simulated; it smooths the changes by other effects.
+        Whether the blur of defocus is certain; it smooths the changes by other effects.
     """
 
     camera: PlenopticCamera
@@ -94,11 +86,8 @@ class SceneBounds:
 def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     """Bound the light of a scene in front of a camera.
 
-    Raises
-    ------
-    InputError
-        If a layer is on the wrong side of the main lens, or diffraction spreads light over too
-        many pixels.
+    Raises InputError if a layer is on the wrong side of the main lens, or diffraction spreads light
+    over too many pixels.
     """
     layers = scene.front_to_back
     footprints = {
@@ -182,7 +171,7 @@ def measured_change(bounds: SceneBounds, effect: str) -> float:
     slabs = [SPREAD if layer.depth_extent_mm else 1 for layer in bounds.pixels.scene.layers]
     many = {"slabs": slabs} if effect == "thickness" else {"colours": SPREAD}
     changes = []
-    for blurs in {bounds.defocus, bounds.defocus and not round_stops(camera)}:
+    for blurs in (True,) if bounds.defocus and not round_stops(camera) else (True, False):
         kept = {"defocus"} if blurs else set()
         few, fine = (bounds.pixels.render(kept, (), **options) for options in ({}, many))
         changes.append(float(np.abs(few - fine).max()))
@@ -276,13 +265,6 @@ def change_rate(steps: LightSteps, box: float) -> float:
     If a box of width a moves by d over cells of width c, a fraction d/a of it crosses each boundary
     between cells, and there are at most ``a/c + 1`` boundaries. The change is therefore at most
     ``d * min(whole / a, next * (1/c + 1/a))``. Wider weights are averages of such boxes.
-
-    Parameters
-    ----------
-    steps : LightSteps
-        Largest changes of light on the layer.
-    box : float
-        Width a of the bundle in mm, above 0.
     """
     return min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
 
@@ -300,17 +282,8 @@ def smeared(
 ) -> float:
     """Bound on the change of a pixel if all light came from the middle of a spread.
 
-    The spread is one of depth (a thick layer) or of focal length (chromatic shift). It is divided
-    into eight parts; for each, the farthest move of the bundle within it is taken.
-
-    Parameters
-    ----------
-    bounds : SceneBounds
-    layer : Layer
-    axis : int
-        0 for y, 1 for x.
-    depth_mm, focal_mm : float, optional
-        Total spread of depths or of focal lengths, in mm.
+    The spread, in mm, is one of depth (a thick layer) or of focal length (chromatic shift). It is
+    divided into eight parts; for each, the farthest move of the bundle within it is taken.
     """
     box, total, here = box_mm(bounds, layer, axis), 0.0, bounds.footprints[layer, axis]
     for part in (-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375, 0.5):

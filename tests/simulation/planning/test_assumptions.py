@@ -7,8 +7,8 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, Sensor, plan_effects
 from lf_flame.simulation.measuring import measure_changes
-from lf_flame.simulation.planning.assumptions import CAUSES, assume
 from lf_flame.simulation.planning.effects import EFFECTS
+from lf_flame.simulation.planning.plan import CAUSES, assume
 
 CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(20, 30))
 EVEN = Scene([Layer([[1.0]], 0.0, (9.0, 9.0))])

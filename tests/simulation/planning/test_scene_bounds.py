@@ -7,20 +7,18 @@ import pytest
 
 from lf_flame import Layer, Scene, plan_effects, render
 from lf_flame.optics.ray_bundle import trace_stop
-from lf_flame.simulation.bundle_shifts import (
+from lf_flame.simulation.bundle_limits import (
+    crosstalk,
     misplaced_mm,
+    neighbours,
     pitch_shifts_mm,
     rotation_shifts_mm,
-    true_pitch_mm,
-)
-from lf_flame.simulation.planning.scene_bounds import bound_scene
-from lf_flame.simulation.stops import (
-    crosstalk,
-    neighbours,
     round_stops,
     share_crossing,
     share_cut,
+    true_pitch_mm,
 )
+from lf_flame.simulation.planning.scene_bounds import bound_scene
 
 
 def glow(rng, depth=10.0, **matter):
