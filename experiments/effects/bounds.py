@@ -19,7 +19,7 @@ from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.planning.plan import EffectPlan
-from lf_flame.simulation.rendering import render
+from lf_flame.simulation.rendering import render, render_plan
 
 TOLERANCE = 0.05
 """Tolerance of the plans whose decisions the images follow."""
@@ -30,7 +30,7 @@ RAY_COUNTS = (12, 36, 108)
 WHOLE = "whole image"
 """Name of the line that compares images at the tolerance and at a tenth of it, as a whole."""
 
-MOST_SECONDS = 60
+MOST_SECONDS = 30
 """Processor time after which a scene is left: a few need minutes at a tenth of the tolerance."""
 
 ROUNDING = 1e-6
@@ -166,13 +166,17 @@ def _largest_change(scene, camera, states, bound: float) -> tuple[float, float]:
     fewest that show the change to be within the bound and their error, which is how far fewer rays
     were off in both.
     """
-    rays = any(plan_effects(scene, camera, TOLERANCE, state, rays=1).traced for state in states)
+    plans = [plan_effects(scene, camera, TOLERANCE, state, rays=RAY_COUNTS[0]) for state in states]
+    rays = any(plan.traced for plan in plans)
+    if not rays:
+        plans = [plan_effects(scene, camera, TOLERANCE, state) for state in states]
     before: list[np.ndarray] = []
     for count in RAY_COUNTS if rays else (None,):
-        fixed = {"integrator": "rays", "rays": count} if rays else {}
         images = [
-            render(scene, camera, TOLERANCE, effects=state, seed=1, **fixed).views.astype(float)
-            for state in states
+            render_plan(
+                scene, camera, plan, "rays" if rays else "exact", count, seed=1
+            ).views.astype(float)
+            for plan in plans
         ]
         peak = max(image.max() for image in images) or 1.0
         change = float(np.abs(images[0] - images[1]).max() / peak)
