@@ -20,8 +20,7 @@ def _inside_triangle(y, x):
 
 
 SHAPES = {"rectangle": None, "square": None, "circle": _inside_circle, "triangle": _inside_triangle}
-"""Shapes by name, with their tests on coordinates from -1 to 1 over the bounding box. On each line
-along x, the inside must be one interval that contains x = 0."""
+"""Shapes by name, with their tests on coordinates from -1 to 1 over the bounding box."""
 
 
 def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1) -> np.ndarray:
@@ -61,34 +60,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     y, x = (
         (2 * np.arange(n * SUPERSAMPLING) + 1) / (n * SUPERSAMPLING) - 1 for n in (rows, columns)
     )
-    # On each line the points inside are one interval about the centre: its ends suffice.
-    middle = len(x) // 2
-    left, right = _count_inside(inside, y, np.stack([x[:middle][::-1], x[middle:]]))
-    hits = _points_before(middle + right, columns)
-    hits -= _points_before(middle - left, columns)
-    counts = hits.reshape(rows, SUPERSAMPLING, columns).sum(axis=1, dtype=np.int16)
-    return counts / SUPERSAMPLING**2
-
-
-def _count_inside(inside, y: np.ndarray, outward: np.ndarray) -> np.ndarray:
-    """Count the points inside on each line y up to the first outside, by bisection.
-
-    `outward` are the points from the centre to the left and to the right, [side, point]. The
-    result is [side, line].
-    """
-    low = np.zeros((2, len(y)), int)
-    high = np.full_like(low, outward.shape[1])
-    while np.any(low < high):
-        middle = (low + high) // 2
-        at = outward[[[0], [1]], np.minimum(middle, outward.shape[1] - 1)]
-        is_inside = inside(y, at) & (low < high)
-        low, high = np.where(is_inside, middle + 1, low), np.where(is_inside, high, middle)
-    return low
-
-
-def _points_before(end: np.ndarray, columns: int) -> np.ndarray:
-    """Count the points of each cell, [line, cell], before an end on each line."""
-    # 16-bit integers hold all points of a line, and are fast.
-    cells = np.arange(columns, dtype=np.int16) * np.int16(SUPERSAMPLING)
-    before = end.astype(np.int16)[:, None] - cells
-    return np.clip(before, np.int16(0), np.int16(SUPERSAMPLING), out=before)
+    lines = y.reshape(rows, SUPERSAMPLING, 1)
+    # Row by row, as all points of a large shape would not fit into the memory.
+    points = (inside(line, x).reshape(SUPERSAMPLING, columns, SUPERSAMPLING) for line in lines)
+    return np.array([row.mean(axis=(0, 2)) for row in points])

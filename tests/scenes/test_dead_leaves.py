@@ -4,8 +4,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
-from lf_flame.scenes._kernels import COLUMNS
-from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.scenes.dead_leaves import COLUMNS, DeadLeaves
 
 VIEWS, IMAGE = (5, 5), (40, 60)
 
