@@ -16,48 +16,23 @@ wide; by trial, about this ratio takes the fewest rays."""
 
 
 class Tiling(NamedTuple):
-    """Places of the rays on a pixel and on its lenslet, in widths of each.
+    """Places of the rays on a pixel and on its lenslet, in widths of each, -1/2 to 1/2."""
 
-    Attributes
-    ----------
-    along_pixel, along_lenslet : ndarray of float64, shape (i,)
-        Places from the centre, -1/2 to 1/2.
-    on_pixel, on_lenslet : int
-        Number of tiles along each.
-    """
-
-    along_pixel: np.ndarray
-    along_lenslet: np.ndarray
-    on_pixel: int
+    along_pixel: np.ndarray  # (i,)
+    along_lenslet: np.ndarray  # (i,)
+    on_pixel: int  # number of tiles
     on_lenslet: int
 
 
 class PlaneRays(NamedTuple):
-    """Rays on planes along one axis; p counts the planes, other letters as in `RayGrid`.
+    """Rays on planes along one axis; p counts the planes, other letters as in `RayGrid`."""
 
-    Attributes
-    ----------
-    edges_mm : tuple of ndarray of float64, shape (cells + 1,)
-        Edges of the cells of each plane that the rays meet: the layer's, or wider ones where those
-        are finer than a ray's box.
-    positions : ndarray of float64, shape (p, e, f, i)
-        Middles of the rays' boxes, in cells from the first edge.
-    boxes : ndarray of float64, shape (p,)
-        Breadth of a ray's box in cells, 0 to 1.
-    shifts : ndarray of float64, shape (p, g, h)
-        Shift of the bundles by a rotated array, in cells.
-    pitch_shifts : ndarray of float64, shape (p,)
-        Shift of the bundles by a lenslet a pitch further on, in cells.
-    lenslet_cells : ndarray of float64, shape (p,)
-        Image of the lenslet in cells, signed as the rays' places on it.
-    """
-
-    edges_mm: tuple[np.ndarray, ...]
-    positions: np.ndarray
-    boxes: np.ndarray
-    shifts: np.ndarray
-    pitch_shifts: np.ndarray
-    lenslet_cells: np.ndarray
+    edges_mm: tuple[np.ndarray, ...]  # of cells: the layer's, or wider if finer than a ray's box
+    positions: np.ndarray  # (p, e, f, i): middles of the rays' boxes, in cells from the first edge
+    boxes: np.ndarray  # (p,): breadth of a ray's box in cells, 0 to 1
+    shifts: np.ndarray  # (p, g, h): shift of the bundles by a rotated array, in cells
+    pitch_shifts: np.ndarray  # (p,): shift by a lenslet a pitch further on, in cells
+    lenslet_cells: np.ndarray  # (p,): image of the lenslet, signed as the rays' places on it
 
     @property
     def cells(self) -> np.ndarray:
@@ -66,24 +41,12 @@ class PlaneRays(NamedTuple):
 
 
 class StopRays(NamedTuple):
-    """Rays on stops along one axis; k counts the stops, other letters as in `RayGrid`.
+    """Rays on stops along one axis; k counts the stops, other letters as in `RayGrid`."""
 
-    Attributes
-    ----------
-    places_mm : ndarray of float64, shape (k, e, f, i)
-        Middles of the rays' boxes.
-    boxes_mm : ndarray of float64, shape (k,)
-        Breadth of a ray's box, below 0 where it lies upside down.
-    shifts_mm : ndarray of float64, shape (k, g, h)
-        Shift of the bundles by a rotated array.
-    pitch_shifts_mm : ndarray of float64, shape (k,)
-        Shift of the bundles by a lenslet a pitch further on.
-    """
-
-    places_mm: np.ndarray
-    boxes_mm: np.ndarray
-    shifts_mm: np.ndarray
-    pitch_shifts_mm: np.ndarray
+    places_mm: np.ndarray  # (k, e, f, i): middles of the rays' boxes
+    boxes_mm: np.ndarray  # (k,): breadth of a ray's box, below 0 where it lies upside down
+    shifts_mm: np.ndarray  # (k, g, h): shift of the bundles by a rotated array
+    pitch_shifts_mm: np.ndarray  # (k,): shift by a lenslet a pitch further on
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,19 +57,11 @@ class RayGrid:
     tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
     In the shapes of its tables e and f are the image's axes along this one, (a, c) or (b, d), g and
     h those along the other, and i counts the rays.
-
-    Attributes
-    ----------
-    planes : PlaneRays
-    stops : StopRays
-    seen : ndarray of bool, shape (e, f)
-        Whether a pixel can see any of the planes.
-    tiling : Tiling
     """
 
     planes: PlaneRays
     stops: StopRays
-    seen: np.ndarray
+    seen: np.ndarray  # bool, (e, f): whether a pixel can see any of the planes
     tiling: Tiling
 
     @property

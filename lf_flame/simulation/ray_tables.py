@@ -3,6 +3,7 @@
 Numba takes these named tuples as they are. In their shapes (a, c) is the place of a pixel along y
 and (b, d) along x, as in `lf_flame.simulation.optical_pass`: a and b count views, c and d rows and
 columns. i and j count a pixel's rays along y and x, p the planes from front to back, k the stops.
+Arrays are float64 where nothing else is said.
 """
 
 from typing import NamedTuple
@@ -11,231 +12,125 @@ import numpy as np
 
 
 class PlaneTable(NamedTuple):
-    """The cells of all planes, one plane behind the other in memory.
+    """The cells of all planes, one plane behind the other in memory, row by row.
 
-    Attributes
-    ----------
-    emission : ndarray of float64, shape (all cells,)
-        Each plane row by row, with a border of one cell around it in which there is nothing, for
-        the rays that miss it.
-    transmission : ndarray of float64, shape (all cells,), or None
-        Share of the light from behind that a cell lets pass, 1 in the border; None where the
-        light of one plane only adds.
-    first, stride : ndarray of int64, shape (p,)
-        First cell of a plane, and its cells in a row, borders included.
-    height, width : ndarray of int64, shape (p,)
-        Rows and columns of a plane without its border.
-    down, right : ndarray of float64, shapes (p, a, c) and (p, b, d)
-        Factors of a plane's light in each pixel: of strips of a sheet that leans, else 1.
-    sheet : ndarray of int64, shape (p,)
-        Number of the sheet of which a plane is a strip, from 1 on; 0 for other planes.
+    Around each plane there is a border of one cell, for the rays that miss it: it emits nothing and
+    lets all light pass.
     """
 
-    emission: np.ndarray
-    transmission: np.ndarray | None
-    first: np.ndarray
-    stride: np.ndarray
-    height: np.ndarray
-    width: np.ndarray
-    down: np.ndarray
-    right: np.ndarray
-    sheet: np.ndarray
+    emission: np.ndarray  # (all cells,)
+    transmission: np.ndarray | None  # (all cells,); None where the light of one plane only adds
+    first: np.ndarray  # int64, (p,): first cell of a plane
+    stride: np.ndarray  # int64, (p,): its cells in a row, borders included
+    height: np.ndarray  # int64, (p,): its rows without the border
+    width: np.ndarray  # int64, (p,): its columns without the border
+    # Factors of a plane's light in each pixel: of strips of a sheet that leans, else 1.
+    down: np.ndarray  # (p, a, c)
+    right: np.ndarray  # (p, b, d)
+    sheet: np.ndarray  # int64, (p,): sheet of which a plane is a strip, from 1 on; 0 for others
 
 
 class RayTable(NamedTuple):
     """Where the rays meet the planes.
 
-    Attributes
-    ----------
-    rows, columns : ndarray of int32, shapes (p, a, c, i) and (p, b, d, j)
-        Their sum is the cell of plane p in which the box of ray (i, j) begins. With shifts:
-        float64, the middle of the box in cells of the plane without its border.
-    heights, widths : ndarray of float64, shape (p,)
-        Size of a ray's box, in cells, at most 1.
+    The sum of row and column is the cell of plane p in which the box of ray (i, j) begins. With
+    shifts they are the middle of the box, in cells of the plane without its border.
     """
 
-    rows: np.ndarray
-    columns: np.ndarray
-    heights: np.ndarray
-    widths: np.ndarray
+    rows: np.ndarray  # int32, or float64 with shifts, (p, a, c, i)
+    columns: np.ndarray  # the same, (p, b, d, j)
+    heights: np.ndarray  # (p,): size of a ray's box in cells, at most 1
+    widths: np.ndarray  # (p,)
 
 
 class WeightTable(NamedTuple):
-    """Weights of the next cells in the boxes of finite-width rays.
+    """Share of a ray's box on the cells below, and to the right of, that in which it begins."""
 
-    Attributes
-    ----------
-    down, right : ndarray of float64, shapes (p, a, c, i) and (p, b, d, j)
-        Share of a ray's box that lies on the cell below, and on that to the right, of the one in
-        which it begins.
-    """
-
-    down: np.ndarray
-    right: np.ndarray
+    down: np.ndarray  # (p, a, c, i)
+    right: np.ndarray  # (p, b, d, j)
 
 
 class ShiftTable(NamedTuple):
-    """Shifts of bundles by lenslets that are not where the sensor is read.
+    """Shifts of bundles by lenslets that are not where the sensor is read."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (p, b, d) and (p, a, c)
-        Shift down, and to the right, by a turned array, in cells of each plane: by the lenslet's
-        place on the other axis.
-    turned_rows, turned_columns : ndarray of float64, shapes (p, j) and (p, i)
-        Further shift by the turn of each lenslet's own square, by the ray's place on that axis.
-    pitch_rows, pitch_columns : ndarray of float64, shape (p,)
-        Shift for each lenslet pitch, in cells.
-    stop_rows, stop_columns : ndarray of float64, shapes (k, b, d) and (k, a, c)
-        Shift down, and to the right, on each stop, in mm. (The turn of a lenslet's own square is
-        a ten thousandth of a stop at most.)
-    stop_pitch : ndarray of float64, shape (k,)
-        Shift for each lenslet pitch, in mm.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    turned_rows: np.ndarray
-    turned_columns: np.ndarray
-    pitch_rows: np.ndarray
-    pitch_columns: np.ndarray
-    stop_rows: np.ndarray
-    stop_columns: np.ndarray
-    stop_pitch: np.ndarray
+    # By a turned array, in cells of each plane: by the lenslet's place on the other axis.
+    rows: np.ndarray  # (p, b, d)
+    columns: np.ndarray  # (p, a, c)
+    # By the turn of each lenslet's own square: by the ray's place on the other axis.
+    turned_rows: np.ndarray  # (p, j)
+    turned_columns: np.ndarray  # (p, i)
+    # For each lenslet pitch.
+    pitch_rows: np.ndarray  # (p,)
+    pitch_columns: np.ndarray  # (p,)
+    # On each stop, in mm. (There, a lenslet's own turn is a ten thousandth of the stop at most.)
+    stop_rows: np.ndarray  # (k, b, d)
+    stop_columns: np.ndarray  # (k, a, c)
+    stop_pitch: np.ndarray  # (k,)
 
 
 class StopTable(NamedTuple):
-    """A round stop, and the places where rays cross it.
+    """A round stop, and the places where rays cross it, in mm from the optical axis."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (a, c, i) and (b, d, j)
-        Places of the rays, in mm from the optical axis.
-    radius : float
-        Radius in mm.
-    height, width : float
-        Size of a ray's box in mm; below 0 where it lies upside down.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
+    rows: np.ndarray  # (a, c, i)
+    columns: np.ndarray  # (b, d, j)
     radius: float
-    height: float
+    height: float  # of a ray's box; below 0 where it lies upside down
     width: float
 
 
 class FalloffTable(NamedTuple):
-    """Squared tangents of the pixels' central rays behind the main lens, for cos^4.
+    """Squared tangents of the pixels' central rays behind the main lens, for cos^4."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-    patch : float
-        Mean of the squared tangents over a pixel's patch of the main lens, from its middle.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    patch: float
+    rows: np.ndarray  # (a, c)
+    columns: np.ndarray  # (b, d)
+    patch: float  # mean over a pixel's patch of the main lens, from its middle
 
 
 class RayFalloffTable(NamedTuple):
-    """Tangents of the rays behind the main lens, for cos^4.
+    """Tangents of the rays behind the main lens, for cos^4."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Tangents of the pixels' central rays.
-    down, right : ndarray of float64, shapes (i,) and (j,)
-        Difference of each ray's tangent from the central ray's.
-    patch : float
-        Mean of the squared tangents over a ray's patch of the main lens, from its middle.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    down: np.ndarray
-    right: np.ndarray
-    patch: float
+    rows: np.ndarray  # (a, c), of the pixels' central rays
+    columns: np.ndarray  # (b, d)
+    down: np.ndarray  # (i,): difference of each ray's tangent from the central ray's
+    right: np.ndarray  # (j,)
+    patch: float  # mean of the squares over a ray's patch of the main lens, from its middle
 
 
 class TiltTable(NamedTuple):
-    """Change of the rays' tangents by lenslets that are not where the sensor is read.
+    """Change of the rays' tangents by lenslets that are not where the sensor is read."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (b, d) and (a, c)
-        Change along y, and along x, by a turned array.
-    pitch : float
-        Change for each lenslet pitch.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    pitch: float
+    rows: np.ndarray  # (b, d), by a turned array
+    columns: np.ndarray  # (a, c)
+    pitch: float  # for each lenslet pitch
 
 
 class MicroImageTable(NamedTuple):
     """Places of pixels on the sensor, for light through every lenslet that can send them any.
 
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Places of the pixels from the middle of their lenslet's micro-image, in the pitch of the
-        micro-images.
-    shift_rows, shift_columns : ndarray of float64, shapes (b, d) and (a, c)
-        Change of these places by a turned array.
-    cosine, sine : float
-        Cosine and sine of the angle by which the array is turned.
-    reach : float
-        Largest distance, along an axis of the array, at which a pixel gets any light.
+    From the middle of their lenslet's micro-image, in the pitch of the micro-images.
     """
 
-    rows: np.ndarray
-    columns: np.ndarray
-    shift_rows: np.ndarray
-    shift_columns: np.ndarray
-    cosine: float
+    rows: np.ndarray  # (a, c)
+    columns: np.ndarray  # (b, d)
+    shift_rows: np.ndarray  # (b, d): change by a turned array
+    shift_columns: np.ndarray  # (a, c)
+    cosine: float  # of the angle by which the array is turned
     sine: float
-    reach: float
+    reach: float  # largest distance, along an axis of the array, at which a pixel gets any light
 
 
 class SquareTable(NamedTuple):
-    """Rays on a pixel where micro-images are squares; None where round stops end them.
+    """Rays on a pixel where micro-images are squares, in the pitch of the micro-images."""
 
-    Attributes
-    ----------
-    down, right : ndarray of float64, shapes (i,) and (j,)
-        Middles of the rays' boxes on the sensor, from the pixel's, in the pitch of the
-        micro-images.
-    height, width : float
-        Size of a ray's box on the sensor.
-    pixel : float
-        Width of a pixel.
-    """
-
-    down: np.ndarray
-    right: np.ndarray
-    height: float
+    down: np.ndarray  # (i,): middles of the rays' boxes on the sensor, from the pixel's
+    right: np.ndarray  # (j,)
+    height: float  # of a ray's box on the sensor
     width: float
-    pixel: float
+    pixel: float  # width of a pixel
 
 
 class LensletTables(NamedTuple):
-    """Tables of the kernel for light through every lenslet that can send a pixel any.
-
-    Attributes
-    ----------
-    planes : PlaneTable
-    rays : RayTable
-    shifts : ShiftTable
-    stop, second : StopTable, or None
-        The first and the second round stop.
-    micro_images : MicroImageTable
-    squares : SquareTable, or None
-    falloff : RayFalloffTable, or None
-    tilt : TiltTable, or None
-    """
+    """Tables of the kernel for light through every lenslet that can send a pixel any."""
 
     planes: PlaneTable
     rays: RayTable
@@ -243,21 +138,14 @@ class LensletTables(NamedTuple):
     stop: StopTable | None
     second: StopTable | None
     micro_images: MicroImageTable
-    squares: SquareTable | None
+    squares: SquareTable | None  # None where round stops end the micro-images
     falloff: RayFalloffTable | None
     tilt: TiltTable | None
 
 
 class SeenTable(NamedTuple):
-    """Pixels that see at least one plane.
+    """Pixels that see at least one plane."""
 
-    Attributes
-    ----------
-    lines : ndarray of bool, shape (a, c)
-    first, last : ndarray of int64, shape (b,)
-        First, and one past the last, place d.
-    """
-
-    lines: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
+    lines: np.ndarray  # bool, (a, c)
+    first: np.ndarray  # int64, (b,): first place d
+    last: np.ndarray  # int64, (b,): one past the last

@@ -18,9 +18,14 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.bundle_limits import whole_views
+from lf_flame.simulation.diffraction import (
+    blur_on_sensor,
+    blur_planes,
+    blur_whole_lenslets,
+    leaves_gaps,
+    tiled_sensor,
+)
 from lf_flame.simulation.gathering import gather, optical_passes
-from lf_flame.simulation.lenslet_blur import blur_on_sensor, leaves_gaps, tiled_sensor
-from lf_flame.simulation.main_lens_blur import blur_planes, blur_whole_lenslets
 from lf_flame.simulation.optical_pass import OpticalPass, as_views
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels
 from lf_flame.simulation.planning.decisions import find_counts, plan_effects

@@ -7,7 +7,7 @@ import pytest
 from scipy import special
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.simulation.lenslet_blur import (
+from lf_flame.simulation.diffraction import (
     blur_on_sensor,
     lenslet_share_leaving,
     tiled_sensor,

@@ -7,8 +7,7 @@ import pytest
 from scipy import special
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.simulation import main_lens_blur
-from lf_flame.simulation.main_lens_blur import (
+from lf_flame.simulation.diffraction import (
     blur_layer,
     gain_on_layer,
     main_lens_share_leaving,
@@ -125,7 +124,7 @@ def test_all_light_is_kept_on_any_cells(rng, size, cells):
 @pytest.mark.parametrize("nm", [1e-9, pytest.param(1e4, marks=pytest.mark.slow)])
 def test_hard_cases_stay_light(rng, nm, monkeypatch):
     """Patterns far smaller than a cell, and far wider than the field; cells of any size."""
-    monkeypatch.setattr(main_lens_blur, "MOST_DARK", 128)  # cells, of 2048
+    monkeypatch.setattr("lf_flame.simulation.diffraction.MOST_DARK", 128)  # cells, of 2048
     camera = replace(CAMERA, lenslets=(4, 5), wavelength_nm=nm, aperture_diameter_mm=0.5)
     for size in ((1e-3, 1e-3), (300.0, 200.0)):
         layer = Layer(rng.random((7, 9)), 3.0, size)

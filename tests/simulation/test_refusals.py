@@ -7,7 +7,7 @@ import pytest
 from sentences import each, refusals
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects, render
-from lf_flame.simulation.lenslet_blur import tiled_sensor
+from lf_flame.simulation.diffraction import tiled_sensor
 from lf_flame.simulation.planning.plan import assume
 
 CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))

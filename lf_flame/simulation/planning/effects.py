@@ -24,8 +24,11 @@ from lf_flame.simulation.bundle_limits import (
     share_cut,
     true_pitch_mm,
 )
-from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
-from lf_flame.simulation.main_lens_blur import main_lens_share_leaving, main_lens_spread_mm
+from lf_flame.simulation.diffraction import (
+    lenslet_share_leaving,
+    main_lens_share_leaving,
+    main_lens_spread_mm,
+)
 from lf_flame.simulation.planning.scene_bounds import (
     SceneBounds,
     box_mm,
@@ -276,18 +279,19 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
 def _shot_noise(bounds: SceneBounds) -> Estimate:
     """Shot noise: 1 / sqrt(electrons) of the brightest pixel (Poisson; EMVA 1288)."""
     sensor = bounds.camera.sensor
-    return _noise(bounds, "shot", sensor and math.sqrt(bounds.brightest_raw * sensor.exposure_e))
+    electrons = math.sqrt(bounds.brightest_raw * sensor.exposure_e) if sensor else 0.0
+    return _noise(bounds, "shot", electrons)
 
 
 def _read_noise(bounds: SceneBounds) -> Estimate:
     """Read noise relative to the electrons of the brightest pixel (EMVA 1288)."""
     sensor = bounds.camera.sensor
-    return _noise(bounds, "read", sensor and sensor.read_noise_e)
+    return _noise(bounds, "read", sensor.read_noise_e if sensor else 0.0)
 
 
-def _noise(bounds: SceneBounds, kind: str, electrons: float | None) -> Estimate:
+def _noise(bounds: SceneBounds, kind: str, electrons: float) -> Estimate:
     camera, sensor = bounds.camera, bounds.camera.sensor
-    if sensor is None or electrons is None:
+    if sensor is None:
         return Estimate(0.0, "no sensor: ideal")
     # The root mean square of n random draws has a relative standard deviation of 1 / sqrt(2 n).
     pixels = camera.views**2 * camera.lenslets[0] * camera.lenslets[1]

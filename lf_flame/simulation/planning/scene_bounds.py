@@ -24,8 +24,11 @@ from lf_flame.simulation.bundle_limits import (
     share_crossing,
     true_pitch_mm,
 )
-from lf_flame.simulation.lenslet_blur import lenslet_share_leaving, tiled_sensor
-from lf_flame.simulation.main_lens_blur import main_lens_share_leaving
+from lf_flame.simulation.diffraction import (
+    lenslet_share_leaving,
+    main_lens_share_leaving,
+    tiled_sensor,
+)
 from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels, has_matter
 
 

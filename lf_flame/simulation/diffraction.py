@@ -1,28 +1,37 @@
-"""Diffraction at the main lens, as a blur of the light that the planes of a scene emit.
+"""Diffraction in images: at the lenslets a blur on the sensor, at the main lens one of the planes.
 
-Light that diffraction displaces on the lenslet array keeps its direction. Along this direction, its
-new place on the array sees another place of the plane. Diffraction is therefore the same as a blur
-of the plane's cells by the image of the diffraction pattern on the plane, for lenslets of any size.
-This is valid if light only adds up; planes that occlude or attenuate each other would have to be
-blurred together.
+Light that diffraction at the main lens displaces on the lenslet array keeps its direction. Along
+this direction, its new place on the array sees another place of the plane. It is therefore the same
+as a blur of the plane's cells by the image of the diffraction pattern on the plane, for lenslets of
+any size. This is valid if light only adds up; planes that occlude or attenuate each other would
+have to be blurred together.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lf_flame.errors import InputError
 from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_limits import beyond_mm, misplaced_mm, neighbours, true_pitch_mm
-from lf_flame.simulation.lenslet_blur import wavelength_mm
 from lf_flame.simulation.slabs import Plane
+
+SAME_PITCH = 1e-9
+"""Relative difference at which pixels still tile a micro-image."""
+
+COLUMNS_AT_ONCE = 256
+"""Number of columns of an image that are held as float64 at a time."""
+
+MOST_TILES = 2**30
+"""Largest number of tiles of the whole sensor; more would fill the memory."""
 
 Interval = tuple[float, float]
 
-PARTS = 8
+CELLS = 8
 """Cells under the image of a lenslet, at least: each is taken as even after the blur, too."""
 
 MARGIN = 200
@@ -36,6 +45,102 @@ MOST_CELLS = 4096
 """Largest number of cells of a plane along each axis; beyond it, cells are wider."""
 
 
+def lenslet_share_leaving(camera: PlenopticCamera) -> float:
+    """Fraction of an evenly lit pixel's light that lenslet diffraction brings from others."""
+    return diffraction.share_leaving_square(_spread_mm(camera), camera.pixel_mm, False)
+
+
+def leaves_gaps(camera: PlenopticCamera) -> bool:
+    """Whether there is light between the pixels of neighbouring micro-images."""
+    return camera.views * camera.pixel_mm < camera.micro_image_pitch_mm * (1 - SAME_PITCH)
+
+
+def tiled_sensor(camera: PlenopticCamera, parts: int = 1) -> PlenopticCamera:
+    """Camera whose pixels leave no gaps: tiles no wider than such parts of the pixels.
+
+    Raises
+    ------
+    InputError
+        If so many tiles are out of reach.
+    """
+    ratio = camera.micro_image_pitch_mm / camera.pixel_mm * parts
+    tiles = max(math.ceil(ratio * (1 - SAME_PITCH)), camera.views * parts)
+    if tiles**2 * math.prod(camera.lenslets) > MOST_TILES:
+        raise InputError(
+            f"Diffraction of lenslets needs the light under each in {tiles} x {tiles} tiles, which "
+            f"is too many; use a larger pixel_pitch_mm or tolerance, or force lenslet_diffraction "
+            f"off."
+        )
+    return replace(camera, views=tiles, pixel_pitch_mm=None)
+
+
+def blur_on_sensor(
+    tiles: np.ndarray, tiled: PlenopticCamera, camera: PlenopticCamera
+) -> np.ndarray:
+    """Let the lenslets diffract a raw image on tiles, and let the pixels gather it: a raw image.
+
+    The light is taken as even over each tile. Beyond the border the outermost tiles go on.
+    tiled: camera of the tiles, from `tiled_sensor`; camera: that of the pixels.
+    """
+    image = tiles
+    for axis, lenslets in enumerate(camera.lenslets):
+        lines = np.moveaxis(image, axis, 0)
+        found = np.empty((lenslets * camera.views, lines.shape[1]), np.float32)
+        for low in range(0, lines.shape[1], COLUMNS_AT_ONCE):
+            part = np.s_[:, low : low + COLUMNS_AT_ONCE]
+            blurred = diffraction.blur_lines(lines[part], 0, _spread_mm(camera), tiled.pixel_mm)
+            found[part] = _pixel_means(blurred, tiled, camera, lenslets)
+        image = np.moveaxis(found, 0, axis)
+    return np.ascontiguousarray(image)
+
+
+def _pixel_means(
+    lines: np.ndarray, tiled: PlenopticCamera, camera: PlenopticCamera, lenslets: int
+) -> np.ndarray:
+    """Take the means of tiles over the pixels, along the first axis.
+
+    Where tiles do not lie on pixels, as differences of their sum, which is interpolated between the
+    edges of tiles by cubics: what was blurred is smooth there.
+    """
+    if not leaves_gaps(camera):
+        return lines.reshape(lenslets * camera.views, -1, lines.shape[1]).mean(axis=1)
+    tiles_of_pixel = camera.pixel_mm / tiled.pixel_mm
+    views = np.arange(camera.views + 1) - camera.views / 2
+    edges = (np.arange(lenslets)[:, None] + 0.5) * tiled.views + views * tiles_of_pixel
+    around = np.pad(lines, ((2, 2), (0, 0)), "edge")
+    sums = np.cumsum(around, axis=0)  # up to the end of each tile
+    here = np.floor(edges + SAME_PITCH).astype(int)
+    part = np.maximum(edges - here, 0)
+    part[part < SAME_PITCH] = 0
+    up_to = np.zeros((*edges.shape, lines.shape[1]))
+    for step, weight in zip((-1, 0, 1, 2), _cubic(part), strict=True):
+        up_to += weight[..., None] * sums[here + step + 1]
+    means = np.diff(up_to, axis=1) / tiles_of_pixel
+    return means.reshape(-1, lines.shape[1])
+
+
+def _cubic(part: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Weights of Lagrange's cubic through -1, 0, 1 and 2."""
+    before, after, far = part + 1, part - 1, part - 2
+    return (
+        -part * after * far / 6,
+        before * after * far / 2,
+        -before * part * far / 2,
+        before * part * after / 6,
+    )
+
+
+def _spread_mm(camera: PlenopticCamera) -> float:
+    return _wavelength_mm(camera) * camera.lenslet_focal_mm / camera.lenslet_pitch_mm
+
+
+def _wavelength_mm(camera: PlenopticCamera) -> float:
+    """Take a camera's wavelength in mm, or refuse to go on without one."""
+    if camera.wavelength_nm is None:
+        raise InputError("Diffraction needs the camera's wavelength_nm, got none.")
+    return camera.wavelength_nm * 1e-6
+
+
 def main_lens_spread_mm(camera: PlenopticCamera) -> float:
     """Spread of the main lens's pattern on the lenslet array: wavelength times distance / width.
 
@@ -45,7 +150,7 @@ def main_lens_spread_mm(camera: PlenopticCamera) -> float:
         If the camera has no wavelength.
     """
     width = camera.on_exit_pupil(camera.aperture_diameter_mm or camera.aperture_mm)
-    return wavelength_mm(camera) * camera.exit_distance_mm / width
+    return _wavelength_mm(camera) * camera.exit_distance_mm / width
 
 
 def main_lens_share_leaving(camera: PlenopticCamera) -> float:
@@ -71,19 +176,9 @@ def gain_on_layer(camera: PlenopticCamera, depth_mm: float) -> float:
 
 
 def blur_planes(planes: list[Plane], camera: PlenopticCamera) -> list[Plane]:
-    """Blur what planes emit by diffraction at the main lens.
+    """Blur what planes emit by diffraction at the main lens, as far as the camera sees.
 
-    Parameters
-    ----------
-    planes : list of Plane
-        Planes of which none attenuates another.
-    camera : PlenopticCamera
-        With a wavelength.
-
-    Returns
-    -------
-    list of Plane
-        On cells of their own, as far as the camera sees.
+    None of the planes may attenuate another.
     """
     blurred = []
     for plane in planes:
@@ -101,25 +196,13 @@ def blur_layer(
 ) -> Layer:
     """Blur the light of a layer at a depth by diffraction; the result has cells of its own.
 
-    Parameters
-    ----------
-    layer : Layer
-        Layer that has the cells' positions.
-    emission : ndarray of float64, shape (rows, columns)
-        Radiance of the cells.
-    camera : PlenopticCamera
-        Camera with a wavelength.
-    depth_mm : float
-        Depth of the layer's light, from the focal plane.
-    window_mm : ((float, float), (float, float)), optional
-        Range along y and along x in which the blurred light is needed. Default: the range that the
-        camera sees.
+    window_mm: range along y and along x in which it is needed. Default: what the camera sees.
     """
     gain = gain_on_layer(camera, depth_mm)
     spread = main_lens_spread_mm(camera) * gain
     if not (spread > 0 and emission.any()):
         return Layer(emission, depth_mm, layer.size_mm, layer.centre_mm)
-    wanted = gain * camera.lenslet_pitch_mm / PARTS
+    wanted = gain * camera.lenslet_pitch_mm / CELLS
     window = window_mm or tuple(_seen_mm(camera, depth_mm, axis) for axis in (0, 1))
     grids = []
     for axis in (0, 1):
@@ -142,32 +225,16 @@ def blur_layer(
 
 @dataclass(frozen=True)
 class _Grid:
-    """Cells along one axis on which the light of a layer is blurred.
+    """Cells along one axis on which the light of a layer is blurred."""
 
-    Attributes
-    ----------
-    first, last : int
-        First of the layer's cells that can send light to where it is wanted, and one after the
-        last.
-    parts, merged : int
-        Into how many each is cut, or how many make one.
-    cell_mm : float
-    wanted : (int, int)
-        First cell that is wanted and one after the last, from the first that can send light.
-    dark : int
-        Cells beside all these that stay dark.
-    start_mm : float
-        Where the first that can send light begins.
-    """
-
-    first: int
-    last: int
-    parts: int
-    merged: int
+    first: int  # first of the layer's cells that can send light to where it is wanted
+    last: int  # one after the last
+    parts: int  # into how many each is cut
+    merged: int  # how many of these make one
     cell_mm: float
-    wanted: tuple[int, int]
-    dark: int
-    start_mm: float
+    wanted: tuple[int, int]  # first cell that is wanted and one after the last, from `first`
+    dark: int  # cells beside all these that stay dark
+    start_mm: float  # where `first` begins
 
     @classmethod
     def over(
