@@ -1,8 +1,7 @@
-"""What only the compiled kernels can show: threads, signatures, and rounding."""
+"""What only the compiled kernels can show: signatures and rounding."""
 
 from unittest.mock import patch
 
-import numba
 import numpy as np
 import pytest
 from numba.core.caching import NullCache
@@ -16,28 +15,6 @@ from lf_flame.simulation.exact import integrate_columns, integrate_rows
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
-
-
-@pytest.fixture
-def threads():
-    """Set the number of threads, and put it back."""
-    before = numba.get_num_threads()
-    yield numba.set_num_threads
-    numba.set_num_threads(before)
-
-
-@pytest.mark.jit
-def test_bits_do_not_depend_on_the_number_of_threads(threads, small_camera, rng):
-    scene = Scene([Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))])
-    images = []
-    for count in range(1, numba.config.NUMBA_NUM_THREADS + 1):
-        threads(count)
-        exact = render(scene, small_camera)
-        rays = render(scene, small_camera, integrator="rays", rays=4)
-        images.append((exact.views, rays.views, shift_and_sum(exact, [1.3, -0.2])))
-    for other in images[1:]:
-        for first, second in zip(images[0], other, strict=True):
-            np.testing.assert_array_equal(first, second)
 
 
 def test_rays_summed_along_one_axis_first_are_the_same_rays(small_camera, rng):

@@ -130,15 +130,6 @@ def test_two_images_that_agree_by_chance_do_not_do():
         refine(image, 2, 4, 0.02, "parts")
 
 
-def test_rays_are_added_until_the_tolerance_is_met(small_camera, rng):
-    scene = Scene([random_layer(rng, 20.0)])
-    exact = render(scene, small_camera).views
-    image = render(scene, small_camera, tolerance=0.01, integrator="rays").views
-    assert np.sqrt(np.mean((image - exact) ** 2)) <= 0.01 * exact.max()
-    with pytest.raises(InputError, match="number of rays would exceed 2048"):
-        render(scene, small_camera, tolerance=1e-9, integrator="rays")
-
-
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_field_ends_where_no_bundle_reaches_on_every_side(small_camera, axis):
     """The outermost lenslet's rays from the edge of the outermost pixel, traced backward."""
