@@ -77,8 +77,7 @@ def test_share_that_leaves_a_square(spread):
     limit = spread / np.pi**2 * (np.log(2 * np.pi / spread) + 1 + np.euler_gamma)
     one = limit if spread < 1e-3 else 1 - square_by_frequency(spread, 1)[0]
     square = share_leaving_square(2 * spread, 2.0, False)
-    assert square == pytest.approx(1 - (1 - one) ** 2, rel=0.3 if spread < 1e-3 else 1e-5)
-    assert square >= (1 - (1 - one) ** 2) * (1 - 1e-9)
+    assert square == pytest.approx(1 - (1 - one) ** 2, rel=1e-5)
     if spread > 1e-3:
         round_ = 1 - round_by_frequency(spread, 1)[0, 0]
         assert round_ < share_leaving_square(spread, 1.0, True) < 8 / 7 * round_

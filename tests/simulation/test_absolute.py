@@ -68,7 +68,6 @@ class Case:
 # effects that meet in the code; all come together in one test below.
 CASES = {
     "defocus": Case([glow(10.0)], rays=None, allowed=1e-5),
-    "in focus": Case([SHARP], rays=None, allowed=1e-5),
     "occlusion": Case([glow(10.0), net(-5.0)], rays=None, allowed=1e-5),
     "occlusion by rays": Case([glow(10.0), net(-5.0)], camera=TINY, rays=80, allowed=1e-3),
     "absorption": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=None, allowed=1e-5),
@@ -79,15 +78,9 @@ CASES = {
     "turned": Case([glow()], TURNED),
     "colour": Case([glow()], COLOUR, tolerance=4e-3, rays=None),
     "occlusion, round, rim": Case([glow(10.0), net(-5.0)], ROUND | RIM, rays=80),
-    # Without rays cos^4 is that of the whole pixel, whatever part of it sees the light.
-    "occlusion, falloff": Case([glow(10.0), net(-5.0)], FALLOFF, rays=None, allowed=3e-3),
-    "absorption, stretched": Case(
-        [glow(10.0), glow(2.0, seed=6, sooty=True)], STRETCHED, rays=None, allowed=1e-5
-    ),
     "occlusion, shrunk": Case(
         [glow(10.0), net(-5.0)], {"lenslet_pitch_error": -0.04}, rays=None, allowed=1e-5
     ),
-    "thickness, rim": Case([glow(2.0, thickness_mm=4.0)], RIM, TINY, 0.002, 40),
     "thickness, occlusion inside": Case(
         [glow(2.0, thickness_mm=3.0), net(2.5)], {}, TINY, 0.03, 40, allowed=8e-3
     ),
@@ -98,17 +91,7 @@ CASES = {
     "stretched, round": Case([glow()], STRETCHED | ROUND),
     "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.1} | WIDE),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
-    "colour, rim": Case([glow(cells=(2, 3))], COLOUR | RIM, TINY, 0.003, 40),
-    "one view": Case(
-        [glow(3.0, cells=(2, 3))], ROUND, replace(BASE, views=1), rays=80, allowed=1e-3
-    ),
     "long, turned": Case([BROAD], TURNED, LONG),
-    "long, white, stretched": Case([WHITE], STRETCHED | ROUND, LONG),
-    "small pixels, turned": Case([glow()], TURNED, replace(BASE, pixel_pitch_mm=0.016)),
-    "diffraction": Case([glow()], {"wavelength_nm": 550.0}, rays=None, allowed=1e-3),
-    "diffraction, small pixels": Case(
-        [glow()], {"wavelength_nm": 550.0, "pixel_pitch_mm": 0.012}, rays=None, allowed=1e-3
-    ),
 }
 
 
@@ -126,7 +109,7 @@ def rendered(scene, camera, case):
     return render(scene, camera, case.tolerance, **options).views.astype(float)
 
 
-def compared(case, count=16, rays=2**12):
+def compared(case, count=16, rays=2**11):
     """Difference from the tracer in some pixels, its standard error, and the brightest pixel."""
     scene, camera = Scene(case.layers), replace(case.camera, **case.changes)
     pixels = draw_pixels(camera, count, seed=len(case.layers) + camera.views)
@@ -140,7 +123,7 @@ def compared(case, count=16, rays=2**12):
 def test_an_effect_is_right(name):
     case = CASES[name]
     difference, error, peak = compared(case)
-    assert np.median(error) < 5e-4 * peak
+    assert np.median(error) < 7e-4 * peak
     assert np.all(np.abs(difference) <= 5 * error + case.allowed * peak)
 
 

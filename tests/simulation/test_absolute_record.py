@@ -52,44 +52,6 @@ def test_the_main_lens_spreads_light_over_an_airy_disc():
     assert blurred[r < ring].sum() == pytest.approx(0.838, abs=0.003)
 
 
-@pytest.mark.slow
-def test_a_lenslet_spreads_light_as_a_square_aperture():
-    """Dark lines at lambda f / p, of ``sinc^2``; and no light lost but past the image's edges."""
-    nm, views, lenslets = 5000.0, 41, (5, 5)
-    dot = 0.4  # the main lens, seen through a lenslet, is a fifth of a pixel
-    camera = PlenopticCamera(
-        **OPTICS,
-        views=views,
-        lenslets=lenslets,
-        aperture_diameter_mm=dot,
-        wavelength_nm=nm,
-    )
-    images = [
-        render(
-            spark(lenslets), camera, 1e-3, "rays", 30,
-            {"main_lens_diffraction": False, "lenslet_diffraction": on},
-        ).to_raw().astype(float)
-        for on in (True, False)
-    ]  # fmt: skip
-    blurred, sharp = images
-    middle = 41 * 5 // 2
-    assert sharp[middle, middle] == pytest.approx(sharp.sum(), rel=1e-6)
-    line = blurred[middle] / sharp.sum()
-    spread = nm * 1e-6 * FOCAL / PITCH / camera.pixel_mm
-    assert spread == pytest.approx(6.53, abs=0.01)
-    assert line[middle : middle + 10].argmin() == round(spread)
-    # Of sinc^2 a share 1 / (pi^2 k) lies more than k spreads away.
-    kept = 1 - spread / math.pi**2 / 102.5
-    assert blurred.sum() / sharp.sum() == pytest.approx(kept**2, abs=1e-3)
-    place = np.arange(-25, 26) / spread
-    # A dot in the middle of a pixel, taken as all of the pixel: means over two boxes.
-    hat = np.convolve(np.ones(101) / 101, np.ones(101) / 101)
-    steps = np.linspace(-1, 1, 201) / spread
-    expected = (np.sinc(place[:, None] + steps) ** 2 @ hat) / spread
-    across = blurred.sum(axis=0)[middle - 25 : middle + 26] / sharp.sum()
-    np.testing.assert_allclose(across, expected, rtol=0.02, atol=2e-5)
-
-
 EXPOSURE, READ = 4000.0, 12.0
 
 

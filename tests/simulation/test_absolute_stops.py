@@ -114,17 +114,6 @@ def test_a_round_aperture_lets_the_area_of_its_circle_pass(width):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("error", [0.03, -0.03])
-def test_a_pitch_error_moves_and_widens_the_lenslets(error):
-    """Through a stop so wide that no pixel of the right lenslet goes without."""
-    camera = small(aperture_diameter_mm=1.5 * MATCHED, lenslet_pitch_error=error)
-    image = white_image(camera)
-    for pixel in some_pixels(camera):
-        expected = share_through_aperture(camera, pixel)
-        assert image[pixel] == pytest.approx(expected, abs=6e-4), pixel
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("diameter", "distance"), [(70.0, 40.0), (38.0, 150.0)])
 def test_a_rim_lets_the_area_of_its_circle_pass(diameter, distance):
     camera = small(rim_diameter_mm=diameter, rim_distance_mm=distance, lenslets=(7, 30))

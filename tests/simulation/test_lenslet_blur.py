@@ -9,7 +9,6 @@ from scipy import special
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.simulation.diffraction import (
     blur_on_sensor,
-    lenslet_share_leaving,
     tiled_sensor,
 )
 
@@ -70,9 +69,7 @@ def spread_matrix(size, cell_mm, camera):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("views", "fill", "fine"), [(4, 4 / 6, 96), (3, 3 / 7.5, 120), (5, 1, 80), (4, 4 / 4.375, 70)]
-)
+@pytest.mark.parametrize(("views", "fill", "fine"), [(3, 3 / 7.5, 120), (5, 1, 80)])
 def test_a_picture_is_blurred_as_on_a_fine_sensor(views, fill, fine):
     """Against the same light in cells a sixteenth of a pixel wide, blurred and put together."""
     camera = sparse_camera(fill, views, (5, 5), nm=1500.0)
@@ -142,29 +139,3 @@ def test_beyond_the_border_the_outermost_tiles_go_on(rng, fill):
     middle = slice(3 * views, 6 * views)
     expected = blur_on_sensor(around, tiled_sensor(wide), wide)[middle, middle]
     np.testing.assert_allclose(blur_on_sensor(tiles, tiled, camera), expected, atol=1.5e-3)
-
-
-@pytest.mark.parametrize(("fill", "wide"), [(0.97, None), (0.5, 1.15)])
-@pytest.mark.parametrize("nm", [30.0, 600.0, 5000.0])
-def test_no_pixel_changes_by_more_than_the_bound(rng, fill, nm, wide):
-    camera = sparse_camera(fill, nm=nm)
-    if wide:
-        camera = replace(camera, aperture_diameter_mm=wide * camera.aperture_mm)
-    bright = (rng.random((30, 30)) > 0.7).astype(float)
-    scene = Scene([Layer(bright, -6.0, (0.6, 0.6))])
-    options = {"integrator": "rays", "rays": 30} if wide else {}
-    on, off = (
-        render(scene, camera, effects={**ONLY_LENSLETS, "lenslet_diffraction": x}, **options)
-        for x in (True, False)
-    )
-    change = np.abs(on.views.astype(float) - off.views).max()
-    assert 0 < change <= on.plan["lenslet_diffraction"].bound * min(on.views.max(), off.views.max())
-
-
-@pytest.mark.parametrize("views", [1, 3, 4])
-def test_a_dark_pixel_in_the_light_gets_the_share_that_the_bound_takes(views):
-    camera = sparse_camera(1, views)
-    raw = np.ones([n * views for n in camera.lenslets], np.float32)
-    raw[2 * views, 3 * views] = 0
-    given = blur_on_sensor(raw, tiled_sensor(camera), camera)[2 * views, 3 * views]
-    assert given == pytest.approx(lenslet_share_leaving(camera), rel=1e-3)

@@ -78,12 +78,10 @@ def test_light_from_beyond_the_field_comes_in(rng):
     ("odd", "depth"),
     [
         ({"aperture_diameter_mm": 1.3 * CAMERA.aperture_mm}, 8.0),
-        ({"aperture_diameter_mm": 2.5 * CAMERA.aperture_mm}, 0.0),
         ({"lenslet_rotation_rad": 0.02}, 8.0),
-        ({"lenslet_pitch_error": 0.02}, 0.0),
         ({"aperture_diameter_mm": 1.1 * CAMERA.aperture_mm, "lenslet_pitch_error": -0.01}, 8.0),
     ],
-    ids=["wide", "very wide", "rotated", "stretched", "shrunk"],
+    ids=["wide", "rotated", "shrunk"],
 )
 def test_what_is_even_as_far_as_any_pixel_sees_stays_as_it_is(odd, depth):
     """At the edge of the array, pixels see through lenslets beyond it too."""

@@ -1,14 +1,12 @@
 """Which lenslet lights which pixel, where on the sensor, and at what angle."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.simulation import rays as rays_module
-from lf_flame.simulation.gathering import optical_passes
 from lf_flame.simulation.optical_pass import Lines, OpticalPass, blank_image
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
@@ -33,54 +31,6 @@ def test_square_micro_images_keep_a_white_field(small_camera, error, integrator)
     np.testing.assert_allclose(image.views, 0.8, rtol=1e-6)
 
 
-def true_positions(camera):
-    """Lenslet centres in mm, shape (rows, columns, 2): stretched, and turned from x towards y."""
-    y, x = (
-        (np.arange(n) - (n - 1) / 2) * camera.lenslet_pitch_mm * (1 + camera.lenslet_pitch_error)
-        for n in camera.lenslets
-    )
-    y, x = np.meshgrid(y, x, indexing="ij")
-    angle = camera.lenslet_rotation_rad
-    turned = [y * math.cos(angle) + x * math.sin(angle), x * math.cos(angle) - y * math.sin(angle)]
-    return np.stack(turned, axis=-1)
-
-
-@pytest.mark.parametrize("error", MISPLACED, ids=str)
-def test_pixels_lie_where_the_geometry_says(small_camera, error):
-    """Chief rays run straight from the middle of the main lens through the lenslets' centres."""
-    camera = replace(small_camera, **error)
-    plan = plan_effects(WHITE, camera, effects=dict.fromkeys(("lenslet_rotation",
-                        "lenslet_pitch_error"), True))  # fmt: skip
-    (optics,) = optical_passes(camera, plan.kept, plan.traced, plan.colours)
-    ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
-    lenslets = true_positions(camera)
-    for axis in (0, 1):
-        n = camera.lenslets[axis]
-        read = (np.arange(n) - (n - 1) / 2) * camera.micro_image_pitch_mm
-        pixels = read + (np.arange(camera.views) - 2)[:, None] * camera.pixel_mm
-        skew, tangents = optics.offset_skew_mm(axis), optics.tangents(axis)
-        for other in (0, 7, len(skew) - 1):
-            true = lenslets[:, other, 0] if axis == 0 else lenslets[other, :, 1]
-            found = optics.offsets_mm(axis) + skew[other]
-            np.testing.assert_allclose(found, pixels - true * ratio, atol=1e-12)
-            turned = tangents - optics.skew_mm(axis)[other] / camera.lenslet_focal_mm
-            np.testing.assert_allclose(
-                turned, (pixels - true) / camera.lenslet_focal_mm, atol=1e-12
-            )
-
-
-def test_parts_of_a_pixel_in_neighbouring_micro_images_make_up_the_pixel(small_camera):
-    optics = OpticalPass(small_camera, lenslet_scale=1.013, every_lenslet=True)
-    neighbours = optics.lit_neighbours()
-    assert len(neighbours) == 9
-    together, moment = 0.0, 0.0
-    for step in (-1, 0, 1):
-        middle, share = replace(optics, neighbour=(step, 0)).lit_parts(0)
-        together, moment = together + share, moment + share * middle
-    np.testing.assert_allclose(together, 1.0, rtol=1e-12)
-    np.testing.assert_allclose(moment, 0.0, atol=1e-15)
-
-
 def test_only_lenslets_whose_light_arrives_are_looked_through(small_camera):
     ideal = OpticalPass(small_camera)
     assert ideal.lit_neighbours() == [(0, 0)]
@@ -93,19 +43,6 @@ def test_only_lenslets_whose_light_arrives_are_looked_through(small_camera):
     longer = replace(small_camera, lenslets=(8, 400))
     steps = OpticalPass(longer, lenslet_scale=1.01, every_lenslet=True).lit_neighbours()
     assert {column for _, column in steps} == {-2, -1, 0, 1, 2}
-
-
-def test_a_round_micro_image_reaches_as_far_as_its_outermost_ray(small_camera):
-    """Rays cross the edge of the aperture and the edge of the lenslet, and meet a pixel's edge."""
-    camera = small_camera
-    optics = OpticalPass(
-        camera, stops=((0.0, 30.0), (5.0, 9.0)), every_lenslet=True, round_aperture=True
-    )
-    to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
-    expected = (30.0 + camera.lenslet_pitch_mm / 2) * to_sensor + camera.pixel_mm / 2
-    assert optics.micro_image_reach_mm == pytest.approx(expected, rel=1e-12)
-    turned = replace(optics, lenslet_skew=0.1)
-    assert turned.micro_image_reach_mm > expected
 
 
 def test_chosen_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, monkeypatch):
