@@ -163,7 +163,7 @@ def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool)
     if ratio == 0:
         return 0.0
     if ratio < 1e-4:  # the limit of a small spread, of a round aperture at most
-        lost = ratio / math.pi**2 * (math.log(2 * math.pi / ratio) + 1 + np.euler_gamma)
+        lost = ratio / math.pi**2 * (math.log(2 * math.pi) - math.log(ratio) + 1 + np.euler_gamma)
         return 1 - (1 - (4 / math.pi if round_aperture else 1) * lost) ** 2
     transfer = _round_transfer if round_aperture else _triangle
     cycles = np.linspace(0, 1 / ratio, 16 * math.ceil(1 / ratio + 16) + 1)

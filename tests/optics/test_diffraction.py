@@ -81,7 +81,7 @@ def test_share_that_leaves_a_square(spread):
     if spread > 1e-3:
         round_ = 1 - round_by_frequency(spread, 1)[0, 0]
         assert round_ < share_leaving_square(spread, 1.0, True) < 8 / 7 * round_
-    assert share_leaving_square(0.0, 1.0, True) == 0
+    assert share_leaving_square(0.0, 1.0, True) == share_leaving_square(5e-324, 1.0, True) == 0
 
 
 @pytest.mark.parametrize("round_aperture", [False, True])

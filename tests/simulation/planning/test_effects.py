@@ -277,7 +277,7 @@ def test_all_that_is_left_out_changes_the_image_by_no_more_than_all_bounds():
     camera=cameras(),
     tolerances=st.tuples(st.floats(1e-2, 0.5), st.floats(1e-2, 0.5)),
 )
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_tighter_tolerance_never_drops_an_effect(drawn, camera, tolerances):
     tight, loose = sorted(tolerances)
     try:
