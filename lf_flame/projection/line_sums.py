@@ -33,25 +33,10 @@ class LineSums(NamedTuple):
 def sum_lines(
     slopes: np.ndarray, shares: np.ndarray, length: int, block: int, interpolation: str
 ) -> LineSums:
-    """Plan the sums of lines at some slopes.
+    """Plan the sums of lines at some slopes: interpolation, shift and mean over a block.
 
-    Parameters
-    ----------
-    slopes : ndarray of float64, shape (n,)
-        Slopes in lenslets per view step.
-    shares : ndarray of float64, shape (n or 1, p, v)
-        Weight of each line of views in each term of an image.
-    length : int
-        Number of lenslets along the axis, a multiple of `block`.
-    block : int
-        Number of lenslets averaged into one pixel.
-    interpolation : str
-        As for `lf_flame.refocus.shift_and_sum`.
-
-    Returns
-    -------
-    LineSums
-        Sums with ``taps + block - 1`` taps: those of the interpolation over a block of lenslets.
+    shares[n or 1, p, v]: weight of each line of views in each term of an image. length: number of
+    lenslets along the axis, a multiple of `block`, the number averaged into one pixel.
     """
     first, taps = shift_taps(view_shifts(slopes, centred(shares.shape[2]), length), interpolation)
     merged = np.zeros((len(taps) + block - 1, *first.shape))
@@ -67,16 +52,8 @@ def split_rows(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Rows of views with the same weights share a product: one product suffices for equal weights or
     a single view; a round aperture of 15 x 15 views takes 8.
 
-    Parameters
-    ----------
-    weights : ndarray of float64, shape (v, u)
-        Weights, 0 or above, at least one above 0.
-
-    Returns
-    -------
-    down : ndarray of float64, shape (p, v)
-    across : ndarray of float64, shape (p, u)
-        Factors; ``down.T @ across`` are the weights, divided by their sum.
+    Returns factors of shapes (p, v) and (p, u): ``down.T @ across`` are the weights, 0 or above
+    with at least one above 0, divided by their sum.
     """
     rows_of: dict[bytes, list[int]] = {}
     for v in np.flatnonzero(weights.any(axis=1)).tolist():

@@ -76,15 +76,7 @@ def farthest_move_mm(
 ) -> float:
     """Largest displacement of a ray if the layer had another depth or the lens another focus.
 
-    Parameters
-    ----------
-    camera : PlenopticCamera
-    here : Footprint
-        Bundles on the layer as it stands.
-    axis : int
-    depth_mm : float
-    focal_mm : float, optional
-        Default: that of the camera.
+    here: bundles on the layer as it stands. focal_mm: that of the camera by default.
     """
     there = trace_footprint(camera, depth_mm, axis, focal_mm)
     widening = abs(there.lenslet_width_mm - here.lenslet_width_mm)
@@ -160,9 +152,7 @@ def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np
     and if no light of a neighbouring lenslet reaches it. Where no view is whole, those that see
     most of the aperture count.
 
-    Returns
-    -------
-    ndarray of float32, shape (v, u), or None if all count
+    Returns float32 of shape (v, u), or None if all count.
     """
     shares = np.ones((camera.views, camera.views))
     for distance_mm, radius_mm in stops:

@@ -32,16 +32,8 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.
     over the cells, of the trapezoid with which a pixel weights the plane. The result is exact if
     light only adds up and all rays of a pixel have the same weight, apart from cos^4.
 
-    Parameters
-    ----------
-    planes : list of Plane
-        Planes of which none attenuates another.
-    optics : OpticalPass
-        Pass of light without stops and skew.
-    layout : {"views", "raw"} or Lines
-        Layout of the image.
-    out : ndarray of float32 or float64, shape (a, b, c, d)
-        Image in the order of `lf_flame.simulation.optical_pass`; the light is added to it.
+    No plane may attenuate another, and the pass may have no stops and no skew. The light is added
+    to `out`, float32 or float64 in the order of the layout.
     """
     for neighbour in optics.lit_neighbours():
         through = replace(optics, neighbour=neighbour)
@@ -85,10 +77,7 @@ def bundle_bands(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of each pixel's ray bundle that meets each cell of a plane, along an axis.
 
-    Returns
-    -------
-    start, weights
-        As `band_weights` returns them, for centres in the order of an image, (a, c) or (b, d).
+    Returns what `band_weights` does, for centres in the order of an image, (a, c) or (b, d).
     """
     footprint = optics.footprint(plane.depth_mm, axis)
     edges = plane.layer.cell_edges_mm(axis)
@@ -111,22 +100,10 @@ def band_weights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Exact integrals of trapezoids over cells: differences of `trapezoid_cdf`, compiled.
 
-    Parameters
-    ----------
-    edges_mm : ndarray, shape (cells + 1,)
-        Evenly spaced edges of the cells.
-    centres_mm : ndarray of any shape
-        Where the trapezoids are centred.
-    lenslet_mm, pixel_mm : float
-        Widths of the two boxes whose convolution the trapezoid is; that of the pixel may be an
-        array of the centres' shape.
-
-    Returns
-    -------
-    start : ndarray of int64, shape of `centres_mm`
-    weights : ndarray of float64, with a last axis of the band's cells
-        The cell ``start + k`` has weight ``weights[..., k]``; a trapezoid inside the cells has a
-        sum of 1.
+    A trapezoid is the convolution of two boxes, of widths lenslet_mm and pixel_mm; the latter may
+    be an array of the centres' shape. edges_mm: evenly spaced edges of the cells. Returns the first
+    cell of each trapezoid, int64 of the centres' shape, and the weights of the cells from there on,
+    with a last axis for them; a trapezoid inside the cells has a sum of 1.
     """
     cells, cell_mm = len(edges_mm) - 1, edges_mm[1] - edges_mm[0]
     band = int(min(cells, np.ceil((lenslet_mm + np.max(pixel_mm)) / cell_mm) + 1))

@@ -57,21 +57,10 @@ def optical_passes(
 def gather(
     planes: list[Plane], passes: list[OpticalPass], layout: Layout, rays: int | None
 ) -> np.ndarray:
-    """Gather the light of planes on the sensor, without diffraction.
+    """Gather the light of planes, front to back, on the sensor, without diffraction.
 
-    Parameters
-    ----------
-    planes : list of Plane
-        Planes, front to back.
-    passes : list of OpticalPass
-        Passes of light, one for each colour.
-    layout : {"views", "raw"} or Lines
-    rays : int or None
-        Number of rays along each axis; None for the exact integrator.
-
-    Returns
-    -------
-    ndarray of float32, shape (a, b, c, d)
+    Returns float32 in the order of the layout. rays: number along each axis; None for the exact
+    integrator. passes: one for each colour.
     """
     camera = passes[0].camera
     if camera.layout == "hexagonal" and not isinstance(layout, Lines):

@@ -45,15 +45,7 @@ Layout = str | Lines
 def blank_image(camera: PlenopticCamera, layout: Layout, dtype=np.float32) -> np.ndarray:
     """Make a dark image ``[a, b, c, d]``; memory that no light reaches is never touched.
 
-    Parameters
-    ----------
-    camera : PlenopticCamera
-    layout : {"views", "raw"} or Lines
-    dtype : dtype, optional
-
-    Returns
-    -------
-    ndarray, shape (v, u, t, s); (1, 1, t * v, s * u) for the raw image; (1, 1, rows, columns)
+    Shape (v, u, t, s) for views, (1, 1, t * v, s * u) for the raw image, (1, 1, rows, columns).
     """
     if isinstance(layout, Lines):
         return np.zeros((1, 1, layout.rows.size, layout.columns.size), dtype)
@@ -82,16 +74,9 @@ def arrange(table: np.ndarray, layout: Layout, axis: int) -> np.ndarray:
 
 
 def seen_range(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the first and one past the last place d that sees a plane, for each b.
+    """Find the first and one past the last place d that sees a plane, for each b of seen[b, d].
 
-    Parameters
-    ----------
-    seen : ndarray of bool, shape (b, d)
-
-    Returns
-    -------
-    first, last : ndarray of int64, shape (b,)
-        Both 0 where no place sees it.
+    Both are int64, and 0 where no place sees it.
     """
     any_seen = seen.any(axis=1)
     first = np.where(any_seen, seen.argmax(axis=1), 0)
@@ -249,12 +234,8 @@ class OpticalPass:
     def lit_parts(self, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Part of each pixel that lies in the lenslet's micro-image, where that is a square.
 
-        Returns
-        -------
-        middle_mm : ndarray of float64, shape (view, lenslet)
-            Middle of the part, from the pixel's own.
-        share : ndarray of float64, shape (view, lenslet)
-            Width of the part over the pixel's, 0 to 1.
+        Returns its middle from the pixel's own, in mm, and its width over the pixel's, 0 to 1; both
+        of shape (view, lenslet).
         """
         offsets, pixel, half = self.offsets_mm(axis), self.camera.pixel_mm, self.micro_image_mm / 2
         low = np.clip(-half - offsets, -pixel / 2, pixel / 2)

@@ -40,16 +40,9 @@ def trace(
     cells that it covers. Without boxes an edge inside a pixel is off by up to half a ray's share,
     and the error falls only as 1 / rays.
 
-    Parameters
-    ----------
-    planes : list of Plane
-        Planes, front to back. If none attenuates another, each is traced alone, where it is seen.
-    optics : OpticalPass
-    layout : {"views", "raw"} or Lines
-    rays : int
-        Smallest number of rays along each axis; rounded up so that they tile pixel and lenslet.
-    out : ndarray of float32 or float64, shape (a, b, c, d)
-        Image in the order of `lf_flame.simulation.optical_pass`; the light is added to it.
+    Planes are given front to back; if none attenuates another, each is traced alone, where it is
+    seen. rays: smallest number along each axis, rounded up so that they tile pixel and lenslet. The
+    light is added to `out`, float32 or float64 in the order of the layout.
     """
     front = _first_that_dims(planes)
     for group in [*([plane] for plane in planes[:front]), planes[front:]]:

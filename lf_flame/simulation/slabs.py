@@ -48,16 +48,9 @@ def slice_scene(
 ) -> list[Plane]:
     """Cut the layers of a scene into planes, nearest to the main lens first.
 
-    Parameters
-    ----------
-    scene : Scene
-    slabs : dict
-        Number of planes for layers that need more than one.
-    absorption : bool
-        Whether optically thick layers absorb their own light.
-    dimming : set of str
-        Set of "occlusion" and "self_absorption": whether opaque layers occlude, and optically thick
-        layers attenuate, the light from behind.
+    slabs: number of planes for layers that need more than one. absorption: whether optically thick
+    layers absorb their own light. dimming: set of "occlusion" and "self_absorption": whether opaque
+    layers occlude, and optically thick layers attenuate, the light from behind.
     """
     planes: list[Plane] = []
     for layer in scene.front_to_back:
@@ -153,10 +146,7 @@ def slab_edges(layer: Layer, count: int) -> np.ndarray:
     enters or leaves through the side of a strongly absorbing layer shows it only there. Without,
     all are equally thick.
 
-    Returns
-    -------
-    ndarray of float64, shape (count + 1,)
-        From 0 to 1, rising.
+    They rise from 0 to 1.
     """
     wanted, tau = np.arange(count + 1) / count, float(layer.optical_thickness.max())
     if tau == 0:

@@ -41,17 +41,8 @@ WINDOW = 3
 class ChosenPixels:
     """Pixels of a scene in front of a camera at the crossings of chosen lines.
 
-    Parameters
-    ----------
-    scene : Scene
-    camera : PlenopticCamera
-
-    Attributes
-    ----------
-    lines : Lines
-        Chosen rows and columns.
-    weights : ndarray of float64, shape (1, 1, rows, columns)
-        Share of the image for which each pixel stands: of the lines nearest to its own.
+    weights: share of the image for which each pixel stands (of the lines nearest to its own), shape
+    (1, 1, rows, columns).
     """
 
     def __init__(self, scene: Scene, camera: PlenopticCamera):
@@ -182,25 +173,9 @@ def refine(
     """Double a number of parts until the chosen pixels change by no more than an allowance.
 
     The error falls about as one over the number or faster: with the doubled number it is at most
-    about the change.
-
-    Parameters
-    ----------
-    image : callable
-        Function that renders the pixels with a number of parts.
-    first, most : int
-        Smallest and largest number.
-    allowance : float
-        Largest root-mean-square error of the pixels, relative to the brightest of them.
-    what : str
-        Name of the parts, for the progress bar and the error.
-    weights : ndarray, shape of the image, optional
-        Share of the image for which each pixel stands. Default: equal ones.
-
-    Raises
-    ------
-    InputError
-        If the largest number is not enough.
+    about the change. allowance: of the root mean square, relative to the brightest pixel; weights:
+    share of the image for which each pixel stands. Raises InputError if the largest number is not
+    enough; `what` names the parts.
     """
     counts = [first * 2**k for k in range(1, 16) if first * 2**k <= most]
     coarse, before = image(first), first
