@@ -193,18 +193,18 @@ class EffectPlan:
         }
 
     def __str__(self) -> str:
+        found = {name: f"{change:.2g}" for name, change in self.measured.items()}
         rows = [
             (
                 effect.name,
-                self._bound(effect),
-                *([_short(self.measured.get(effect.name))] if self.measured else []),
+                f"{effect.bound:.2g}" if effect.stated else "not stated",
+                *([found.get(effect.name, "")] if found else []),
                 ("kept" if effect.kept else "left out") + (", forced" if effect.forced else ""),
                 self._criterion(effect),
             )
             for effect in self.effects
         ]
-        measured = ["measured"] if self.measured else []
-        columns = ["effect", "bound", *measured, "decision", "criterion"]
+        columns = ["effect", "bound", *(["measured"] if found else []), "decision", "criterion"]
         table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
             f"tolerance {self.tolerance:.3g} of the brightest pixel"
@@ -237,10 +237,6 @@ class EffectPlan:
             f"550nm,round,12bit or --assume typical"
         ]
 
-    @staticmethod
-    def _bound(effect: PlannedEffect) -> str:
-        return f"{effect.bound:.2g}" if effect.stated else "not stated"
-
     def _criterion(self, effect: PlannedEffect) -> str:
         """Reason for an effect's bound; if not stated, also its size at a typical value."""
         if effect.name not in self.typical:
@@ -254,10 +250,6 @@ class EffectPlan:
             return ["refocused images: directly from the scene, because light only adds up"]
         reasons = [f"  {name} {why}" for name, why in self.not_separable.items()]
         return ["refocused images: through the light field, because", *reasons]
-
-
-def _short(number: float | None) -> str:
-    return "" if number is None else f"{number:.2g}"
 
 
 def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()) -> bool:

@@ -6,6 +6,7 @@ change of a pixel if its bundle of rays moves over a layer. Nothing is rendered.
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -120,7 +121,10 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
 
 def assuming(bounds: SceneBounds, camera: PlenopticCamera) -> SceneBounds:
     """Bound the light in front of the same camera with further properties."""
-    return replace(bounds, camera=camera, brightest_raw=_brightest_raw(camera, bounds.radiance))
+    pixels = copy(bounds.pixels)
+    pixels.camera = camera
+    raw = _brightest_raw(camera, bounds.radiance)
+    return replace(bounds, camera=camera, pixels=pixels, brightest_raw=raw)
 
 
 def _brightest_raw(camera: PlenopticCamera, radiance: float) -> float:

@@ -56,6 +56,11 @@ def test_typical_bounds_are_those_of_the_stated_cause():
     assert typical["shot_noise"] == pytest.approx(slack / np.sqrt(electrons), rel=5e-3)
     assert typical["quantisation"] == pytest.approx(10_000 / 4095 / 2 / electrons, rel=5e-3)
     assert "vignetting" not in typical
+    scene = Scene([Layer([[0.0, 1.0]], 5.0, (1.0, 1.0))])
+    stated = plan_effects(scene, replace(CAMERA, chromatic_shift=1 / 2400))["chromatic"].bound
+    typical = plan_effects(scene, CAMERA, typical=True).typical
+    assert typical["chromatic"] == pytest.approx(stated, rel=0.03)
+    assert stated > 0
 
 
 @pytest.mark.parametrize(
