@@ -46,11 +46,7 @@ MEASURED = ", measured on some pixels, doubled"
 
 
 class Estimate(NamedTuple):
-    """Change of the image if an effect is left out, relative to its brightest pixel, and why.
-
-    The bound is an upper bound, or twice the largest change of some measured pixels if the
-    criterion says so; 0 if the effect does not occur.
-    """
+    """Change of the image if an effect is left out, relative to its brightest pixel, and why."""
 
     bound: float
     criterion: str
@@ -150,10 +146,8 @@ def _cos4(bounds: SceneBounds) -> Estimate:
 def squared_tangent(camera: PlenopticCamera) -> float:
     """Largest mean squared tangent of the angle between a pixel's rays and the optical axis.
 
-    It is that of the outermost pixel of a lenslet at the corner of the array: the squared tangent
-    of its central ray between main lens and lenslet, plus the variance over the patch of the main
-    lens that the pixel sees. A displaced lenslet, or light from neighbouring lenslets, can come
-    from anywhere in a wide aperture.
+    It is that of the outermost pixel at the corner of the array, and the variance over its patch of
+    the main lens; displaced or neighbouring lenslets send light from anywhere in a wide aperture.
     """
     step, pitch_mm, farther = camera.on_exit_pupil(camera.view_step_mm), true_pitch_mm(camera), 0.0
     seen = (camera.views - 1) * step

@@ -253,10 +253,7 @@ class EffectPlan:
 
 
 def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()) -> bool:
-    """Whether a camera states the cause of an effect.
-
-    stated: fields that count as stated although they have the default value, as a file names them.
-    """
+    """Whether a camera, or a list of fields that a file names, states the cause of an effect."""
     cause = CAUSES.get(effect)
     if cause is None or getattr(camera, cause.field) != cause.unstated:
         return True
@@ -264,10 +261,7 @@ def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()
 
 
 def typical_bounds(bounds: SceneBounds, stated: Collection[str] = ()) -> dict[str, float]:
-    """Bound each effect whose cause a camera does not state, at a typical value, if there is one.
-
-    stated: as in `is_stated`.
-    """
+    """Bound each effect whose cause a camera does not state, at a typical value, if there is one."""
     camera, found = bounds.camera, {}
     for name, cause in CAUSES.items():
         if is_stated(camera, name, stated) or cause.typical is None:

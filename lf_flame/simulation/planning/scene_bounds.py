@@ -34,13 +34,10 @@ from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels
 
 
 class LightSteps(NamedTuple):
-    """Largest changes of radiance on a layer along one axis, and the width of its cells.
+    """Largest changes of radiance on a layer along one axis, and the width of its cells."""
 
-    Between any two places, and between neighbouring cells; outside the layer it is 0.
-    """
-
-    whole: float
-    next: float
+    whole: float  # between any two places
+    next: float  # between neighbouring cells; outside the layer it is 0
     cell_mm: float
 
 
@@ -88,11 +85,7 @@ class SceneBounds:
 
 
 def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
-    """Bound the light of a scene in front of a camera.
-
-    Raises InputError if a layer is on the wrong side of the main lens, or diffraction spreads light
-    over too many pixels.
-    """
+    """Bound the light of a scene in front of a camera."""
     layers = scene.front_to_back
     footprints = {
         (layer, axis): trace_footprint(camera, layer.depth_mm, axis)
@@ -257,10 +250,9 @@ def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
-    """Width of a pixel's bundle on a layer in mm: the larger of two boxes.
+    """Width of a pixel's bundle on a layer in mm: the image of the lenslet or that of the pixel.
 
-    The weight of a place on the layer is a trapezoid, the convolution of a box, which is the image
-    of the lenslet, with another, which is the image of the pixel.
+    The weight of a place on the layer is a trapezoid, the convolution of both boxes.
     """
     footprint = bounds.footprints[layer, axis]
     pixel = abs(footprint.pixel_width_mm) if bounds.defocus else 0.0
@@ -305,9 +297,8 @@ def smeared(
 def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float:
     """Bound on the relative change if lenslets move over the sensor by up to `shifts_mm` (y, x).
 
-    Through its own lenslet, which moved, a pixel sees another place of a layer. A part of the pixel
-    may then be covered by the micro-image of a neighbouring lenslet; there it sees a place that is
-    one more pitch away.
+    Through its own lenslet a pixel then sees another place of a layer, and where the micro-image of
+    a neighbouring lenslet covers a part of it, a place that is one more pitch away.
     """
     camera, change, pitch_mm = bounds.camera, 0.0, true_pitch_mm(bounds.camera)
     for layer in bounds.layers:
