@@ -261,7 +261,7 @@ def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()
 
 
 def typical_bounds(bounds: SceneBounds, stated: Collection[str] = ()) -> dict[str, float]:
-    """Bound each effect whose cause a camera does not state, at a typical value, if there is one."""
+    """Bound each effect whose cause a camera does not state, at its typical value, if any."""
     camera, found = bounds.camera, {}
     for name, cause in CAUSES.items():
         if is_stated(camera, name, stated) or cause.typical is None:
