@@ -1,4 +1,4 @@
-"""Axisymmetric flames by `abel`, and soot temperature from one exposure of a colour camera."""
+"""Axisymmetric flames by `abel`, beside other inversions and a printed profile."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -7,18 +7,8 @@ import numpy as np
 
 from experiments.emission import truth
 from experiments.emission.rivals import round_methods
-from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
-from lf_flame.formats import DecodePlan, estimate_grid
-from lf_flame.tomography import (
-    AxisymmetricGrid,
-    SpectralResponses,
-    calibrate_colours,
-    find_axis,
-    reconstruct_axisymmetric,
-    reconstruct_soot,
-    soot_temperature,
-)
+from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
 
 PAPER = truth.Lens(views=15, lenslets=(90, 180), lenslet_focal=1.2, pitch=0.336)
 """The paper's camera, whose images of 270 x 540 lenslets are averaged to 90 x 180 pixels."""
@@ -133,153 +123,9 @@ def beside_print(rng: np.random.Generator) -> Iterator[dict]:
         yield {"method": "abel", "input": pixels, "rms": rms, "largest": worst}
 
 
-LENSLETS, UNDER = (72, 52), 14
-"""Number of lenslets, and of pixels under one along each axis."""
-
-RAW, SEEN = (truth.Lens(views=views, lenslets=LENSLETS) for views in (UNDER, UNDER // 2))
-CAMERA = PlenopticCamera(**SEEN.numbers(), aperture_diameter_mm=UNDER * RAW.step)
-GRID = AxisymmetricGrid(CAMERA, axis_mm=0.0, depth_mm=0.0, radius_mm=3.0)
-NM, PEAKS = np.arange(375.0, 726.0, 25.0), np.array([[610.0], [540.0], [460.0]])
-MOSAIC = np.array([[0, 1], [1, 2]])[np.ix_(np.arange(UNDER) % 2, np.arange(UNDER) % 2)]
-"""Colour of each pixel under a lenslet: rggb."""
-
-OPEN = np.hypot(*(np.indices((UNDER, UNDER)) - (UNDER - 1) / 2)) <= UNDER / 2
-BLACK, WHITE, FULL = 64.0, 3000.0, 4095
-"""Black level, brightest signal above it, and largest number of the sensor."""
-
-FURNACE_K, DRAWS = (1473.0, 1573.0, 1673.0, 1773.0, 1873.0), 20
-"""Temperatures of the furnace, and number of bootstrap draws."""
-
-SOOT = {
-    "hollow, thickness 0.5": (truth.SootFlame(), 0.01, 1.0),
-    "thin, thickness 0.05": (truth.SootFlame(thickness=0.05), 0.01, 1.0),
-    "thick, thickness 1": (truth.SootFlame(thickness=1.0), 0.01, 1.0),
-    "full core": (truth.SootFlame(core=1.0), 0.01, 1.0),
-    "hollow, more noise": (truth.SootFlame(), 0.03, 1.0),
-    "deeper than wide by 1.3": (truth.SootFlame(depth_ratio=1.3), 0.01, 1.0),
-    "absorbs as wavelength^-1.4, taken for ^-1": (truth.SootFlame(), 0.01, 1.4),
-}
-"""Flame, noise relative to the brightest pixel, and exponent of its absorption."""
-
-
-def curves(nm: np.ndarray) -> np.ndarray:
-    """Give the camera's responses in red, green and blue, 67 nm wide and overlapping."""
-    return np.exp(-(((nm - PEAKS) / 40) ** 2))
-
-
-@cache
-def soot_light(flame: truth.SootFlame, exponent: float) -> np.ndarray:
-    """Trace the light of each pixel, [v, u, t, s]."""
-    light = np.zeros((UNDER, UNDER, *LENSLETS))
-    for colour, curve in enumerate(curves(NM)):
-        band, where = curve > 1e-4, OPEN & (colour == MOSAIC)
-        slabs = flame.slabs(NM[band], exponent)
-        seen = truth.trace(RAW, slabs, parts=1, where=where, channels=(band.sum(),))
-        light += seen @ curve[band] * (NM[1] - NM[0])
-    return light
-
-
-class Sensor:
-    """Raw images of a colour camera, their decoding, and its calibration by a furnace."""
-
-    def __init__(self, light: np.ndarray, noise: float, rng: np.random.Generator):
-        self._rng, self._noise = rng, noise * WHITE
-        self._gains = np.array([WHITE / light[colour == MOSAIC].max() for colour in range(3)])
-        white = self._read(self._even([2000.0, 2600.0, 1500.0]), 2.0)
-        dark = np.full(white.shape, BLACK, np.float32)
-        self._plan = DecodePlan(
-            estimate_grid(white - dark), shape=white.shape, views=SEEN.views, white=white,
-            dark=dark, bayer="rggb",
-        )  # fmt: skip
-        nm = np.arange(375.0, 726.0, 5.0)
-        responses = SpectralResponses(("red", "green", "blue"), nm, curves(nm))
-        signals, exposures = [], []
-        for kelvin in FURNACE_K:
-            black = self._gains * (curves(NM) @ truth.planck(NM, kelvin)) * (NM[1] - NM[0])
-            exposures.append(WHITE / black.max())
-            picture = self._decode(self._even(black * exposures[-1]))
-            signals.append(picture.photograph[8:-8, 8:-8].mean(axis=(0, 1), dtype=float))
-        found = calibrate_colours(FURNACE_K, signals, responses, exposures=exposures)
-        self.calibration = found.calibration
-
-    def record(self, light: np.ndarray) -> LightField:
-        """Record light with noise, and decode it."""
-        return self._decode(light * self._gains[MOSAIC][..., None, None])
-
-    def _decode(self, light: np.ndarray) -> LightField:
-        return self._plan.decode(self._read(light, self._noise))
-
-    def _even(self, colours) -> np.ndarray:
-        return (OPEN * np.asarray(colours)[MOSAIC])[..., None, None] * np.ones(LENSLETS)
-
-    def _read(self, light: np.ndarray, noise: float) -> np.ndarray:
-        raw = light.transpose(2, 0, 3, 1).reshape([n * UNDER for n in LENSLETS])
-        values = BLACK + raw + noise * self._rng.standard_normal(raw.shape)
-        return np.clip(np.rint(values), 0, FULL).astype(np.float32)
-
-
-def soot_truth(flame: truth.SootFlame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Absorption and temperature at the nodes, and where the emission in red counts."""
-    up, r = np.meshgrid(GRID.heights_mm, GRID.radii_mm, indexing="ij")
-    absorption, kelvin = flame.absorption(r, up), flame.kelvin(r, up)
-    red = absorption * truth.planck(PEAKS[0], kelvin)
-    return absorption, kelvin, red > 0.2 * red.max()
-
-
-def soot(rng: np.random.Generator) -> Iterator[dict]:
-    """Find temperature and absorption together, and by two simpler assumptions."""
-    for name, (flame, noise, exponent) in step_bar(SOOT.items(), len(SOOT)):
-        light = soot_light(flame, exponent)
-        sensor = Sensor(light, noise, rng)
-        light_field, calibration = sensor.record(light), sensor.calibration
-        together, thin = (
-            reconstruct_soot(light_field, GRID, calibration, absorbing=absorbing, bootstrap=draws)
-            for absorbing, draws in ((True, DRAWS), (False, DRAWS // 4))  # its bars mean nothing
-        )
-        peaks = SpectralResponses.single(PEAKS[:, 0])
-        black = calibration.responses.black_body(1700.0) / peaks.black_body(1700.0)
-        lines = soot_temperature(
-            [one.emission for one in thin.colours], peaks,
-            sigmas=[one.sigma for one in thin.colours], gains=calibration.gains * black,
-        )  # fmt: skip
-        for method, temperatures in (
-            ("temperature and absorption together", together.temperatures),
-            ("taken for optically thin", thin.temperatures),
-            ("thin, each colour one wavelength", lines),
-        ):
-            judged = _judged(temperatures, *soot_truth(flame))
-            if temperatures is not together.temperatures:
-                del judged["covered"]
-            yield {"flame": name, "noise": noise, "method": method} | judged
-
-
-def _judged(temperatures, absorption: np.ndarray, kelvin: np.ndarray, lit: np.ndarray) -> dict:
-    off, sigma = (temperatures.kelvin - kelvin)[lit], temperatures.sigma[lit]
-    return {
-        "rms_K": float(np.sqrt(np.nanmean(off**2))),
-        "mean_K": float(np.nanmean(off)),
-        "covered": float(np.nanmean(np.abs(off) < 1.96 * sigma)),
-        "thickness": float(np.nanmedian(temperatures.amount[lit] / absorption[lit])),
-    }
-
-
 def in_the_mean(judged: list[tuple[float, float]]) -> dict:
     """Mean of the shares that bars cover, its standard error, and the mean error, over draws."""
     covered, error = np.array(judged).T
     standard_error = float(covered.std(ddof=1) / np.sqrt(covered.size))
     mean = {"covered": float(covered.mean()), "standard_error": standard_error}
     return mean | {"error": float(error.mean())}
-
-
-def soot_bars(rng: np.random.Generator) -> Iterator[dict]:
-    """Count how often bars of 95 % cover the true temperature of the first flame."""
-    name, (flame, noise, exponent) = next(iter(SOOT.items()))
-    light, judged = soot_light(flame, exponent), []
-    sensor = Sensor(light, noise, rng)
-    for draw in step_bar(range(10)):
-        found = reconstruct_soot(
-            sensor.record(light), GRID, sensor.calibration, bootstrap=DRAWS, seed=10 * draw
-        )
-        one = _judged(found.temperatures, *soot_truth(flame))
-        judged.append((one["covered"], one["rms_K"]))
-    yield {"flame": name, "noise": noise, "what": "temperatures"} | in_the_mean(judged)

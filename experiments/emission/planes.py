@@ -8,8 +8,8 @@ import numpy as np
 from scipy import stats
 
 from experiments.emission import truth
-from experiments.emission.flames import PAPER, REACH, in_the_mean, noisy, round_glow, round_views
-from experiments.emission.rivals import PLANES, QUICK, refocused
+from experiments.emission.flames import PAPER, in_the_mean, noisy
+from experiments.emission.rivals import PLANES, QUICK
 from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
 from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
@@ -126,12 +126,6 @@ def known_planes(rng: np.random.Generator) -> Iterator[dict]:
         yield from case.errors((0.01, 0.1), 3, rng)
 
 
-def against_noise(rng: np.random.Generator) -> Iterator[dict]:
-    """Find the sheets in ever more noise."""
-    case = _sheets("sheets, on the planes", SMALL, SHEETS)
-    yield from case.errors((0.001, 0.003, 0.01, 0.03, 0.1, 0.3), 3, rng)
-
-
 def large_flames(rng: np.random.Generator) -> Iterator[dict]:
     """Find four flames of the paper's kind, by the methods that are quick at that size."""
     for name, slabs in (("side by side", side_by_side()), ("behind each other", behind())):
@@ -154,40 +148,6 @@ def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
     ):
         error = relative_error(reconstruct(seen, grid_of(PAPER, depths)).emission, case.truth)
         yield {"flame": case.name, "noise": 0.01, "method": OURS, "wrong": what, "error": error}
-
-
-def _width(planes: np.ndarray, depths: np.ndarray) -> float:
-    """Root-mean-square extent of the light along depth."""
-    light = planes.sum(axis=(1, 2), dtype=float)
-    middle = light @ depths / light.sum()
-    return float(np.sqrt(light @ (depths - middle) ** 2 / light.sum()))
-
-
-def unknown_depth(rng: np.random.Generator) -> Iterator[dict]:
-    """Find where light is in depth: four flames on none of twenty planes, and a thick flame."""
-    methods = {OURS: lambda one, grid: reconstruct(one, grid).emission,
-               "refocused": lambda one, grid: refocused(one, grid, 0.0)[0]}  # fmt: skip
-    flames = traced("four flames side by side, 20 planes", PAPER, side_by_side(), DEPTHS)
-    grid = grid_of(PAPER, np.arange(-15.0, 24.0, 2.0))
-    depths, light_field = np.array(grid.depths_mm), noisy(flames.views, 0.01, rng)
-    for method, find in methods.items():
-        found, off = find(light_field, grid), []
-        for depth, plane in zip(DEPTHS, flames.truth, strict=True):
-            light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=float)
-            off.append(abs(float(light @ depths / light.sum()) - depth))
-        yield {"flame": flames.name, "noise": 0.01, "method": method, "centroid_mm": max(off)}
-    grid = grid_of(PAPER, np.arange(-12.0, 13.0, 2.0))
-    depths = np.array(grid.depths_mm)
-    wanted = truth.on_planes(PAPER, volume(round_glow, REACH, 0.25), depths)
-    for noise in (0.01, 0.05):
-        light_field = noisy(round_views(), noise, rng)
-        for method, find in methods.items():
-            found = find(light_field, grid)
-            yield {
-                "flame": "axisymmetric, 13 planes", "noise": noise, "method": method,
-                "error": relative_error(found, wanted),
-                "too_wide": _width(found, depths) / _width(wanted, depths) - 1,
-            }  # fmt: skip
 
 
 def photons(views: np.ndarray, rng: np.random.Generator) -> LightField:

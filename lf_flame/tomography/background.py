@@ -1,4 +1,4 @@
-"""Light where nothing emits: a uniform background, measured in empty pixels; clipped blacks."""
+"""Light where nothing emits: a uniform background, measured in empty pixels."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,13 +11,6 @@ from lf_flame.tomography.geometries import Geometry, backproject, project
 
 LEAST_SIGNIFICANT = 5.0
 """Number of standard errors above which the edge's level is a background."""
-
-HALF_NORMAL = 1.35
-"""Smallest ratio of mean square to squared mean of values above 0 that shows clipped noise: it is
-1.57 for a normal distribution clipped at its centre, and below 1.3 for photon noise."""
-
-SOME_ZEROS, MOST_ZEROS = 0.2, 0.9
-"""Range of the fraction of exact zeros with which blacks count as clipped; 1 if nothing is lit."""
 
 LEAST_EMPTY = 0.02
 """Smallest fraction of empty pixels with which a background is measured."""
@@ -38,14 +31,12 @@ class Edge:
     error : standard error of the level, from the scatter of those means
     adds : light that this level adds to the field, relative to the rest of its light
     brightest : largest of those means
-    clipped : whether noise below 0 was clipped
     """
 
     level: float
     error: float
     adds: float
     brightest: float
-    clipped: bool
 
     @property
     def is_significant(self) -> bool:
@@ -68,11 +59,7 @@ def measure_edge(views: np.ndarray) -> Edge:
     error = 1.2533 * scatter / np.sqrt(means.size)
     light = float(views.mean(dtype=np.float64)) - level
     adds = level / light if light > 0 else (np.inf if level else 0.0)
-    zeros = float(np.mean(pixels == 0))
-    above = pixels[pixels > 0].astype(np.float64)
-    cut = SOME_ZEROS < zeros < MOST_ZEROS and pixels.min() >= 0
-    clipped = cut and float(np.mean(above**2)) > HALF_NORMAL * float(np.mean(above)) ** 2
-    return Edge(level, error, float(adds), float(means.max()), bool(clipped))
+    return Edge(level, error, float(adds), float(means.max()))
 
 
 class Level(NamedTuple):
@@ -90,13 +77,6 @@ def fit_background(
     Cells that may emit are those whose rays are brighter, in the mean, than the background: first
     that at the field's edge, then that of the measurement before. A half section may emit anywhere
     within its radius.
-
-    Parameters
-    ----------
-    views : ndarray of float32, shape (v, u, t, s)
-    geometry : PlaneGeometry or SectionGeometry
-    valid : ndarray of bool, shape of `views`, optional
-        Whether each ray is known. Default: all are.
     """
     operator, grid = geometry.operator, geometry.grid
     on_planes = isinstance(grid, FrustumGrid)

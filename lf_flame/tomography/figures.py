@@ -176,16 +176,7 @@ def _section_figure(found: Emission):
 
 
 def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
-    """Depth blur against lateral period, and the decay of singular values.
-
-    Parameters
-    ----------
-    camera : Lens
-    thickness_mm : float
-        Extent in depth of the emission, centred on the focal plane.
-    periods_mm : sequence of float
-        Lateral periods for which singular values are drawn.
-    """
+    """Depth blur against lateral period, and singular values of light of some thickness."""
     figure, (left, right) = subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
     finest = finest_period(camera)
     lengths = np.geomspace(finest, max(100 * finest, *periods_mm), 100)
@@ -223,11 +214,8 @@ def temperature_figure(
 ):
     """Draw emission, temperature with isotherms, and its standard deviation side by side.
 
-    Isotherms are drawn where three standard deviations are less than their distance. The maps are
-    cut to the cells that have a temperature.
-
-    kelvin, sigma : temperatures and their standard deviations in K, NaN where there is none, and
-    emission : emission in one colour, all (planes, rows, columns); places : place of each plane
+    All maps are (planes, rows, columns), NaN where there is no temperature. Isotherms are drawn
+    where three standard deviations are less than their distance; maps are cut to what is known.
     """
     shown = shown_planes(len(kelvin))
     columns = (

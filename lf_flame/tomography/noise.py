@@ -44,14 +44,11 @@ def noise_variance(sd: float) -> float:
 
 
 def noise_by_pixel(views: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Variance of each pixel's noise: from its light (photon noise), and from its position.
+    """Variance of each pixel's noise relative to its mean, float32, shape (v, u, t, s).
 
     The variance of a sensor's pixel rises in proportion to its light (the photon transfer curve;
     EMVA standard 1288). Other effects, such as a division by a white image, vary slowly over the
-    field.
-
-    views and seen: the light field, and that of the unpenalised fit, which explains as much of it
-    as any cells. Gives the variance relative to its mean, float32, shape (v, u, t, s).
+    field. `seen` is the light field of the unpenalised fit.
     """
     power = np.square(views - seen, dtype=np.float32)
     if not power.any():
@@ -91,22 +88,8 @@ def correlation_factor(
     It is measured where the field is dark, in second differences of neighbouring pixels, so that
     faint light does not count, and as the product of a factor of the views and one of the pixels.
     Where the dark holds little of the noise, as in photon noise, it is measured in the part that no
-    emission explains, relative to white noise of which a fit explains as much.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-    counted : ndarray of bool, shape (v, u)
-        Views that are fitted.
-    variance : float, optional
-        Mean variance of the noise of a pixel.
-    residuals : callable, optional
-        See `Residuals`. Default: the dark alone is looked at.
-
-    Returns
-    -------
-    float
-        1 or above; 1 where there are too few pixels with noise.
+    emission explains, relative to white noise of which a fit explains as much (`residuals`). It is
+    1 where there are too few pixels with noise. `counted` marks the views that are fitted.
     """
     photograph = np.einsum("vu,vuts->ts", counted / np.count_nonzero(counted), views)
     smooth = ndimage.uniform_filter(photograph, 3)

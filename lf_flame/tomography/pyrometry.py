@@ -305,13 +305,7 @@ def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
 
 
 def least_temperature(responses: SpectralResponses, soot_exponent: float = 1.0) -> float:
-    """Lowest temperature in K that the colours tell from all higher ones, 500 K or above.
-
-    Raises
-    ------
-    InputError
-        If there is none up to 1,000 K.
-    """
+    """Lowest temperature in K that the colours tell from all higher ones, 500 K or above."""
     return max(LEAST_K, _LogCurves(responses, soot_exponent).coldest)
 
 
