@@ -1,4 +1,4 @@
-"""Axisymmetric flames by `abel`, beside other inversions and a printed profile."""
+"""Axisymmetric flames by `abel`, beside other inversions."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -73,54 +73,6 @@ def round_flame(rng: np.random.Generator) -> Iterator[dict]:
         for method, found in sections(noisy(round_views(), noise, rng)):
             error = min(section_error(*one) for one in found)
             yield {"flame": "axisymmetric", "noise": noise, "method": method, "error": error}
-
-
-CREMERS, CREMERS_RADIUS, FADES = truth.Lens(lenslets=(60, 60)), 2.2, 1.5
-"""Camera, radius of the profile's edge, and height over which the flame fades, in mm."""
-
-PRINTED = {
-    "Nestor and Olsen": (0.0040, 0.0071),
-    "Maecker": (0.0210, 0.0308),
-    "Ladenburg and others": (0.0011, 0.0030),
-    "Frie": (0.0008, 0.0018),
-    "Cremers and Birkebak, 3rd degree": (0.0057, 0.0149),
-    "Cremers and Birkebak, 4th degree": (0.0023, 0.0073),
-}
-"""Root-mean-square and largest error at m / 30, m = 0 to 18, by the differences that table I of
-Cremers and Birkebak prints; its further lines could not be read."""
-
-
-def cremers_profile(r: np.ndarray) -> np.ndarray:
-    """Profile with a peak off the axis, by radius relative to its edge.
-
-    C. J. Cremers and R. C. Birkebak, Applied Optics 5, 1057 (1966), equation 13; the emission
-    printed in its table I at m / 30 is this to the last digit.
-    """
-    inner = 0.75 + 12 * r**2 - 32 * r**3
-    outer = 16 / 27 * (1 + 6 * r - 15 * r**2 + 8 * r**3)
-    return np.where(r < 0.25, inner, np.where(r < 1, outer, 0))
-
-
-def beside_print(rng: np.random.Generator) -> Iterator[dict]:
-    """Give errors of `abel` on the profile of Cremers and Birkebak, and those that they print."""
-    one = "one projection, 31 points, no noise, four digits"
-    for method, (rms, worst) in PRINTED.items():
-        yield {"method": f"{method}, as printed", "input": one, "rms": rms, "largest": worst}
-
-    def glow(y, x, z):
-        return cremers_profile(np.hypot(x, z) / CREMERS_RADIUS) * np.exp(-((y / FADES) ** 2))
-
-    views = truth.trace(CREMERS, truth.volume(glow, 2.5, 0.1))
-    grid = AxisymmetricGrid(PlenopticCamera(**CREMERS.numbers()), 0.0, 0.0, 2.6)
-    row, radii = int(np.argmin(np.abs(grid.heights_mm))), np.arange(19) / 30
-    for noise in (0.0, 0.01, 0.1):
-        found = reconstruct_axisymmetric(noisy(views, noise, rng), grid).emission[row]
-        fade = np.exp(-((grid.heights_mm[row] / FADES) ** 2))
-        off = np.interp(CREMERS_RADIUS * radii, grid.radii_mm, found) / fade
-        off -= cremers_profile(radii)
-        rms, worst = float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
-        pixels = f"49 views, {CREMERS_RADIUS / grid.radii_mm[1]:.0f} pixels, noise {noise:.0%}"
-        yield {"method": "abel", "input": pixels, "rms": rms, "largest": worst}
 
 
 def in_the_mean(judged: list[tuple[float, float]]) -> dict:

@@ -15,7 +15,7 @@ Two flames follow published tables:
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +57,8 @@ FURNACE_K, DRAWS = (1473.0, 1573.0, 1673.0, 1773.0, 1873.0), 20
 """Temperatures of the furnace, and number of bootstrap draws."""
 
 
-class Measured:
-    """Soot at temperatures by tables over height (from the field's middle) and distance."""
-
-    box: tuple[float, float, float, float]
-    reach: float
-    steps = 40
+class Measured(truth.Soot):
+    """Soot by tables over height, from the field's middle, and distance."""
 
     def __init__(self, heights: np.ndarray, places: np.ndarray, kelvin, thickness):
         """`kelvin`, and absorption per mm at 600 nm, of shape (heights, places)."""
@@ -77,22 +73,6 @@ class Measured:
     def absorption(self, place: np.ndarray, up: np.ndarray) -> np.ndarray:
         """Absorption coefficient at 600 nm per mm."""
         return self._soot(np.stack(np.broadcast_arrays(up, place), axis=-1))
-
-    def place(self, x: np.ndarray, z: float) -> np.ndarray:
-        """Place in the tables of a point across and in depth."""
-        raise NotImplementedError
-
-    def slabs(self, nm: np.ndarray, exponent: float = 1.0) -> list[truth.Slab]:
-        """Slabs whose glow and thickness have a value for each wavelength."""
-        step = 2 * self.reach / self.steps
-
-        def light(y, x, z):
-            place = self.place(x, z)
-            tau = step * self.absorption(place, -y)[..., None] * (600 / nm) ** exponent + 1e-300
-            return tau * truth.planck(nm, self.kelvin(place, -y)[..., None]), tau
-
-        middles = (np.arange(self.steps) + 0.5) * step - self.reach
-        return [truth.Slab(z, partial(light, z=z), self.box) for z in middles]
 
 
 class SlotFlame(Measured):
@@ -123,10 +103,6 @@ class EthyleneFlame(Measured):
         heights = 152 * np.arange(1.0, 3.6, 0.5) - 342
         absorption = 7.6 * ppm * 1e-6 / 600e-6
         super().__init__(heights, 10.0 * table.index.to_numpy(), kelvin.to_numpy(), absorption)
-
-    def place(self, x, z):
-        """Radius."""
-        return np.hypot(x, z)
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,10 +299,12 @@ def measured(rng: np.random.Generator) -> Iterator[dict]:
               for n, x in zip(flat.shape, (-up, across), strict=True)]  # fmt: skip
         alone = Temperatures(map_coordinates(flat, at, order=1), None)
         found = [("one photograph, without depth", alone)]
-        for absorbing, words in ((False, "taken for thin"), (True, "with absorption")):
+        # Planes that the light field hardly separates hold no absorption that can be told.
+        for absorbing in (False,) if exposure.depths else (False, True):
             soot = reconstruct_soot(
                 light_field, exposure.grid, calibration, absorbing=absorbing, bootstrap=DRAWS
             )
+            words = "with absorption" if absorbing else "taken for thin"
             found.append((f"{command}, {words}", soot.temperatures))
         for method, temperatures in found:
             row = {"flame": name, "noise": exposure.noise, "method": method}

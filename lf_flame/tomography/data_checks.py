@@ -16,14 +16,12 @@ MODEL_ERROR = 2e-3
 """Residual relative to the peak that may be due to the grid."""
 
 APART = 3
-"""Distance in pixels over which the residual is compared with itself: noise that decoding spreads
-over neighbours is hardly alike there, and what no emission explains is as broad as the flame's
-detail."""
+"""Distance in pixels over which the residual is compared with itself: farther than decoding spreads
+noise, and less than the flame's detail."""
 
 STRUCTURE, SHARED = 0.015, 0.005
 """Correlation of residuals `APART` pixels apart above which they are not white noise, and its
-increase with the variance of sums of noise that neighbours share, relative to that of white noise:
-the penalty is stronger then, and leaves more of the light."""
+increase where neighbours share noise: the penalty is stronger then, and leaves more light."""
 
 ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
@@ -69,9 +67,7 @@ def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> 
 
 
 def depth_checks(grid: FrustumGrid, emission: np.ndarray) -> list[Check]:
-    """Check whether planes are closer than the blur of the finest detail, or hold light behind
-    each other that is closer than the blur of its own detail.
-    """
+    """Check for planes nearer than the blur of the finest detail, or of light behind each other."""
     steps = np.abs(np.diff(grid.depths_mm))
     if not steps.size:
         return []

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.tomography.emission import bar_times, scatter
 from lf_flame.tomography.emission_folder import EmissionFolder, write_table
 
@@ -48,7 +47,7 @@ def axial(
     The strip is at the centre of the light by default, and one cell wide or wider; columns at its
     borders count by the part that is inside. `draws` has the shape (n, rows, columns).
     """
-    image, again = _checked(plane, draws, cell_mm)
+    image, again = _arrays(plane, draws)
     places = _places(image.shape[1], cell_mm)
     if across_mm is None:
         across_mm = _middle(image.sum(axis=0), places)
@@ -65,7 +64,7 @@ def radial(
     thickness_mm: float = 0.0,
 ) -> Profile:
     """Take a profile across a depth plane, as `axial` does up it, from a strip at a height."""
-    image, again = _checked(plane, draws, cell_mm)
+    image, again = _arrays(plane, draws)
     heights = -_places(image.shape[0], cell_mm)
     if height_mm is None:
         height_mm = _middle(image.sum(axis=1), heights)
@@ -81,18 +80,8 @@ def _profile(places: np.ndarray, values: np.ndarray, drawn: np.ndarray) -> Profi
     return Profile(places, values, sigma, bar_times(len(drawn)) * sigma)
 
 
-def _checked(plane: ArrayLike, draws: ArrayLike, cell_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    image, again = np.asarray(plane, np.float64), np.asarray(draws, np.float64)
-    if image.ndim != 2 or again.ndim != 3 or again.shape[1:] != image.shape:
-        raise InputError(
-            f"A profile is taken of a plane (rows, columns) and draws (n, rows, columns), got "
-            f"shapes {image.shape} and {again.shape}."
-        )
-    if not SHORTEST <= cell_mm <= LONGEST:
-        raise InputError(
-            f"cell_mm must be a length from {SHORTEST:g} to {LONGEST:g} mm, got {cell_mm}."
-        )
-    return image, again
+def _arrays(plane: ArrayLike, draws: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(plane, np.float64), np.asarray(draws, np.float64)
 
 
 def _places(count: int, cell_mm: float) -> np.ndarray:
