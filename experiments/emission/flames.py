@@ -73,11 +73,3 @@ def round_flame(rng: np.random.Generator) -> Iterator[dict]:
         for method, found in sections(noisy(round_views(), noise, rng)):
             error = min(section_error(*one) for one in found)
             yield {"flame": "axisymmetric", "noise": noise, "method": method, "error": error}
-
-
-def in_the_mean(judged: list[tuple[float, float]]) -> dict:
-    """Mean of the shares that bars cover, its standard error, and the mean error, over draws."""
-    covered, error = np.array(judged).T
-    standard_error = float(covered.std(ddof=1) / np.sqrt(covered.size))
-    mean = {"covered": float(covered.mean()), "standard_error": standard_error}
-    return mean | {"error": float(error.mean())}

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from experiments.emission import truth
-from experiments.emission.flames import PAPER, in_the_mean, noisy
+from experiments.emission.flames import PAPER, noisy
 from experiments.emission.rivals import PLANES, QUICK
 from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
 from experiments.report import step_bar
@@ -128,27 +128,18 @@ def large_flames(rng: np.random.Generator) -> Iterator[dict]:
         yield from case.errors((0.01, 0.05), 3, rng, QUICK)
 
 
-def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
-    """Find four flames in a light field, or with a grid, that is not as was stated."""
-    case = traced("four flames side by side", PAPER, side_by_side(), DEPTHS)
-    light_field, camera = noisy(case.views, 0.01, rng), case.grid.camera
-    gains = 1 + 0.02 * rng.standard_normal((*light_field.views.shape[:2], 1, 1))
-    peak, steeper = float(case.views.max()), 1.05 * np.asarray(case.grid.slopes)
-    for what, seen, depths in (
-        ("nothing", light_field, DEPTHS),
-        ("gains of views, 2 %", LightField(light_field.views * gains), DEPTHS),
-        ("background, 2 % of the peak", LightField(light_field.views + 0.02 * peak), DEPTHS),
-        ("depths, by 0.5 mm", light_field, np.add(DEPTHS, 0.5)),
-        ("slopes, by 5 %", light_field, camera.slope_to_depth(steeper)),
-    ):
-        error = relative_error(reconstruct(seen, grid_of(PAPER, depths)).emission, case.truth)
-        yield {"flame": case.name, "noise": 0.01, "method": OURS, "wrong": what, "error": error}
-
-
 def photons(views: np.ndarray, rng: np.random.Generator) -> LightField:
     """Count photo-electrons, 100 in the brightest pixel."""
     share = views.max() / 100
     return LightField(rng.poisson(views / share) * share)
+
+
+def in_the_mean(judged: list[tuple[float, float]]) -> dict:
+    """Mean of the shares that bars cover, its standard error, and the mean error, over draws."""
+    covered, error = np.array(judged).T
+    standard_error = float(covered.std(ddof=1) / np.sqrt(covered.size))
+    mean = {"covered": float(covered.mean()), "standard_error": standard_error}
+    return mean | {"error": float(error.mean())}
 
 
 def _small(y, x, z):

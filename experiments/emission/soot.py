@@ -1,16 +1,14 @@
 """Soot temperature from one exposure of a colour camera: made-up flames, and measured ones.
 
-Two flames follow published tables:
+Two flames follow published tables (`tables`):
 
-- The methane slot flame of Smyth (NIST): temperatures by a thermocouple, corrected for radiation,
-  across the slot at nine heights (github.com/firemodels/exp, Smyth_Slot_Burner; K. C. Smyth and
-  others, Combustion and Flame 62, 157, 1985). It holds little soot: here it is seeded evenly with
-  soot of a total optical thickness of 0.1, and 12 mm deep, which the table does not say.
-- The ethylene flame of the 15.2 cm burner of FM Global in air: radial means of the soot's volume
-  fraction and temperature by an emission probe at 1 to 3.5 diameters of height
+- Smyth's methane slot flame: temperatures by a thermocouple, corrected for radiation
+  (github.com/firemodels/exp, Smyth_Slot_Burner; K. C. Smyth and others, Combustion and Flame 62,
+  157, 1985). Its soot, 0.1 optical thickness in 12 mm, is assumed: the table holds none.
+- FM Global's ethylene flame of 15.2 cm in air: means by an emission probe, of both sides
   (github.com/MaCFP/macfp-db, Extinction/FM_Burner, Emission_probe 05 and 10; D. Zeng and others,
-  Proc. Combust. Inst. 37, 825, 2019). Both sides are averaged; means of a turbulent flame are no
-  frame of it. Soot absorbs 7.6 times its volume fraction per wavelength, as that database states.
+  Proc. Combust. Inst. 37, 825, 2019). They are no frame of a turbulent flame. Soot absorbs 7.6
+  times its volume fraction per wavelength, as that database states.
 """
 
 from collections.abc import Iterator
@@ -25,7 +23,6 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import map_coordinates
 
 from experiments.emission import truth
-from experiments.emission.flames import in_the_mean
 from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
 from lf_flame.formats import DecodePlan, estimate_grid
@@ -239,7 +236,6 @@ SMALL = truth.Lens(lenslets=(72, 52))
 
 SOOT = {
     "hollow, thickness 0.5": Exposure(truth.SootFlame(), SMALL, 3.0),
-    "hollow, more noise": Exposure(truth.SootFlame(), SMALL, 3.0, noise=0.03),
     "thin, thickness 0.05": Exposure(truth.SootFlame(thickness=0.05), SMALL, 3.0),
     "thick, thickness 1": Exposure(truth.SootFlame(thickness=1.0), SMALL, 3.0),
     "deeper than wide by 1.3": Exposure(truth.SootFlame(depth_ratio=1.3), SMALL, 3.0),
@@ -270,15 +266,9 @@ def soot(rng: np.random.Generator) -> Iterator[dict]:
             )
             for absorbing, draws in ((True, DRAWS), (False, 0))  # its bars mean nothing
         )
-        peaks = SpectralResponses.single(PEAKS[:, 0])
-        black = calibration.responses.black_body(1700.0) / peaks.black_body(1700.0)
-        lines = soot_temperature(
-            [one.emission for one in thin.colours], peaks, gains=calibration.gains * black
-        )
         for method, temperatures in (
             ("temperature and absorption together", together.temperatures),
             ("taken for optically thin", thin.temperatures),
-            ("thin, each colour one wavelength", lines),
         ):
             judged = exposure.judge(temperatures)
             yield {"flame": name, "noise": exposure.noise, "method": method} | judged
@@ -326,17 +316,3 @@ def as_printed(rng: np.random.Generator) -> Iterator[dict]:
     """List what the literature reports of single light-field cameras."""
     for source, truth_by, error in PRINTED:
         yield {"source": source, "compared with": truth_by, "error of the temperature": error}
-
-
-def soot_bars(rng: np.random.Generator) -> Iterator[dict]:
-    """Count how often bars of 95 % cover the true temperature of the first flame."""
-    name, exposure = next(iter(SOOT.items()))
-    judged = []
-    for draw in step_bar(range(10)):
-        light_field, calibration = exposure.record(rng)
-        found = reconstruct_soot(
-            light_field, exposure.grid, calibration, bootstrap=DRAWS, seed=10 * draw
-        )
-        one = exposure.judge(found.temperatures)
-        judged.append((one["covered"], one["rms_K"]))
-    yield {"flame": name, "noise": exposure.noise, "what": "temperatures"} | in_the_mean(judged)

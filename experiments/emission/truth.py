@@ -201,19 +201,11 @@ def planck(nm: np.ndarray | float, kelvin: np.ndarray | float) -> np.ndarray:
 
 
 class Soot:
-    """Soot by its absorption per mm at 600 nm and temperature, at places across and heights."""
+    """Soot by its absorption per mm at 600 nm and temperature, at places and heights."""
 
-    steps = 40
-    reach: float
-    box: tuple[float, float, float, float]
-
-    def absorption(self, place: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """Absorption coefficient at 600 nm per mm, by radius and by height above the middle."""
-        raise NotImplementedError
-
-    def kelvin(self, place: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """Temperature of the soot."""
-        raise NotImplementedError
+    steps, reach, box = 40, 0.0, Slab.box
+    absorption: Callable[..., np.ndarray]
+    kelvin: Callable[..., np.ndarray]
 
     def place(self, x: np.ndarray, z: float) -> np.ndarray:
         """Place of a point across and in depth; by default its radius."""

@@ -7,9 +7,9 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.tomography.axis import MARGIN, FlameAxis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.background import measure_edge
 from lf_flame.tomography.depth_ratio import MOST_SIGMAS, DepthRatio
 from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.noise import measure_edge
 from lf_flame.tomography.resolution import angular_width, depth_blur, finest_period
 
 MODEL_ERROR = 2e-3

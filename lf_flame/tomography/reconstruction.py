@@ -13,7 +13,6 @@ from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
 from lf_flame.tomography.axis import find_axis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.background import Level, fit_background
 from lf_flame.tomography.data_checks import (
     Check,
     axis_checks,
@@ -27,7 +26,7 @@ from lf_flame.tomography.fit import Explanation, Fit, FitOptions, check_bootstra
 from lf_flame.tomography.fitted_views import fitted_views
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.geometries import PlaneGeometry, geometry_of, project
-from lf_flame.tomography.noise import noise_variance
+from lf_flame.tomography.noise import Level, fit_background, noise_variance
 
 LARGEST = 1e15
 """Largest value of a light field: the fit sums squares of squares of pixels in float64."""

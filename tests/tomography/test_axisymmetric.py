@@ -41,9 +41,13 @@ def slabs(thickness=0.1, cell=0.05, glow=glow, lean=0.0):
 
 @pytest.fixture(scope="module")
 def camera():
-    """The paper's optics, the mean of 2 x 2 lenslets."""
-    coarse = {"lenslet_pitch_mm": 0.224, "lenslet_focal_mm": 0.8}
-    return replace(PAPER_CAMERA, views=7, lenslets=(36, 42), **coarse)
+    return replace(PAPER_CAMERA, views=7, lenslets=(72, 84))
+
+
+@pytest.fixture(scope="module")
+def coarse(camera):
+    """The same field, the mean of 2 x 2 lenslets."""
+    return replace(camera, lenslets=(36, 42), lenslet_pitch_mm=0.224, lenslet_focal_mm=0.8)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +128,7 @@ def test_penalty_spares_parabolas_that_are_even_about_the_axis():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "share", "limit"),
-    [("all", 0.0, 0.01), ("all", 0.01, 0.015), ("all", 0.05, 0.03), ("central", 0.01, 0.06)],
+    [("all", 0.01, 0.015), ("central", 0.01, 0.06)],
 )
 def test_section_is_found(grid, truth, seen, which, share, limit):
     asked = replace(grid, which=which)
@@ -135,21 +139,6 @@ def test_section_is_found(grid, truth, seen, which, share, limit):
         assert found.noise == pytest.approx(share * seen.views.max(), rel=0.05)
         assert found.chi_squared.mean() == pytest.approx(1, abs=0.05)
     assert found.chi_squared.shape == ((7, 7) if which == "all" else (1, 1))
-
-
-@pytest.mark.slow
-def test_axis_half_a_pixel_off_hardly_harms_and_three_do(grid, truth, seen):
-    errors = [
-        volume_error(
-            reconstruct_axisymmetric(
-                seen, replace(grid, axis_mm=ACROSS + pixels * grid.step_mm)
-            ).emission,
-            truth,
-            grid,
-        )
-        for pixels in (0.5, 3)
-    ]
-    assert errors[0] < 0.01 < 0.1 < errors[1]
 
 
 def test_axis_is_found_across_and_in_depth(camera, seen):
@@ -164,24 +153,25 @@ def test_axis_is_found_across_and_in_depth(camera, seen):
 
 
 @pytest.mark.slow
-def test_lean_and_halves_are_measured(camera, grid):
+def test_lean_and_halves_are_measured(camera, coarse):
     leaning = find_axis(render(slabs(lean=0.05), camera), camera)
     assert leaning.lean_deg == pytest.approx(np.degrees(np.arctan(0.05)), rel=0.03)
-    views = render(slabs(), camera).views.copy()
+    views = render(slabs(), coarse).views.copy()
     views[..., 24:] *= 1.3  # the right half
+    grid = AxisymmetricGrid(coarse, ACROSS, DEPTH, RADIUS)
     said = reconstruct_axisymmetric(LightField(views), grid).warnings
     assert any("not axisymmetric" in one for one in said)
 
 
 @pytest.mark.slow
-def test_sharp_burner_is_followed_where_it_is_known(camera):
+def test_sharp_burner_is_followed_where_it_is_known(coarse):
     def cut(height, radius):
         return np.where(height > -1.0, glow(height, radius), 0.0)
 
-    seen = render(slabs(glow=cut, cell=0.04), camera)
+    seen = render(slabs(glow=cut, cell=0.04), coarse)
     errors = []
     for burner in (None, -1.0):
-        grid = AxisymmetricGrid(camera, ACROSS, DEPTH, RADIUS, burner_mm=burner)
+        grid = AxisymmetricGrid(coarse, ACROSS, DEPTH, RADIUS, burner_mm=burner)
         heights = grid.heights_mm[:, None]
         truth = np.where(heights > -1.0 - 1e-9, glow(heights, grid.radii_mm), 0.0)
         found = reconstruct_axisymmetric(seen, grid)
