@@ -172,14 +172,6 @@ def test_a_spark_that_is_brighter_than_the_flame_is_left_out_and_told(side, brig
     assert found.doubts == ("spark",)
 
 
-def test_a_small_bright_core_in_a_wide_glow_is_the_flame():
-    """What is joined to it is no other flame."""
-    image = gaussian(sigma_row=1.6, sigma_column=1.6) + 0.1 * gaussian(sigma_row=9, sigma_column=9)
-    found = measure_flame(image)
-    assert found.area < 25
-    assert "spark" not in found.doubts
-
-
 def test_of_two_spots_the_brighter_counts_and_the_other_is_told():
     upper, lower = gaussian(row=14.0, sigma_row=4.0), gaussian(row=46.0, sigma_row=4.0)
     alone = measure_flame(lower)
