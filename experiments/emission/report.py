@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.emission import flames, planes, soot
+from experiments.emission import flames, planes, soot, truth
 from experiments.emission.rivals import refocused
 from experiments.report import markdown, write_report
 from lf_flame._common import provenance
@@ -157,20 +157,38 @@ def table(rows: list[dict]) -> str:
 
 
 def slices_figure(seed: int) -> Figure:
-    """Draw flames behind each other, truth and what is found, at 1 % of noise."""
+    """Draw flames behind each other, and the section of an axisymmetric flame, at 1 % of noise."""
+    rng = np.random.default_rng(seed)
     case = planes.traced("", planes.PAPER, planes.behind(), planes.DEPTHS)
-    light_field = planes.noisy(case.views, 0.01, np.random.default_rng(seed))
+    light_field = planes.noisy(case.views, 0.01, rng)
     lines = {
         "truth": case.truth,
         "reconstruct": reconstruct(light_field, case.grid).emission,
         "refocused": refocused(light_field, case.grid, 0.0)[0],
     }
-    figure, axes = subplots(3, 4, figsize=(10, 8), layout="constrained")
+    widths = 1, 1, 1, 1, 1.5
+    figure, axes = subplots(3, 5, figsize=(12, 8), layout="constrained", width_ratios=widths)
     for line, (word, stack) in zip(axes, lines.items(), strict=True):
         white = max(case.truth.max(), stack.max() if word == "refocused" else 0)
-        for axis, plane, depth in zip(line, stack, planes.DEPTHS, strict=True):
+        for axis, plane, depth in zip(line, stack, planes.DEPTHS, strict=False):
             drawn = axis.imshow(plane[:, 55:130], cmap="inferno", vmin=0, vmax=white)
             axis.set_title(f"{word}, {depth:+g} mm", fontsize=9)
             axis.axis("off")
-        figure.colorbar(drawn, ax=list(line), shrink=0.85, label="radiance")
+        figure.colorbar(drawn, ax=list(line[:4]), shrink=0.85, label="radiance")
+    found = dict(flames.sections(planes.noisy(flames.round_views(), 0.01, rng)))
+    heights, radii, section = found["abel, all views"][0]
+    wanted = truth.round_glow(heights[:, None] / flames.HEIGHT + 0.5, radii[None], flames.RADIUS)
+    for axis, word, values in zip(axes[:, 4], ("truth", "abel"), (wanted, section), strict=False):
+        extent = (0, radii[-1], heights[-1], heights[0])
+        drawn = axis.imshow(values, cmap="inferno", vmin=0, vmax=wanted.max(), extent=extent)
+        axis.set(xlim=(0, 9), ylim=(-14, 14), ylabel="height (mm)", facecolor="k")
+        axis.set_title(f"axisymmetric, {word}", fontsize=9)
+        figure.colorbar(drawn, ax=axis, label="emission per mm")
+    axis, row = axes[2, 4], int(np.argmin(np.abs(heights)))
+    axis.plot(radii, wanted[row], "k", label="truth")
+    for method in ("abel, all views", "onion peeling, central view"):
+        rows, places, values = found[method][0]
+        axis.plot(places, values[np.argmin(np.abs(rows))], linewidth=1, label=method)
+    axis.set(xlim=(0, 9), xlabel="radius (mm), at 0 mm of height", ylabel="emission per mm")
+    axis.legend(fontsize=7, loc="lower left")
     return figure
