@@ -256,49 +256,39 @@ def measured_flames() -> dict[str, Exposure]:
     }
 
 
-def soot(rng: np.random.Generator) -> Iterator[dict]:
-    """Find temperature and absorption together, and by two simpler assumptions."""
-    for name, exposure in step_bar(SOOT.items(), len(SOOT)):
+def temperatures(exposures: dict[str, Exposure], rng: np.random.Generator) -> Iterator[dict]:
+    """Find the temperatures of flames, with and without absorption, and in a photograph."""
+    for name, exposure in step_bar(exposures.items(), len(exposures)):
         light_field, calibration = exposure.record(rng)
-        together, thin = (
-            reconstruct_soot(
-                light_field, exposure.grid, calibration, absorbing=absorbing, bootstrap=draws
-            )
-            for absorbing, draws in ((True, DRAWS), (False, 0))  # its bars mean nothing
-        )
-        for method, temperatures in (
-            ("temperature and absorption together", together.temperatures),
-            ("taken for optically thin", thin.temperatures),
-        ):
-            judged = exposure.judge(temperatures)
-            yield {"flame": name, "noise": exposure.noise, "method": method} | judged
-
-
-def measured(rng: np.random.Generator) -> Iterator[dict]:
-    """Find the temperatures of flames after tables, beside those of a photograph."""
-    for name, exposure in measured_flames().items():
-        (light_field, calibration), command = exposure.record(rng), "abel --colours"
-        if exposure.depths:
-            command = "reconstruct --colours"
+        colours, gains = calibration.responses, calibration.gains
         photograph = np.moveaxis(light_field.photograph.astype(float), -1, 0)
-        flat = soot_temperature(
-            list(photograph), calibration.responses, gains=calibration.gains
-        ).kelvin
+        flat = soot_temperature(list(photograph), colours, gains=gains).kelvin
         across, up = exposure.places()
         at = [(n - 1) / 2 + x / exposure.lens.cell
               for n, x in zip(flat.shape, (-up, across), strict=True)]  # fmt: skip
         alone = Temperatures(map_coordinates(flat, at, order=1), None)
-        found = [("one photograph, without depth", alone)]
+        found = {"one photograph, without depth": alone}
+        command = "reconstruct" if exposure.depths else "abel"
         # Planes that the light field hardly separates hold no absorption that can be told.
         for absorbing in (False,) if exposure.depths else (False, True):
             soot = reconstruct_soot(
                 light_field, exposure.grid, calibration, absorbing=absorbing, bootstrap=DRAWS
             )
             words = "with absorption" if absorbing else "taken for thin"
-            found.append((f"{command}, {words}", soot.temperatures))
-        for method, temperatures in found:
+            found[f"{command} --colours, {words}"] = soot.temperatures
+        for method, one in found.items():
             row = {"flame": name, "noise": exposure.noise, "method": method}
-            yield row | exposure.judge(temperatures)
+            yield row | exposure.judge(one)
+
+
+def soot(rng: np.random.Generator) -> Iterator[dict]:
+    """Temperatures of made-up flames."""
+    yield from temperatures(SOOT, rng)
+
+
+def measured(rng: np.random.Generator) -> Iterator[dict]:
+    """Temperatures of flames after tables."""
+    yield from temperatures(measured_flames(), rng)
 
 
 PRINTED = (
