@@ -8,8 +8,8 @@ import numpy as np
 from scipy import stats
 
 from experiments.emission import truth
-from experiments.emission.flames import PAPER, REACH, in_the_mean, noisy, round_glow, round_views
-from experiments.emission.rivals import PLANES, QUICK, refocused
+from experiments.emission.flames import PAPER, noisy
+from experiments.emission.rivals import PLANES, QUICK
 from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
 from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
@@ -109,10 +109,6 @@ def _hollow(y, x, z):
     return np.exp(-(((np.hypot(x, z) - 1.2) / 0.35) ** 2) - (y / 1.5) ** 2)
 
 
-def _elliptic(y, x, z):
-    return np.exp(-((x / 0.8) ** 2) - (z / 1.6) ** 2 - (y / 1.5) ** 2)
-
-
 def known_planes(rng: np.random.Generator) -> Iterator[dict]:
     """Find small flames behind each other, and flames that are thick in depth."""
     for case in (
@@ -121,15 +117,8 @@ def known_planes(rng: np.random.Generator) -> Iterator[dict]:
         _sheets("sheets, pitch 0.5 % wrong", replace(SMALL, pitch=1.005 * SMALL.pitch), SHEETS),
         traced("disc and square", SMALL, [Slab(3.0, _disc), Slab(-4.0, _square)], (3.0, -4.0)),
         traced("hollow flame", SMALL, volume(_hollow, 2.5, 0.1), DEEP),
-        traced("elliptic flame, twice as deep", SMALL, volume(_elliptic, 3.5, 0.1), DEEP),
     ):
         yield from case.errors((0.01, 0.1), 3, rng)
-
-
-def against_noise(rng: np.random.Generator) -> Iterator[dict]:
-    """Find the sheets in ever more noise."""
-    case = _sheets("sheets, on the planes", SMALL, SHEETS)
-    yield from case.errors((0.001, 0.003, 0.01, 0.03, 0.1, 0.3), 3, rng)
 
 
 def large_flames(rng: np.random.Generator) -> Iterator[dict]:
@@ -139,61 +128,18 @@ def large_flames(rng: np.random.Generator) -> Iterator[dict]:
         yield from case.errors((0.01, 0.05), 3, rng, QUICK)
 
 
-def wrongly_known(rng: np.random.Generator) -> Iterator[dict]:
-    """Find four flames in a light field, or with a grid, that is not as was stated."""
-    case = traced("four flames side by side", PAPER, side_by_side(), DEPTHS)
-    light_field, camera = noisy(case.views, 0.01, rng), case.grid.camera
-    gains = 1 + 0.02 * rng.standard_normal((*light_field.views.shape[:2], 1, 1))
-    peak, steeper = float(case.views.max()), 1.05 * np.asarray(case.grid.slopes)
-    for what, seen, depths in (
-        ("nothing", light_field, DEPTHS),
-        ("gains of views, 2 %", LightField(light_field.views * gains), DEPTHS),
-        ("background, 2 % of the peak", LightField(light_field.views + 0.02 * peak), DEPTHS),
-        ("depths, by 0.5 mm", light_field, np.add(DEPTHS, 0.5)),
-        ("slopes, by 5 %", light_field, camera.slope_to_depth(steeper)),
-    ):
-        error = relative_error(reconstruct(seen, grid_of(PAPER, depths)).emission, case.truth)
-        yield {"flame": case.name, "noise": 0.01, "method": OURS, "wrong": what, "error": error}
-
-
-def _width(planes: np.ndarray, depths: np.ndarray) -> float:
-    """Root-mean-square extent of the light along depth."""
-    light = planes.sum(axis=(1, 2), dtype=float)
-    middle = light @ depths / light.sum()
-    return float(np.sqrt(light @ (depths - middle) ** 2 / light.sum()))
-
-
-def unknown_depth(rng: np.random.Generator) -> Iterator[dict]:
-    """Find where light is in depth: four flames on none of twenty planes, and a thick flame."""
-    methods = {OURS: lambda one, grid: reconstruct(one, grid).emission,
-               "refocused": lambda one, grid: refocused(one, grid, 0.0)[0]}  # fmt: skip
-    flames = traced("four flames side by side, 20 planes", PAPER, side_by_side(), DEPTHS)
-    grid = grid_of(PAPER, np.arange(-15.0, 24.0, 2.0))
-    depths, light_field = np.array(grid.depths_mm), noisy(flames.views, 0.01, rng)
-    for method, find in methods.items():
-        found, off = find(light_field, grid), []
-        for depth, plane in zip(DEPTHS, flames.truth, strict=True):
-            light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=float)
-            off.append(abs(float(light @ depths / light.sum()) - depth))
-        yield {"flame": flames.name, "noise": 0.01, "method": method, "centroid_mm": max(off)}
-    grid = grid_of(PAPER, np.arange(-12.0, 13.0, 2.0))
-    depths = np.array(grid.depths_mm)
-    wanted = truth.on_planes(PAPER, volume(round_glow, REACH, 0.25), depths)
-    for noise in (0.01, 0.05):
-        light_field = noisy(round_views(), noise, rng)
-        for method, find in methods.items():
-            found = find(light_field, grid)
-            yield {
-                "flame": "axisymmetric, 13 planes", "noise": noise, "method": method,
-                "error": relative_error(found, wanted),
-                "too_wide": _width(found, depths) / _width(wanted, depths) - 1,
-            }  # fmt: skip
-
-
 def photons(views: np.ndarray, rng: np.random.Generator) -> LightField:
     """Count photo-electrons, 100 in the brightest pixel."""
     share = views.max() / 100
     return LightField(rng.poisson(views / share) * share)
+
+
+def in_the_mean(judged: list[tuple[float, float]]) -> dict:
+    """Mean of the shares that bars cover, its standard error, and the mean error, over draws."""
+    covered, error = np.array(judged).T
+    standard_error = float(covered.std(ddof=1) / np.sqrt(covered.size))
+    mean = {"covered": float(covered.mean()), "standard_error": standard_error}
+    return mean | {"error": float(error.mean())}
 
 
 def _small(y, x, z):

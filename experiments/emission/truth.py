@@ -200,8 +200,32 @@ def planck(nm: np.ndarray | float, kelvin: np.ndarray | float) -> np.ndarray:
     return 1.191042972397188e20 / nm**5 / np.expm1(1.4387768775e7 / (nm * kelvin))
 
 
+class Soot:
+    """Soot by its absorption per mm at 600 nm and temperature, at places and heights."""
+
+    steps, reach, box = 40, 0.0, Slab.box
+    absorption: Callable[..., np.ndarray]
+    kelvin: Callable[..., np.ndarray]
+
+    def place(self, x: np.ndarray, z: float) -> np.ndarray:
+        """Place of a point across and in depth; by default its radius."""
+        return np.hypot(x, z)
+
+    def slabs(self, nm: np.ndarray, exponent: float = 1.0) -> list[Slab]:
+        """Slabs whose glow and thickness have a value for each wavelength."""
+        nm, step = np.asarray(nm, float), 2 * self.reach / self.steps
+
+        def light(y, x, z):
+            place = self.place(x, z)
+            tau = step * self.absorption(place, -y)[..., None] * (600 / nm) ** exponent + 1e-300
+            return tau * planck(nm, self.kelvin(place, -y)[..., None]), tau
+
+        middles = (np.arange(self.steps) + 0.5) * step - self.reach
+        return [Slab(z, partial(light, z=z), self.box) for z in middles]
+
+
 @dataclass(frozen=True)
-class SootFlame:
+class SootFlame(Soot):
     """A hollow sooty flame about the middle of the field.
 
     Largest optical thickness through the axis at 600 nm; extent in depth relative to that across;
@@ -213,6 +237,21 @@ class SootFlame:
     height: float = 7.0
     depth_ratio: float = 1.0
     core: float = 0.15
+
+    @property
+    def reach(self) -> float:  # type: ignore[override]
+        """Extent in depth."""
+        return 1.5 * self.radius * self.depth_ratio
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:  # type: ignore[override]
+        """Extent in y and x."""
+        half, side = self.height / 2, 1.5 * self.radius
+        return -half, half, -side, side
+
+    def place(self, x: np.ndarray, z: float) -> np.ndarray:
+        """Radius in a flame that is stretched in depth."""
+        return np.hypot(x, z / self.depth_ratio)
 
     def _soot(self, r, up):
         inside = (np.abs(up) < self.height / 2) & (r < 2 * self.radius)
@@ -227,23 +266,10 @@ class SootFlame:
         return self.thickness / (2 * np.trapezoid(self._soot(r, up * self.height), r).max())
 
     def absorption(self, r: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """Absorption coefficient at 600 nm per mm, by radius and by height above the middle."""
+        """Absorption by radius."""
         return self._scale * self._soot(r, up)
 
     def kelvin(self, r: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """Temperature of the soot."""
+        """Temperature: 160 K hotter outside than on the axis, and cooler with height."""
         r, h = r / self.radius, up / self.height + 0.5
         return 1900.0 - 200.0 * h + 80.0 * np.tanh(3 * (r - 0.6))
-
-    def slabs(self, nm: np.ndarray, exponent: float = 1.0, steps: int = 40) -> list[Slab]:
-        """Slabs whose glow and thickness have a value for each wavelength."""
-        nm, reach = np.asarray(nm, float), 1.5 * self.radius * self.depth_ratio
-        step, side, half = 2 * reach / steps, 1.5 * self.radius, self.height / 2
-
-        def light(y, x, z):
-            r = np.hypot(x, z / self.depth_ratio)
-            tau = step * self.absorption(r, -y)[..., None] * (600 / nm) ** exponent + 1e-300
-            return tau * planck(nm, self.kelvin(r, -y)[..., None]), tau
-
-        middles = (np.arange(steps) + 0.5) * step - reach
-        return [Slab(z, partial(light, z=z), (-half, half, -side, side)) for z in middles]

@@ -222,6 +222,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "reading": reading.given(),
             "notes": notes,
         }
+    tell_all("Note", notes)
     click.echo(colour_output.colours_table(fit, kelvin))
     click.echo(f"these colours determine temperatures of soot from {least:.0f} K on")
     if source.uneven > MOST_UNEVEN:
@@ -234,7 +235,6 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "Note: the pictures' files state no exposure. All are taken as exposed as the flame "
             "is; if not, say so by --exposure, or its absorption comes out wrong."
         )
-    tell_all("Note", notes)
     tell_all("Warning", fit.warnings)
     say_files(folder)
 

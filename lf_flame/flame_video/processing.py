@@ -69,13 +69,8 @@ TO_DO, WHOLE, MISSING, UNREADABLE, OTHER_EXPOSURE, REFUSED = range(len(STATES))
 class Progress:
     """Number of frames in each state, by its name in `STATES`, and of those that are repeated.
 
-    Attributes
-    ----------
-    counts : dict of str to int
-        Number of frames in each state.
-    repeated : int
-        Number of frames whose central view is that of the frame before in every pixel, as when a
-        frame grabber lost a frame and wrote the last one again.
+    A frame is repeated if its central view is that of the frame before in every pixel, as when a
+    frame grabber lost a frame and wrote the last one again.
     """
 
     counts: dict[str, int]

@@ -44,17 +44,9 @@ states all its options."""
 class Frame:
     """A light field on its way through the steps.
 
-    Attributes
-    ----------
-    light_field : LightField
-    before : dict
-        Results of the frame before in the same task that steps keep, by their names.
-    image : ndarray, shape (t, s, ...)
-        Image in which the flame is measured: the central view, or the last refocused image.
-    warnings : list of str
-        Sentences on what makes the results doubtful.
-    emissions : list of Reconstruction
-        Emission of this frame in each colour, once it is found.
+    `before` holds what steps keep of the frame before in the same task, `image` is that in which
+    the flame is measured: the central view, or the last refocused image; `warnings` says what
+    makes results doubtful, and `emissions` are those of this frame in each colour, once found.
     """
 
     light_field: LightField

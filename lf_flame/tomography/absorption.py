@@ -109,8 +109,7 @@ class AbsorbingOperator(GridOperator):
     def mean_transmission(self) -> np.ndarray:
         """Fraction of the light that leaves towards the camera, averaged over the views.
 
-        float64, shape of the grid, above 0, at most 1; for cells that no view sees their own
-        factor, for nodes 1.
+        Float64, shape of the grid; of cells that no view sees their own factor, of nodes 1.
         """
         counted = self._raw(np.ones(self.dimsd, self.dtype))
         if isinstance(self._grid, FrustumGrid):
@@ -196,15 +195,9 @@ def _slabs(grid: FrustumGrid | AxisymmetricGrid, dtype: DTypeLike) -> list[_Slab
 def spread_thickness(
     grid: FrustumGrid | AxisymmetricGrid, thickness: ArrayLike
 ) -> np.ndarray | None:
-    """Spread a given absorption over the cells of a grid; None if there is none.
+    """Spread a given absorption over the cells of a grid, or check it at nodes; None if 0.
 
-    Parameters
-    ----------
-    grid : FrustumGrid or AxisymmetricGrid
-    thickness : float, or array_like of shape (planes,), (planes, rows, columns), (heights, radii)
-        Optical thickness: a number is the total, spread evenly over the depth planes; an array has
-        a value for each plane, or for each plane and pixel of the central view. Cells outside the
-        central view get the value of its nearest pixel. At nodes: absorption per mm.
+    Cells outside the central view get the value of its nearest pixel.
     """
     given = np.asarray(thickness)
     shapes: tuple[tuple[int, ...], ...]
@@ -247,19 +240,7 @@ class Absorption:
     explain the light field by emission times that mean. Single views differ from this by their
     more or less absorption. The difference is small; it is subtracted from the light field before a
     fit, estimated again from that fit, and so on (deferred correction; Stetter, Numer. Math. 29,
-    425, 1978).
-
-    Parameters
-    ----------
-    even : GridOperator
-        Operator of the grid without absorption.
-    grid : FrustumGrid or AxisymmetricGrid
-    absorption : ndarray of float64, shape of the grid
-
-    Attributes
-    ----------
-    transmission : ndarray, shape of the grid
-        Fraction of each cell's emission that leaves towards the camera, averaged over the views.
+    425, 1978). `transmission` is the fraction of each cell's emission that leaves.
     """
 
     def __init__(self, even: GridOperator, grid, absorption: np.ndarray):
@@ -277,23 +258,9 @@ class Absorption:
     def settle(self, views: np.ndarray, fit: Callable, start=None, most: int = MOST_FITS):
         """Fit, correct the light field, and fit again until the correction converges.
 
-        Parameters
-        ----------
-        views : ndarray of float32, shape (v, u, t, s)
-        fit : callable
-            Function from a light field without absorption to the light that leaves each cell. Its
-            second argument is None, or the last fit, to keep its strength.
-        start : Explanation, optional
-            Fit of a similar light field, from which the first correction follows.
-        most : int, optional
-            Largest number of fits.
-
-        Returns
-        -------
-        found : Explanation
-            Result of the last fit.
-        settled : bool
-            Whether the correction converged, or only one fit was allowed.
+        `fit` maps a light field without absorption, and None or the last fit, to keep its strength,
+        to the light that leaves each cell. Gives the last fit, and whether the correction
+        converged, or only one fit was allowed.
         """
         correction = np.zeros_like(views) if start is None else self.excess(start.cells)
         found, fits = fit(views - correction, None), 1

@@ -165,12 +165,7 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
 
 
 class _Bands:
-    """Centres of a flame in bands of rows, by view column, in pixels, and their errors.
-
-    Parameters
-    ----------
-    pictures : ndarray of float64, shape (view columns, rows, columns)
-    """
+    """Centres of a flame in bands of rows, by view column, in pixels, and their errors."""
 
     def __init__(self, pictures: np.ndarray):
         light = pictures.sum(axis=(0, 2))

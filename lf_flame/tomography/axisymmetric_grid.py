@@ -285,12 +285,8 @@ class AxisymmetricGrid:
     def cells_by_radius(self, depth: float) -> np.ndarray:
         """Integrate each node's emission over a slab's thickness, averaged over its cells across.
 
-        The integral along depth is exact for any slab thickness: between two nodes emission is
-        linear in the radius, which has a closed integral.
-
-        Returns
-        -------
-        ndarray of float64, shape (cells, radii)
+        Float64, shape (cells, radii). The integral along depth is exact for any slab thickness:
+        between two nodes emission is linear in the radius, which has a closed integral.
         """
         across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
         # In depth, scaled to an axisymmetric flame.

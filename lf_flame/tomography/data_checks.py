@@ -1,8 +1,4 @@
-"""Numbers on disagreements of a light field with the model, each with a limit and a sentence.
-
-There are twelve kinds: what is left out, depth, light, noise, single views, structure, background,
-edge, saturation, absorption, axis, roundness.
-"""
+"""Numbers on disagreements of a light field with the model, each with a limit and a sentence."""
 
 from typing import NamedTuple
 
@@ -11,26 +7,21 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.tomography.axis import MARGIN, FlameAxis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.background import measure_edge
 from lf_flame.tomography.depth_ratio import MOST_SIGMAS, DepthRatio
 from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.noise import measure_edge
 from lf_flame.tomography.resolution import angular_width, depth_blur, finest_period
-
-LARGEST = 1e15
-"""Largest value of a light field: the fit sums squares of squares of pixels in float64."""
 
 MODEL_ERROR = 2e-3
 """Residual relative to the peak that may be due to the grid."""
 
 APART = 3
-"""Distance in pixels over which the residual is compared with itself: noise that decoding spreads
-over neighbours is hardly alike there, and what no emission explains is as broad as the flame's
-detail."""
+"""Distance in pixels over which the residual is compared with itself: farther than decoding spreads
+noise, and less than the flame's detail."""
 
 STRUCTURE, SHARED = 0.015, 0.005
 """Correlation of residuals `APART` pixels apart above which they are not white noise, and its
-increase with the variance of sums of noise that neighbours share, relative to that of white noise:
-the penalty is stronger then, and leaves more of the light."""
+increase where neighbours share noise: the penalty is stronger then, and leaves more light."""
 
 ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
@@ -53,48 +44,30 @@ class Check(NamedTuple):
         return bool(self.number > self.limit)
 
 
-def check_range(views: np.ndarray, noise: float | None) -> None:
-    """Refuse values with squares that overflow or are not finite, and a noise above all values."""
-    largest = max(float(views.max()), -float(views.min()))
-    if not largest <= LARGEST:
-        raise InputError(
-            f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
-        )
-    if noise is not None and 0 < largest < noise:
-        raise InputError(
-            f"noise, the standard deviation of a pixel, must be at most the light field's largest "
-            f"value, {largest:.4g}, got {noise:g}."
-        )
-
-
 def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> list[Check]:
     """Check how many views and rays are not fitted; refuse a light field without known rays."""
-    every = grid.camera.views**2
-    views = 0 if grid.counted is None else every - int(grid.counted.sum())
+    every, checks = grid.camera.views**2, []
+    fitted = every if grid.counted is None else int(grid.counted.sum())
+    if fitted < every:
+        sentence = (
+            f"{fitted} of the {every} views are fitted: the others have weight 0, or the round "
+            f"aperture cuts them."
+        )
+        checks.append(Check("left out", every - fitted, 0, sentence))
     lost = 0 if valid is None else int(np.count_nonzero(~valid))
-    if valid is not None and lost == valid.size:
-        raise InputError("A fit needs known pixels, and all of this light field are unknown.")
-    said = []
-    if views:
-        said.append(
-            f"{every - views} of the {every} views are fitted: the others have weight 0, or the "
-            f"round aperture cuts them."
-        )
     if valid is not None and lost:
-        said.append(
+        if lost == valid.size:
+            raise InputError("A fit needs known pixels, and all of this light field are unknown.")
+        sentence = (
             f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
-            f"emission that hardly another ray sees is a guess from its neighbours, and its error "
-            f"bars are too narrow."
+            f"emission that hardly another ray sees is a guess, and its error bars too narrow."
         )
-    return [Check("left out", max(views, lost), 0, sentence) for sentence in said]
+        checks.append(Check("left out", lost, 0, sentence))
+    return checks
 
 
 def depth_checks(grid: FrustumGrid, emission: np.ndarray) -> list[Check]:
-    """Check whether planes share light that the light field cannot separate in depth.
-
-    They do if they are closer than the blur of the finest detail, or if light of two planes that
-    are closer than the blur of its own detail is behind each other.
-    """
+    """Check for planes nearer than the blur of the finest detail, or of light behind each other."""
     steps = np.abs(np.diff(grid.depths_mm))
     if not steps.size:
         return []
@@ -131,19 +104,9 @@ def data_checks(
 ) -> list[Check]:
     """Check light, noise, single views, structure of the residual, and the edge of the field.
 
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-    residual : ndarray, shape of `views`
-        Part that the emission does not explain.
-    chi_squared : ndarray, shape (v, u)
-        Mean squared residual of each view, in units of the noise's variance.
-    found : Explanation
-        Fit, with the noise of a pixel, and how it is shared.
-    stated : bool, optional
-        Whether the noise was stated.
-    fitted_background : bool, optional
-        Whether an even background was fitted.
+    views, residual : light field, and its part that the emission does not explain, (v, u, t, s)
+    chi_squared : mean squared residual of each view, in units of the noise's variance
+    found : the fit; `stated` : whether its noise was stated
     """
     noise, peak = found.noise, float(views.max())
     means = views.mean(axis=(0, 1), dtype=np.float64)
@@ -158,30 +121,30 @@ def data_checks(
             f"check the exposure, and what was subtracted."
         )
         return [Check("light", 5 * (error + 1e-30) / max(brightest, 1e-30), 1, sentence)]
-    checks = [
+    times = found.measured / max(noise, 1e-30)
+    ceiling = int(np.count_nonzero(views == peak))
+    return [
         Check(
-            "noise", found.measured / noise if stated and noise else 0.0, 1.1,
-            f"The light field holds {found.measured / max(noise, 1e-30):.3g} times the stated "
-            f"noise of what no emission explains: depths, alignment, gains or a background may be "
-            f"wrong.",
+            "noise", times if stated else 0.0, 1.1,
+            f"The light field holds {times:.3g} times the stated noise of what no emission "
+            f"explains: depths, alignment, gains or a background may be wrong.",
         ),
         *_misfit(views, residual, chi_squared, found),
         *_edge(views, error, fitted_background),
+        Check(
+            "saturation", ceiling, 3,
+            f"{ceiling} pixels are at exactly the brightest value, {peak:g}: the sensor may be "
+            f"saturated, and emission is then too low.",
+        ),
+        Check(
+            "absorption", float(not found.settled), 0,
+            "The correction for absorption has not converged: the flame is too thick.",
+        ),
     ]  # fmt: skip
-    ceiling = int(np.count_nonzero(views == peak))
-    sentence = (
-        f"{ceiling} pixels are at exactly the brightest value, {peak:g}: the sensor may be "
-        f"saturated, and emission is then too low."
-    )
-    checks.append(Check("saturation", ceiling, 3, sentence))
-    if not found.settled:
-        sentence = "The correction for absorption has not converged: the flame is too thick."
-        checks.append(Check("absorption", 1, 0, sentence))
-    return checks
 
 
 def _misfit(views, residual, chi_squared, found) -> list[Check]:
-    """Check for a single view that is explained worse than all others, and for structure in all."""
+    """Check for one view that is explained worse than all others, and for structure in all."""
     peak = float(views.max())
     worst = np.unravel_index(np.nanargmax(chi_squared), chi_squared.shape)
     middle, highest = float(np.nanmedian(chi_squared)), float(chi_squared[worst])
@@ -237,32 +200,25 @@ def _likeness(residual: np.ndarray) -> float:
 def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
     """Check for light at the edges of the field: a background, or emission that is cut off."""
     edge, peak = measure_edge(views), float(views.max())
-    share = f"{abs(edge.adds):.0%} of the" if abs(edge.adds) < 1 else "more than the rest of its"
     adds = abs(edge.adds) if edge.is_significant else 0.0
-    if edge.clipped and adds > 0.01:
-        sentence = (
-            f"Blacks are cut off at 0: many pixels of the field's edge are exactly 0 and none is "
-            f"below, which leaves a background of {edge.level:.3g} and adds about {share} light. "
-            f"Record with a black level above the noise."
-        )
-    else:
+    share = f"{adds:.0%} of the" if adds < 1 else "more than the rest of its"
+    advice = "subtract the dark frame, or fit the background (--background fit)"
+    if fitted:
         advice = "it is uneven: subtract a picture without the flame"
-        if not fitted:
-            advice = "subtract the dark frame, or fit the background (--background fit)"
-        verb = "adds" if edge.level > 0 else "takes away"
-        sentence = (
-            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which {verb} about "
-            f"{share} light if nothing glows there; {advice}."
-        )
     bright = edge.brightest if edge.brightest > 8 * max(error, 1e-6 * peak) else 0.0
-    cut = (
-        f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and wrong "
-        f"within the parallax of it."
-    )
     return [
-        Check("background", adds, 0.01, sentence),
-        Check("edge", bright / peak if adds <= 0.01 else 0.0, 0.01, cut),
-    ]
+        Check(
+            "background", adds, 0.01,
+            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g}, which "
+            f"{'adds' if edge.level > 0 else 'takes away'} about {share} light if nothing glows "
+            f"there; {advice}.",
+        ),
+        Check(
+            "edge", bright / peak if adds <= 0.01 else 0.0, 0.01,
+            f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and "
+            f"wrong within the parallax of it.",
+        ),
+    ]  # fmt: skip
 
 
 def axis_checks(
@@ -276,38 +232,26 @@ def axis_checks(
     least = 0.1 * grid.pixel_mm
     pupil = grid.camera.views * grid.camera.view_step_mm
     half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)
-    off, deep = grid.axis_mm - axis.across_mm, grid.depth_mm - axis.depth_mm
     edge = axis.radius_mm / MARGIN
     outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
+    shown = "the light field shows it at"
     places = [
-        (abs(axis.lean_deg), 1.0, 0.0, f"leans by {axis.lean_deg:.1f} degrees"),
-        (
-            abs(axis.depth_lean_deg), 5.0, axis.depth_lean_error_deg,
-            f"leans by {axis.depth_lean_deg:.0f} degrees in depth",
-        ),
-        (
-            axis.wander_mm, least, axis.wander_error_mm,
-            f"is not straight: it moves by up to {axis.wander_mm:.2g} mm across with height",
-        ),
-        (
-            abs(off), least, axis.across_error_mm,
-            f"was stated {grid.axis_mm:.3f} mm across, the light field shows it at "
-            f"{axis.across_mm:.3f} mm",
-        ),
+        (axis.lean_deg, 1.0, 0.0, f"leans by {axis.lean_deg:.1f} degrees"),
+        (axis.depth_lean_deg, 5.0, axis.depth_lean_error_deg,
+         f"leans by {axis.depth_lean_deg:.0f} degrees in depth"),
+        (axis.wander_mm, least, axis.wander_error_mm,
+         f"is not straight: it moves by up to {axis.wander_mm:.2g} mm across with height"),
+        (grid.axis_mm - axis.across_mm, least, axis.across_error_mm,
+         f"was stated {grid.axis_mm:.3f} mm across, {shown} {axis.across_mm:.3f} mm"),
         # A wrong depth displaces the axis in the outermost views by the parallax.
-        (
-            abs(deep), least / half_angle, axis.depth_error_mm,
-            f"was stated at a depth of {grid.depth_mm:.2f} mm, the light field shows it at "
-            f"{axis.depth_mm:.2f} mm",
-        ),
-        (
-            outside, 1.0, 0.0,
-            f"is that of a flame of {grid.radius_mm:.3g} mm radius as stated, but there is light "
-            f"out to {edge:.3g} mm",
-        ),
+        (grid.depth_mm - axis.depth_mm, least / half_angle, axis.depth_error_mm,
+         f"was stated at a depth of {grid.depth_mm:.2f} mm, {shown} {axis.depth_mm:.2f} mm"),
+        (outside, 1.0, 0.0,
+         f"is that of a flame of {grid.radius_mm:.3g} mm radius as stated, but there is light out "
+         f"to {edge:.3g} mm"),
     ]  # fmt: skip
     checks = [
-        Check("axis", number / max(limit, MOST_SIGMAS * error), 1.0,
+        Check("axis", abs(number) / max(limit, MOST_SIGMAS * error), 1.0,
               f"The axis {words}: emission is wrong there by more than its error bars.")
         for number, limit, error, words in places
     ]  # fmt: skip

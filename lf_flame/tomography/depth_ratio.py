@@ -31,20 +31,8 @@ class DepthRatio:
     The resulting change of the views, without the parts that an axisymmetric flame or the longer
     path of oblique rays could imitate, is correlated with the residual (a matched filter).
 
-    Parameters
-    ----------
-    geometry : SectionGeometry
-    emission : ndarray, shape (heights, radii)
-    views : ndarray, shape (v, u, t, s)
-    sd : ndarray
-        Standard deviation of a pixel, in a shape that broadcasts to that of `views`.
-
-    Attributes
-    ----------
-    ratio, error : float
-        Depth ratio, 1 for an axisymmetric flame, and its standard error due to noise and grid.
-    departure : float
-        Departure from 1, in units of the larger of 0.05 and `MOST_SIGMAS` errors.
+    ratio, error : depth ratio, 1 for an axisymmetric flame, and its standard error
+    departure : departure from 1, in units of the larger of 0.05 and `MOST_SIGMAS` errors
     """
 
     def __init__(
@@ -80,10 +68,7 @@ class DepthRatio:
         self.departure = min(sigmas, abs(self.ratio - 1) / 0.05)
 
     def hidden(self, ratio: float) -> float | None:
-        """Nearest depth ratio that this light field would show, if not `ratio`, else None.
-
-        It is 0 or infinite if there is none within the range that is considered.
-        """
+        """Nearest ratio that this light field shows, if not `ratio`; 0 or infinite if none."""
         reach = MOST_SIGMAS * self._error
         if abs(ratio**2 - 1) >= reach:
             return None

@@ -80,30 +80,17 @@ def trust_figure(found: Emission):
 
 
 def _depth_figure(found: Emission):
-    """Light against depth with error bars, and the depth blur of detail of three sizes."""
-    figure, (top, bottom) = subplots(
-        2, 1, figsize=(7, 4.4), layout="constrained", sharex=True, height_ratios=(4, 1)
-    )
+    """Light against depth with error bars."""
+    figure, axis = subplots(1, 1, figsize=(7, 3.6), layout="constrained")
     assert isinstance(found.grid, FrustumGrid)
     depths = np.array(found.grid.depths_mm)
     light, error = found.light
     bars = None if error is None else 1.96 * error
     line = "o-" if len(depths) > FEW_PLANES else "o"  # separate sheets form no curve
-    top.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
-    top.set_ylabel("light of the plane\n(radiance x mm$^2$)")
-    top.set_ylim(0, 1.05 * top.get_ylim()[1])  # leaves room for a marker at the top
-    top.grid(alpha=0.3)
-    middle = (depths.min() + depths.max()) / 2
-    periods = (10.0, 3.0, 1.0)
-    blurs = [depth_blur(found.grid.camera, period) for period in periods]
-    bottom.barh(range(len(blurs)), blurs, left=middle - np.divide(blurs, 2), color="C7", height=0.5)
-    # As ticks, for which the layout makes room: a bar may end anywhere.
-    words = [f"{period:g} mm: {blur:.1f} mm" for period, blur in zip(periods, blurs, strict=True)]
-    bottom.set_yticks(range(len(words)), words, fontsize=8)
-    bottom.set_title("detail of a size, and its blur in depth", fontsize=8)
-    bottom.set_xlabel("depth (mm)")
-    top.use_sticky_edges = bottom.use_sticky_edges = False  # else bars begin at the frame
-    bottom.margins(x=0.05)
+    axis.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
+    axis.set(xlabel="depth (mm)", ylabel="light of the plane\n(radiance x mm$^2$)")
+    axis.set_ylim(0, 1.05 * axis.get_ylim()[1])  # leaves room for a marker at the top
+    axis.grid(alpha=0.3)
     return figure
 
 
@@ -176,16 +163,7 @@ def _section_figure(found: Emission):
 
 
 def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
-    """Depth blur against lateral period, and the decay of singular values.
-
-    Parameters
-    ----------
-    camera : Lens
-    thickness_mm : float
-        Extent in depth of the emission, centred on the focal plane.
-    periods_mm : sequence of float
-        Lateral periods for which singular values are drawn.
-    """
+    """Depth blur against lateral period, and singular values of light of some thickness."""
     figure, (left, right) = subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
     finest = finest_period(camera)
     lengths = np.geomspace(finest, max(100 * finest, *periods_mm), 100)
@@ -223,11 +201,8 @@ def temperature_figure(
 ):
     """Draw emission, temperature with isotherms, and its standard deviation side by side.
 
-    Isotherms are drawn where three standard deviations are less than their distance. The maps are
-    cut to the cells that have a temperature.
-
-    kelvin, sigma : temperatures and their standard deviations in K, NaN where there is none, and
-    emission : emission in one colour, all (planes, rows, columns); places : place of each plane
+    All maps are (planes, rows, columns), NaN where there is no temperature. Isotherms are drawn
+    where three standard deviations are less than their distance; maps are cut to what is known.
     """
     shown = shown_planes(len(kelvin))
     columns = (

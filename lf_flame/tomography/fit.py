@@ -80,28 +80,14 @@ def check_bootstrap(bootstrap: int) -> None:
 class Explanation:
     """Light that explains a light field, with the noise and the strength by which it was found.
 
-    Attributes
-    ----------
-    cells : ndarray, shape of the grid
-        Light that leaves each cell.
-    state : ndarray
-        State from which a similar fit starts.
-    foreground : ndarray of bool, same shape, or None
-        Cells that may emit; None if all may.
-    noise, measured : float
-        Standard deviation of a pixel's noise: as used, and as measured.
-    uneven : ndarray of float32, shape (v, u, t, s)
-        Variance of each pixel's noise relative to its mean.
-    shared : float
-        Factor by which correlation raises the noise of sums of pixels.
-    strength : float
-        Strength of the regularisation.
-    tried : tuple of TriedStrength
-        Strengths that were tried.
-    settled : bool
-        Whether the correction for absorption converged.
-    brightest : float
-        Largest light that noise alone makes, relative to `summed_noise`.
+    cells : light that leaves each cell; `state` : that from which a similar fit starts
+    foreground : cells that may emit, or None if all may; `brightest` : largest light that noise
+        alone makes there, relative to `summed_noise`
+    noise, measured : standard deviation of a pixel's noise, as used and as measured
+    uneven : variance of each pixel's noise relative to its mean, float32, shape (v, u, t, s)
+    shared : factor by which correlation raises the noise of sums of pixels
+    strength, tried : strength of the regularisation, and those that were tried
+    settled : whether the correction for absorption converged
     """
 
     cells: np.ndarray
@@ -138,17 +124,10 @@ class Explanation:
 
 
 class Fit:
-    """Fits of a geometry to light fields in which light only adds.
+    """Fits of a geometry to light fields in which light only adds; unknown rays have weight 0.
 
-    Parameters
-    ----------
-    geometry : PlaneGeometry or SectionGeometry
-    options : FitOptions
-    valid : ndarray of bool, shape (v, u, t, s), optional
-        Whether each ray is known; others have weight 0. Default: all are.
-    start : Explanation, optional
-        Fit of a similar light field, from which the first fit starts, and takes its strength and
-        all that it knows of noise but the level.
+    With `start`, the fit of a similar light field, the first fit starts there, and takes its
+    strength and all that it knows of noise but the level.
     """
 
     def __init__(
@@ -258,12 +237,7 @@ class Fit:
         The light field of a smooth flame through the cells, without noise, is fitted in the same
         way. The difference between cells and second fit is the effect of penalty and of emission
         that is constant over cells, or linear between nodes (Tukey's twicing, Exploratory Data
-        Analysis, 1977, here with a finer model).
-
-        Returns
-        -------
-        ndarray, shape of the grid
-            Correction to add; it makes no cell negative.
+        Analysis, 1977, here with a finer model). The correction makes no cell negative.
         """
         back = backproject(self.operator, self.geometry.smooth_views(known.cells))
         seen: Any = self.geometry.problem(back)
@@ -297,18 +271,8 @@ class Fit:
         draw is multiplied by any number from 0 to 2 with equal probability (JCGM 100, 4.3.7),
         because its remaining error is unknown. In a half section the light field is that which was
         measured, and draws differ from the emission as their values at the nodes do.
-
-        Parameters
-        ----------
-        known : Explanation
-        views : ndarray, shape (v, u, t, s)
-            Light field that was fitted.
-        correction : ndarray, shape of the grid
-        level_error : float
-            Standard deviation of a uniform background that was subtracted.
-        count : int
-        rng, prior_rng : numpy.random.Generator
-            Generators of the noise, and of the prior and the multiples of the correction.
+        `level_error` is the standard deviation of a uniform background that was subtracted;
+        `prior_rng` draws the prior and the multiples of the correction.
         """
         if not count:
             return

@@ -16,15 +16,9 @@ Grid = TypeVar("Grid", bound=FrustumGrid | AxisymmetricGrid)
 
 
 def fitted_views(light_field: LightField, grid: Grid) -> tuple[Grid, np.ndarray, np.ndarray | None]:
-    """Pick the views that a grid fits, in its pixels.
+    """Pick the views that a grid fits, in its pixels: grid, views, and which rays are known.
 
-    Returns
-    -------
-    FrustumGrid or AxisymmetricGrid
-        Grid of the views with weight.
-    views : ndarray of float32, shape (v, u, t, s)
-    valid : ndarray of bool, same shape, or None
-        Whether each ray is known: all pixels of its block are; None if all are.
+    A ray is known if all pixels of its block are; None if all are.
     """
     camera = grid.camera
     if isinstance(grid, AxisymmetricGrid) and grid.which == "central":

@@ -48,18 +48,9 @@ little."""
 class FrequencyGram:
     """Matrix A'A of a grid on a torus wide enough that no cell meets its own image.
 
-    Parameters
-    ----------
-    grid : FrustumGrid
-
-    Attributes
-    ----------
-    grid : FrustumGrid
-    size : (int, int)
-        Number of rows and columns of the torus.
-    matrices : ndarray of float64, shape (fy, fx, planes, planes)
-        Symmetric matrices for the frequencies of `scipy.fft.rfft2`. They are real, because each
-        view has a counterpart on the other side of the central view.
+    `matrices`, float64, shape (fy, fx, planes, planes), are those of the frequencies of
+    `scipy.fft.rfft2`. They are real, because each view has a counterpart on the other side of the
+    central view. `size` is the number of rows and columns of the torus.
     """
 
     def __init__(self, grid: FrustumGrid):

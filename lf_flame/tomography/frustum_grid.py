@@ -189,13 +189,7 @@ class FrustumGrid:
         return Layer(cells, depth, (side * self.shape[1], side * self.shape[2]))
 
     def scene(self, cells: ArrayLike) -> Scene:
-        """Scene with the emission of cells, constant over each.
-
-        Parameters
-        ----------
-        cells : array_like, shape (planes, rows, columns)
-            Emission, 0 or above.
-        """
+        """Scene with the emission of cells, (planes, rows, columns), constant over each."""
         sides = (self.cell_mm(depth) for depth in self.depths_mm)
         return Scene(
             [
@@ -205,12 +199,7 @@ class FrustumGrid:
         )
 
     def average(self, layer: Layer, plane: int) -> np.ndarray:
-        """Average a layer over the cells of a plane, as if it were at that plane's depth.
-
-        Returns
-        -------
-        ndarray of float64, shape (rows, columns)
-        """
+        """Average a layer over the cells of a plane, as if it were at that plane's depth."""
         down = _shares(layer.cell_edges_mm(0), self.edges_mm(plane, 0))
         across = _shares(layer.cell_edges_mm(1), self.edges_mm(plane, 1))
         return down @ layer.texture @ across.T
@@ -253,13 +242,7 @@ def _check_ideal(camera: Lens) -> None:
 
 
 def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[float]:
-    """Depths of evenly spaced planes, both ends included.
-
-    Raises
-    ------
-    InputError
-        If the step does not lead from one end to the other.
-    """
+    """Depths of evenly spaced planes, both ends included; the step must divide their distance."""
     if not (np.isfinite([from_mm, to_mm, step_mm]).all() and step_mm > 0):
         raise InputError(
             f"Depths need finite ends and a step above 0 mm, got {from_mm}, {to_mm}, {step_mm}."

@@ -25,12 +25,7 @@ RELAXATION = 1.8
 
 
 class Solution(NamedTuple):
-    """Solution of a problem.
-
-    cells : ndarray, shape of the grid
-    misfit : squared residual of the light field, without the part outside the operator's range
-    state : state of the splitting, from which a similar fit starts
-    """
+    """Cells, squared residual in the operator's range, and state to start a similar fit."""
 
     cells: np.ndarray
     misfit: float
@@ -38,17 +33,10 @@ class Solution(NamedTuple):
 
 
 class PlaneProblem:
-    """Fits of depth planes to one light field, which enters only through its focal stack.
+    """Fits of depth planes to one light field y, which enters only through its focal stack A'y.
 
-    Parameters
-    ----------
-    gram : FrequencyGram
-    focal_stack : ndarray, shape (planes, rows, columns)
-        Filtered focal stack A'y on the grid.
-    squared : float, optional
-        Sum of the squares of y. Default: unknown; the residual is then undefined.
-    rays : int, optional
-        Number of known pixels of y.
+    `squared` is the sum of the squares of y, without which the residual is undefined, and `rays`
+    the number of its known pixels.
     """
 
     def __init__(
@@ -99,18 +87,8 @@ class PlaneProblem:
     ) -> Solution:
         """Fit with one strength of the regularisation, by a splitting.
 
-        Parameters
-        ----------
-        strength : float
-            Strength, as for `FrequencyGram.penalty`.
-        iterations : int
-            Largest number of iterations.
-        start : ndarray of float32, optional
-            State of a similar fit. Default: the linear fit.
-        foreground : ndarray of bool, shape (planes, rows, columns), optional
-            Cells that may emit; others are 0. Default: all.
-        long : float, optional
-            Part of the iterations that takes the long step.
+        It starts from the state of a similar fit, or the linear fit. Cells outside the foreground
+        are 0. `long` is the part of the iterations that takes the long step.
         """
         gram = self.gram
         first = round(long * iterations)

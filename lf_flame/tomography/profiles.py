@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.tomography.emission import bar_times, scatter
 from lf_flame.tomography.emission_folder import EmissionFolder, write_table
 
@@ -24,18 +23,10 @@ RECORD = "profiles.json"
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Emission along a line, averaged across a strip.
+    """Emission along a line, averaged across a strip; all arrays are float64, shape (n,).
 
-    Attributes
-    ----------
-    places_mm : ndarray of float64, shape (n,)
-        Heights upwards, or positions across, from the optical axis.
-    values : ndarray of float64, shape (n,)
-        Emission, in the unit of the input.
-    sigma : ndarray of float64, shape (n,), or None
-        Standard error due to noise and penalty; None without draws.
-    band : ndarray of float64, shape (n,), or None
-        Half-width of the 95 % confidence band; None without draws.
+    `places_mm` are heights upwards, or positions across, from the optical axis; `sigma` is the
+    standard error and `band` the half-width of the 95 % confidence band, None without draws.
     """
 
     places_mm: np.ndarray
@@ -51,33 +42,12 @@ def axial(
     across_mm: float | None = None,
     width_mm: float = 0.0,
 ) -> Profile:
-    """Take a profile up a depth plane of emission.
+    """Take a profile up a depth plane, (rows, columns) with row 0 at the top, lowest height first.
 
-    Parameters
-    ----------
-    plane : array_like, shape (rows, columns)
-        Emission, with row 0 at the top and the optical axis at the centre.
-    draws : array_like, shape (n, rows, columns)
-        Bootstrap draws of the emission; n may be 0.
-    cell_mm : float
-        Side of a cell.
-    across_mm : float, optional
-        Position of the strip's centre, from the optical axis. Default: the centre of the light.
-    width_mm : float, optional
-        Width of the strip, at least that of a cell. Columns at its borders count by the part that
-        is inside.
-
-    Returns
-    -------
-    Profile
-        Profile along heights, the lowest first.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used, or the strip is outside the plane.
+    The strip is at the centre of the light by default, and one cell wide or wider; columns at its
+    borders count by the part that is inside. `draws` has the shape (n, rows, columns).
     """
-    image, again = _checked(plane, draws, cell_mm)
+    image, again = _arrays(plane, draws)
     places = _places(image.shape[1], cell_mm)
     if across_mm is None:
         across_mm = _middle(image.sum(axis=0), places)
@@ -93,29 +63,8 @@ def radial(
     height_mm: float | None = None,
     thickness_mm: float = 0.0,
 ) -> Profile:
-    """Take a profile across a depth plane of emission.
-
-    Parameters
-    ----------
-    plane, draws, cell_mm
-        As for `axial`.
-    height_mm : float, optional
-        Height of the strip's centre above the optical axis. Default: the centre of the light.
-    thickness_mm : float, optional
-        Height of the strip, at least that of a cell. Rows at its borders count by the part that is
-        inside.
-
-    Returns
-    -------
-    Profile
-        Profile along positions across, the first column first.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used, or the strip is outside the plane.
-    """
-    image, again = _checked(plane, draws, cell_mm)
+    """Take a profile across a depth plane, as `axial` does up it, from a strip at a height."""
+    image, again = _arrays(plane, draws)
     heights = -_places(image.shape[0], cell_mm)
     if height_mm is None:
         height_mm = _middle(image.sum(axis=1), heights)
@@ -131,18 +80,8 @@ def _profile(places: np.ndarray, values: np.ndarray, drawn: np.ndarray) -> Profi
     return Profile(places, values, sigma, bar_times(len(drawn)) * sigma)
 
 
-def _checked(plane: ArrayLike, draws: ArrayLike, cell_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    image, again = np.asarray(plane, np.float64), np.asarray(draws, np.float64)
-    if image.ndim != 2 or again.ndim != 3 or again.shape[1:] != image.shape:
-        raise InputError(
-            f"A profile is taken of a plane (rows, columns) and draws (n, rows, columns), got "
-            f"shapes {image.shape} and {again.shape}."
-        )
-    if not SHORTEST <= cell_mm <= LONGEST:
-        raise InputError(
-            f"cell_mm must be a length from {SHORTEST:g} to {LONGEST:g} mm, got {cell_mm}."
-        )
-    return image, again
+def _arrays(plane: ArrayLike, draws: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(plane, np.float64), np.asarray(draws, np.float64)
 
 
 def _places(count: int, cell_mm: float) -> np.ndarray:

@@ -32,7 +32,6 @@ from lf_flame.tomography.spectra import (
     MOST_NM,
     SpectralResponses,
     check_exponent,
-    other_unit,
 )
 
 LEAST_K, MOST_K = 500.0, 5000.0
@@ -237,10 +236,9 @@ def two_wavelengths(wavelengths_nm: tuple[float, float]) -> SpectralResponses:
     """Responses to two single wavelengths in nm, which must differ by a thousandth at least."""
     lengths = np.asarray(wavelengths_nm, float)
     if lengths.shape != (2,) or not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
-        unit = other_unit(lengths) if lengths.shape == (2,) else ""
         raise InputError(
             f"wavelengths_nm must be two in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
-            f"{wavelengths_nm}{unit}."
+            f"{wavelengths_nm}."
         )
     if abs(lengths[0] - lengths[1]) < 1e-3 * lengths.max():
         raise InputError(
@@ -305,13 +303,7 @@ def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
 
 
 def least_temperature(responses: SpectralResponses, soot_exponent: float = 1.0) -> float:
-    """Lowest temperature in K that the colours tell from all higher ones, 500 K or above.
-
-    Raises
-    ------
-    InputError
-        If there is none up to 1,000 K.
-    """
+    """Lowest temperature in K that the colours tell from all higher ones, 500 K or above."""
     return max(LEAST_K, _LogCurves(responses, soot_exponent).coldest)
 
 

@@ -13,11 +13,9 @@ from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
 from lf_flame.tomography.axis import find_axis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.background import Level, fit_background
 from lf_flame.tomography.data_checks import (
     Check,
     axis_checks,
-    check_range,
     data_checks,
     depth_checks,
     left_out,
@@ -28,10 +26,10 @@ from lf_flame.tomography.fit import Explanation, Fit, FitOptions, check_bootstra
 from lf_flame.tomography.fitted_views import fitted_views
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.geometries import PlaneGeometry, geometry_of, project
-from lf_flame.tomography.noise import noise_variance
+from lf_flame.tomography.noise import Level, fit_background, noise_variance
 
-BACKGROUNDS = "fit", "none"
-"""Values of `background`."""
+LARGEST = 1e15
+"""Largest value of a light field: the fit sums squares of squares of pixels in float64."""
 
 
 def reconstruct(
@@ -229,7 +227,7 @@ class ReconstructionPlan:
         optical_thickness: ArrayLike | None = None,
         background: str = "fit",
     ):
-        if background not in BACKGROUNDS:
+        if background not in ("fit", "none"):
             raise InputError(f"background must be 'fit' or 'none', got {background!r}.")
         self.grid, self._background = grid, background
         self._options = FitOptions(noise, strength, iterations)
@@ -304,7 +302,7 @@ class ReconstructionPlan:
         rng = np.random.default_rng(rng)
         even = self.grid.camera.corrected(light_field)
         grid, views, valid = fitted_views(even, self.grid)
-        check_range(views, self._options.noise)
+        _check_range(views, self._options.noise)
         checks = left_out(grid, valid)
         geometry = self._prepare(grid)
         first = None if start is None else _checked_start(start, grid)
@@ -411,3 +409,17 @@ def _checked_start(start: Emission, grid: FrustumGrid | AxisymmetricGrid) -> Exp
             f"{start.grid.view_count} views on {start.grid}."
         )
     return start.fit
+
+
+def _check_range(views: np.ndarray, noise: float | None) -> None:
+    """Refuse values with squares that overflow or are not finite, and a noise above all values."""
+    largest = max(float(views.max()), -float(views.min()))
+    if not largest <= LARGEST:
+        raise InputError(
+            f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
+        )
+    if noise is not None and 0 < largest < noise:
+        raise InputError(
+            f"noise, the standard deviation of a pixel, must be at most the light field's largest "
+            f"value, {largest:.4g}, got {noise:g}."
+        )

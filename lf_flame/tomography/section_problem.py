@@ -87,17 +87,9 @@ class BandedGram:
 
 
 class SectionProblem:
-    """Fits of a half section to one light field, which enters only through A'y.
+    """Fits of a half section to one light field, with the methods of `PlaneProblem`.
 
-    It has the methods of `lf_flame.tomography.plane_problem.PlaneProblem`.
-
-    Parameters
-    ----------
-    gram : BandedGram
-    back : ndarray of float64, shape (heights, radii)
-        Backprojected light field, A'y.
-    squared, rays
-        As for `PlaneProblem`.
+    `back` is the backprojected light field A'y, float64, shape (heights, radii).
     """
 
     def __init__(self, gram: BandedGram, back: np.ndarray, squared: float = 0.0, rays: int = 0):

@@ -30,9 +30,6 @@ MOST_ROUNDS = 30
 SETTLED = 2e-3
 """Largest change of the total optical thickness, in one round, at which the rounds end."""
 
-CLIPPED = 1.25
-"""Total thickness in rounds under way, relative to `MOST_THICKNESS`."""
-
 UNSETTLED = (
     "Emission and absorption have not converged: the flame is too thick for this light field, or "
     "its colours contradict each other."
@@ -132,6 +129,7 @@ def reconstruct_soot(
     # With one strength for all colours, the effect of the penalty cancels in their ratios.
     strength = max(one.strength for one in found)
     thickness, settled = np.zeros((count, *found[0].emission.shape)), not absorbing
+    totals = np.zeros(count)
     rounds = range(MOST_ROUNDS) if absorbing else ()
     for number in progress.steps(rounds, "absorption", MOST_ROUNDS, "round"):
         if number:
@@ -140,13 +138,14 @@ def reconstruct_soot(
                 for tau, light, last in zip(thickness, lights, found, strict=True)
             ]
         fresh = _thickness(found, calibration, soot_exponent)
-        fresh *= min(1.0, CLIPPED * MOST_THICKNESS / max(_total(grid, one) for one in fresh))
+        totals = np.array([_total(grid, one) for one in fresh])
+        # A round under way may exceed what the fit takes.
+        fresh *= min(1.0, (1 - 1e-6) * MOST_THICKNESS / max(float(totals.max()), 1e-300))
         change = max(_total(grid, one) for one in np.abs(fresh - thickness))
         thickness = fresh
         if change < SETTLED:
             settled = True
             break
-    totals = np.array([_total(grid, one) for one in thickness])
     if totals.max() > MOST_THICKNESS:
         name = calibration.responses.names[int(np.argmax(totals))]
         raise InputError(

@@ -96,7 +96,7 @@ class SpectralResponses:
         if not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
             raise InputError(
                 f"Wavelengths must be in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
-                f"{_listed(lengths)}{other_unit(lengths)}."
+                f"{_listed(lengths)}."
             )
         if not np.all(np.diff(lengths) > 0):
             raise InputError(f"Wavelengths must increase, got {_listed(lengths)}.")
@@ -289,15 +289,6 @@ def check_exponent(soot_exponent: float) -> None:
             f"soot_exponent must be from {LEAST_EXPONENT:g} to {MOST_EXPONENT:g}, got "
             f"{soot_exponent}."
         )
-
-
-def other_unit(lengths: np.ndarray) -> str:
-    """Guess the unit in which wavelengths were given, as the end of a sentence."""
-    for unit, scale in (("micrometres", 1e3), ("mm", 1e6), ("m", 1e9)):
-        meant = lengths * scale
-        if lengths.size and np.all((meant >= LEAST_NM) & (meant <= MOST_NM)):
-            return f"; if these are {unit}, give {' and '.join(f'{x:g}' for x in meant[:2])}"
-    return ""
 
 
 def _listed(lengths: np.ndarray) -> str:

@@ -13,11 +13,10 @@ FIRST = 13
 
 
 class TriedStrength(NamedTuple):
-    """A strength of the regularisation and its result.
+    """A strength: its misfit, and that which is expected.
 
-    strength : strength of the regularisation
-    misfit : squared residual in the operator's range, in units of the noise's part there
-    expected : misfit that noise leaves for a solution with as many degrees of freedom
+    The misfit is the squared residual in the operator's range, in units of the noise's part there;
+    the expected one is the misfit that noise leaves for a solution with as many degrees of freedom.
     """
 
     strength: float
@@ -28,15 +27,8 @@ class TriedStrength(NamedTuple):
 class StrengthSearch:
     """Tries strengths of the regularisation, and stores the results.
 
-    Parameters
-    ----------
-    problem : PlaneProblem or SectionProblem
-    variance : float
-        Variance of a pixel's noise, above 0.
-    noise_share : ndarray
-        Fraction of the noise in each cell, in a shape that broadcasts to cells.
-    iterations : int
-        Number of iterations for each strength, starting from the nearest one's solution.
+    `variance` is that of a pixel's noise, `noise_share` the fraction of the noise in each cell, and
+    `iterations` the number for each strength, starting from the nearest one's solution.
     """
 
     def __init__(self, problem, variance: float, noise_share: np.ndarray, iterations: int):

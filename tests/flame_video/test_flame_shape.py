@@ -97,7 +97,7 @@ def test_a_dark_frame_has_no_flame(background):
 @pytest.mark.slow
 def test_noise_alone_has_no_flame_and_a_weak_flame_is_one():
     rng = np.random.default_rng(2)
-    for _ in range(10):
+    for _ in range(4):
         noise = rng.standard_normal((270, 540))
         # As refocusing leaves it: neighbours alike.
         blurred = (noise[:, 1:] + noise[:, :-1]) / 2
@@ -115,10 +115,6 @@ def test_a_flame_has_eight_times_the_noise(signal, is_found):
     image = 0.3 * np.random.default_rng(3).standard_normal((270, 540))
     image[100:110, 200:210] = 0.3 * signal
     assert measure_flame(image).is_found == is_found
-
-
-def test_a_slope_is_no_noise():
-    assert measure_flame(np.tile(np.arange(9.0), (9, 1))).is_found
 
 
 @pytest.mark.parametrize(("black", "is_told"), [(0.0, False), (0.025, False), (0.04, True)])
@@ -176,14 +172,6 @@ def test_a_spark_that_is_brighter_than_the_flame_is_left_out_and_told(side, brig
     assert found.doubts == ("spark",)
 
 
-def test_a_small_bright_core_in_a_wide_glow_is_the_flame():
-    """What is joined to it is no other flame."""
-    image = gaussian(sigma_row=1.6, sigma_column=1.6) + 0.1 * gaussian(sigma_row=9, sigma_column=9)
-    found = measure_flame(image)
-    assert found.area < 25
-    assert "spark" not in found.doubts
-
-
 def test_of_two_spots_the_brighter_counts_and_the_other_is_told():
     upper, lower = gaussian(row=14.0, sigma_row=4.0), gaussian(row=46.0, sigma_row=4.0)
     alone = measure_flame(lower)
@@ -193,14 +181,6 @@ def test_of_two_spots_the_brighter_counts_and_the_other_is_told():
     assert found.doubts == ("apart",)
     assert measure_flame(upper + 0.8 * lower).tip_row < 12
     assert measure_flame(0.4 * upper + lower).doubts == ()  # below the level
-
-
-def test_a_spark_apart_is_not_worth_a_word():
-    image = gaussian()
-    image[3:5, 3:5] = 0.9
-    assert measure_flame(image).doubts == ()
-    image[3:9, 3:9] = 0.9
-    assert measure_flame(image).doubts == ("apart",)
 
 
 def test_corners_do_not_join():
@@ -241,12 +221,6 @@ def test_a_flame_that_leaves_the_picture_is_told(row, column, is_cut):
         column == 78 and high[1] == 79.5, row == 57 and high[0] == 59.5,
     ]  # fmt: skip
     assert any(reached)
-
-
-def test_a_cut_flame_is_as_high_as_the_picture():
-    found = measure_flame(gaussian(row=0.0, sigma_row=20.0))
-    assert found.height == pytest.approx(60)
-    assert found.tip_row == pytest.approx(-0.5)
 
 
 def test_a_saturated_picture_is_told():

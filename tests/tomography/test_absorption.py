@@ -14,7 +14,7 @@ from lf_flame.tomography import (
     ReconstructionPlan,
     reconstruct,
 )
-from lf_flame.tomography.absorption import Absorption, spread_thickness
+from lf_flame.tomography.absorption import spread_thickness
 from lf_flame.tomography.data_checks import NO_DEPTH
 
 DEPTHS = (3.0, 0.0, -4.0)
@@ -75,6 +75,7 @@ def test_even_absorbers_take_the_share_of_the_equation_of_transfer(camera, depth
     assert worst(found, wanted) < 1e-6 * wanted.max()
 
 
+@pytest.mark.slow
 def test_a_map_before_an_even_glow_is_as_rendered(camera):
     """Random absorption cell by cell, in the nearer plane alone."""
     grid = FrustumGrid(camera, [8.0, -6.0])
@@ -90,25 +91,6 @@ def test_a_map_before_an_even_glow_is_as_rendered(camera):
     found = views_of(AbsorbingOperator(grid, absorbing, "float64"), glow)
     assert worst(found, wanted) < 4e-3
     assert wanted.min() < 0.8
-
-
-@pytest.mark.parametrize("planes", [1, 2, 7])
-def test_slabs_of_an_even_mixture_add_up_whatever_their_number(camera, planes):
-    grid = FrustumGrid(camera, np.linspace(-6, 6, planes) if planes > 1 else [0.0])
-    cells = np.full(grid.shape, 1 / planes)
-    assert worst(views_of(operator_of(grid, TOTAL), cells), LEAVES) < 1e-9
-
-
-def test_the_mean_share_that_leaves_is_between_those_of_the_views(camera):
-    grid = FrustumGrid(camera, [8.0, -6.0])
-    even = operator_of(grid, [0.3, 0.7]).mean_transmission()
-    assert worst(grid.crop(even[0]), np.exp(-0.7) * -np.expm1(-0.3) / 0.3) < 1e-6
-    assert worst(grid.crop(even[1]), -np.expm1(-0.7) / 0.7) < 1e-6
-    thickness = spread_thickness(grid, smooth_thickness(grid, 1.0))
-    shares = AbsorbingOperator(grid, thickness).mean_transmission()
-    assert shares.max() <= 1 + 1e-6
-    assert shares[0].min() >= np.exp(-thickness[0].max() - thickness[1].max())
-    assert worst(shares[1], -np.expm1(-thickness[1]) / thickness[1]) < 1e-6
 
 
 def test_views_that_are_not_fitted_neither_see_nor_count(camera, rng):
@@ -205,54 +187,6 @@ def test_errors_grow_as_light_is_raised(camera, grid, noisy):
         assert worst(getattr(found, name), wanted) < 1e-3 * wanted.max()
     assert found.chi_squared == pytest.approx(plain.chi_squared, rel=1e-3)
     assert (found.strength, found.tried) == (0.01, ())  # a strength that is given is kept
-
-
-@pytest.mark.slow
-def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy):
-    before, *others = (
-        reconstruct(
-            noisy(0.01), grid, strength=0.01, iterations=8, bootstrap=2,
-            rng=np.random.default_rng(0), optical_thickness=nothing,
-        )
-        for nothing in (None, 0, np.zeros((3, 54, 60)))
-    )  # fmt: skip
-    for after in others:
-        for name in ("emission", "sigma", "sigma_linear", "chi_squared"):
-            assert np.array_equal(getattr(before, name), getattr(after, name)), name
-
-
-def padded(grid, planes):
-    margin = (grid.reach, grid.reach)
-    return np.pad(planes, ((0, 0), margin, margin))
-
-
-class Fit:
-    """A fit that finds what it is told to, and remembers what it was asked."""
-
-    def __init__(self, found):
-        self._found, self.asked = iter(found), []
-
-    def __call__(self, views, known):
-        self.asked.append((views, known))
-        self.cells = next(self._found)
-        return self
-
-
-def test_a_light_field_is_corrected_until_that_stands(grid, flames_in_line):
-    """By the last fit's excess; the first two fits choose their strength, the rest keep it."""
-    absorption = Absorption(
-        ProjectionOperator(grid), grid, spread_thickness(grid, flames_in_line.tau)
-    )
-    cells = padded(grid, flames_in_line.truth).astype(np.float32) * absorption.transmission
-    fit = Fit([cells, 1.1 * cells, 1.02 * cells, 1.02001 * cells])
-    _, settled = absorption.settle(flames_in_line.clean, fit)
-    assert settled
-    assert [known is None for _, known in fit.asked] == [True, True, False, False]
-    assert np.array_equal(fit.asked[0][0], flames_in_line.clean)
-    for (views, _), last in zip(fit.asked[1:], (1, 1.1, 1.02), strict=True):
-        wanted = flames_in_line.clean - last * absorption.excess(cells)
-        assert worst(views, wanted) < 1e-5
-    assert worst(absorption.excess(cells), 0) > 0.01
 
 
 def test_an_unsettled_correction_is_said(grid, flames_in_line):

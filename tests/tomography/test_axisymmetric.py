@@ -45,6 +45,12 @@ def camera():
 
 
 @pytest.fixture(scope="module")
+def coarse(camera):
+    """The same field, the mean of 2 x 2 lenslets."""
+    return replace(camera, lenslets=(36, 42), lenslet_pitch_mm=0.224, lenslet_focal_mm=0.8)
+
+
+@pytest.fixture(scope="module")
 def seen(camera):
     return render(slabs(), camera, tolerance=1e-6)
 
@@ -122,7 +128,7 @@ def test_penalty_spares_parabolas_that_are_even_about_the_axis():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "share", "limit"),
-    [("all", 0.0, 0.01), ("all", 0.01, 0.015), ("all", 0.05, 0.03), ("central", 0.01, 0.06)],
+    [("all", 0.01, 0.015), ("central", 0.01, 0.06)],
 )
 def test_section_is_found(grid, truth, seen, which, share, limit):
     asked = replace(grid, which=which)
@@ -133,21 +139,6 @@ def test_section_is_found(grid, truth, seen, which, share, limit):
         assert found.noise == pytest.approx(share * seen.views.max(), rel=0.05)
         assert found.chi_squared.mean() == pytest.approx(1, abs=0.05)
     assert found.chi_squared.shape == ((7, 7) if which == "all" else (1, 1))
-
-
-@pytest.mark.slow
-def test_axis_half_a_pixel_off_hardly_harms_and_three_do(grid, truth, seen):
-    errors = [
-        volume_error(
-            reconstruct_axisymmetric(
-                seen, replace(grid, axis_mm=ACROSS + pixels * grid.step_mm)
-            ).emission,
-            truth,
-            grid,
-        )
-        for pixels in (0.5, 3)
-    ]
-    assert errors[0] < 0.01 < 0.1 < errors[1]
 
 
 def test_axis_is_found_across_and_in_depth(camera, seen):
@@ -162,53 +153,30 @@ def test_axis_is_found_across_and_in_depth(camera, seen):
 
 
 @pytest.mark.slow
-def test_lean_and_halves_are_measured(camera, grid):
+def test_lean_and_halves_are_measured(camera, coarse):
     leaning = find_axis(render(slabs(lean=0.05), camera), camera)
     assert leaning.lean_deg == pytest.approx(np.degrees(np.arctan(0.05)), rel=0.03)
-    views = render(slabs(), camera).views.copy()
-    views[..., 49:] *= 1.3  # the right half
+    views = render(slabs(), coarse).views.copy()
+    views[..., 24:] *= 1.3  # the right half
+    grid = AxisymmetricGrid(coarse, ACROSS, DEPTH, RADIUS)
     said = reconstruct_axisymmetric(LightField(views), grid).warnings
     assert any("not axisymmetric" in one for one in said)
 
 
 @pytest.mark.slow
-def test_sharp_burner_is_followed_where_it_is_known(camera):
+def test_sharp_burner_is_followed_where_it_is_known(coarse):
     def cut(height, radius):
         return np.where(height > -1.0, glow(height, radius), 0.0)
 
-    seen = render(slabs(glow=cut, cell=0.04), camera)
+    seen = render(slabs(glow=cut, cell=0.04), coarse)
     errors = []
     for burner in (None, -1.0):
-        grid = AxisymmetricGrid(camera, ACROSS, DEPTH, RADIUS, burner_mm=burner)
+        grid = AxisymmetricGrid(coarse, ACROSS, DEPTH, RADIUS, burner_mm=burner)
         heights = grid.heights_mm[:, None]
         truth = np.where(heights > -1.0 - 1e-9, glow(heights, grid.radii_mm), 0.0)
         found = reconstruct_axisymmetric(seen, grid)
         errors.append(volume_error(found.emission, truth, grid))
     assert errors[1] < 0.015 < 0.05 < errors[0]
-
-
-@pytest.mark.slow
-def test_views_that_do_not_count_are_not_fitted(camera, grid, seen, rng):
-    """As by a camera of the inner views alone, whose pixels are as large."""
-    light_field = add_noise(seen, 0.01)
-    counted = np.zeros((7, 7))
-    counted[1:-1, 1:-1] = 1
-    views = light_field.views.copy()
-    views[counted == 0] = rng.uniform(size=views[counted == 0].shape)
-    pixel = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm) / 7
-    own = replace(camera, views=5, pixel_pitch_mm=pixel)
-    expected = reconstruct_axisymmetric(
-        LightField(light_field.views[1:-1, 1:-1]), AxisymmetricGrid(own, ACROSS, DEPTH, RADIUS)
-    )
-    whole = LightField(views, weights=counted)
-    found = reconstruct_axisymmetric(whole, grid)
-    peak = expected.emission.max()
-    # All views see a row more at each end.
-    inner = found.emission[1:-1]
-    np.testing.assert_allclose(inner[2:-2], expected.emission[2:-2], atol=5e-3 * peak)
-    assert [one for one in found.warnings if one.startswith("25 of the 49 views are fitted")]
-    axis = find_axis(whole, camera)
-    assert (axis.across_mm, axis.depth_mm) == pytest.approx((ACROSS, DEPTH), abs=0.3)
 
 
 @pytest.mark.slow

@@ -58,30 +58,6 @@ def test_negative_light_is_said_to_be_negative():
     assert "-1" in said
 
 
-def test_a_view_is_odd_beside_the_others_and_not_by_itself():
-    chi_squared = EVEN.copy()
-    chi_squared[3, 1] = 2.0
-    (said,) = check_data(quiet_views(), chi_squared, 0.01, 0.01, stated=False)
-    assert "View 3, 1 is explained 2 times worse" in said
-    # Below the model's own error it is no news.
-    assert check_data(quiet_views(), chi_squared, 0.001, 0.001, stated=False) == ()
-    # Where the four corners are as bad, it is not that view.
-    chi_squared[[0, 0, -1, -1], [0, -1, 0, -1]] = 1.9, 1.95, 2.0, 1.9
-    assert check_data(quiet_views(), chi_squared, 0.01, 0.01, stated=False) == ()
-
-
-def test_structure_in_the_residual_is_told_from_noise():
-    views, rng = quiet_views(), np.random.default_rng(2)
-    noise = 0.01 * rng.standard_normal(views.shape)
-    uneven = noise * (1 + 5 * (views > 0.3))
-    for residual in (noise, uneven):
-        assert check_data(views, EVEN, 0.01, 0.01, False, residual=residual) == ()
-    waves = 0.01 * np.sin(np.arange(25) / 3)
-    (said,) = check_data(views, 1.5 * EVEN, 0.01, 0.01, False, residual=noise + waves)
-    assert "No emission explains the views" in said
-    assert "chi-squared of the median view is 1.5" in said
-
-
 LENS = Lens(views=5, lenslets=(40, 48))
 FLAME = record(LENS, [Sheet(2.0, (0.1, -0.4), (0.8, 0.5)), Sheet(-3.0, (0.0, 0.5), (0.7, 0.4))])
 
@@ -101,17 +77,10 @@ def test_a_background_far_below_the_noise_of_a_pixel_is_seen(background, sd, pho
     assert told == pytest.approx(adds, rel=0.1)
 
 
-def test_blacks_that_were_cut_off_are_recognised():
-    rng = np.random.default_rng(4)
-    for pedestal in (-0.5, 0.0, 0.5):
-        noisy = FLAME + 0.02 * (rng.standard_normal(FLAME.shape) + pedestal)
-        (said,) = check_data(np.clip(noisy, 0, None), EVEN, 0.02, 0.02, stated=False)
-        assert "Blacks are cut off at 0" in said
-    # Photons that are counted are 0 as often, and no noise is lost.
-    counts = rng.poisson(0.7 + 70 * FLAME) / 70
-    (said,) = check_data(counts, EVEN, 0.1, 0.1, stated=False)
-    assert "subtract the dark frame" in said
-    assert check_data(rng.poisson(100 * FLAME) / 100, EVEN, 0.01, 0.01, stated=False) == ()
+def test_blacks_that_were_cut_off_leave_a_background():
+    noisy = FLAME + 0.02 * np.random.default_rng(4).standard_normal(FLAME.shape)
+    (said,) = check_data(np.clip(noisy, 0, None), EVEN, 0.02, 0.02, stated=False)
+    assert "The field's edge is at 0.00" in said
 
 
 def test_planes_nearer_than_the_blur_are_said(camera):
@@ -131,12 +100,6 @@ def test_a_ceiling_is_told_from_a_peak():
     views = np.minimum(quiet_views(), np.float32(0.7))
     (said,) = check_data(views, EVEN, 0.01, 0.01, stated=False)
     assert "exactly the brightest value, 0.7" in said
-
-
-def test_light_at_the_edge_is_told_from_a_background():
-    views = np.roll(quiet_views(), 10, axis=2)
-    (said,) = check_data(views, EVEN, 0.01, 0.01, stated=False)
-    assert "Light reaches the field's edge" in said
 
 
 def test_light_behind_other_light_and_nearer_than_the_blur_is_said(camera):

@@ -1,4 +1,4 @@
-"""The Gram matrix by frequency, against the operator and against its closed form."""
+"""The Gram matrix by frequency, against the operator."""
 
 import tracemalloc
 from dataclasses import replace
@@ -46,52 +46,6 @@ def test_so_it_does_for_some_of_the_views(camera, counted):
     assert FrequencyGram(grid).scale == counted.sum()
 
 
-def test_it_has_the_closed_form(grid):
-    """Products of the Fourier transforms of boxes, with those that sampling folds onto them."""
-    gram, views, block = FrequencyGram(grid), grid.camera.views, grid.block
-    row, column = 3, 5
-    down, across = (
-        folded_products(number / length, grid, views, block)
-        for number, length in ((row, gram.size[0]), (column, gram.size[1]))
-    )
-    wanted = (down * across).real
-    # The folded series is cut off; its terms fall as the third power.
-    assert gram.matrices[row, column] == pytest.approx(wanted, abs=2e-6 * gram.scale)
-
-
-def folded_products(frequency, grid, views, block, terms=20_000):
-    """Sum over the views of products of two planes' transfer functions.
-
-    A pixel's rays reach its lenslet in parallel, so the main lens makes them cross in its focal
-    plane, 150 mm before it: from there their width grows, that of the cells from the lens.
-    """
-    folded = frequency + np.arange(-terms, terms + 1)  # cycles per cell
-    lenslets = folded / block
-    comb = np.mean(np.exp(2j * np.pi * np.outer(lenslets, np.arange(block) - (block - 1) / 2)), 1)
-    steps = np.arange(views) - (views - 1) / 2
-    seen = np.empty((views, len(grid.slopes)), complex)
-    for plane, (slope, depth) in enumerate(zip(grid.slopes, grid.depths_mm, strict=True)):
-        width = ((326 + depth) / 150 - 1) / ((326 + depth) * (1 / 150 - 1 / 326))
-        lenslet = np.sinc(lenslets * width)
-        box = np.sinc(folded) * lenslet * comb.real * np.sinc(slope * lenslets)
-        seen[:, plane] = np.exp(-2j * np.pi * slope * np.outer(steps, lenslets)) @ box
-    return np.einsum("vp,vq->pq", np.conj(seen), seen)
-
-
-def test_an_even_glow_has_no_depth(grid):
-    gram = FrequencyGram(grid)
-    assert gram.matrices[0, 0] == pytest.approx(gram.scale)
-    values = np.linalg.eigvalsh(gram.matrices[0, 0])
-    assert values[:-1] == pytest.approx(0, abs=1e-9 * gram.scale)
-
-
-def test_inner_products_by_frequency_are_those_of_cells(grid):
-    gram, rng = FrequencyGram(grid), np.random.default_rng(1)
-    a, b = rng.standard_normal((2, *grid.shape))
-    spectra = (gram.transform(gram.spread(x)) for x in (a, b))
-    assert gram.inner(*spectra) == pytest.approx(np.vdot(a, b), rel=1e-10)
-
-
 def test_the_penalty_is_on_third_differences(camera):
     """Of a wave across, against differences taken cell by cell on the torus."""
     grid = FrustumGrid(camera, [0.0])
@@ -129,11 +83,6 @@ def test_the_penalty_along_depth_counts_millimetres(camera):
         form = light @ depth_roughness(FrustumGrid(camera, depths)) @ light
         integrals.append(form / (step * (count - 3)))
     assert integrals == pytest.approx([integrals[0]] * 3, rel=1e-6)
-
-
-@pytest.mark.parametrize("depths", [[0.0], DEPTHS, [0, 1, 2, 3, 4, 5, 6, 7, 9]])
-def test_sheets_and_uneven_planes_have_no_penalty_along_depth(camera, depths):
-    assert not depth_roughness(FrustumGrid(camera, depths)).any()
 
 
 @pytest.mark.slow

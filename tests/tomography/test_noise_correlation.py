@@ -88,18 +88,6 @@ def test_bars_of_a_section_are_wider_by_the_factor(rng):
 
 
 @pytest.mark.slow
-def test_bars_of_planes_are_wider_by_the_factor(rng):
-    lens = Lens(views=5, lenslets=(48, 56))
-    grid = FrustumGrid(camera_of(lens), [4.0])
-    views = record(lens, [Sheet(4.0, (0.0, 0.0), (0.6, 0.6))])
-    errors = []
-    for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
-        light_field = LightField(views + 0.02 * noise)
-        errors.append(reconstruct(light_field, grid, strength=0.1).sigma_linear[0])
-    assert errors[1] / errors[0] == pytest.approx(of_a_mean(5), rel=0.08)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("views", "is_shared"), [(5, False), (9, True)])
 def test_photon_noise_is_measured_where_there_is_light(views, is_shared, rng):
     """In the dark there is no noise that could tell, and light of two sheets is in the way."""

@@ -8,7 +8,7 @@ import pytest
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.scenes.flames import flame_texture
 from lf_flame.tomography import FrustumGrid, reconstruct
-from lf_flame.tomography.geometries import PlaneGeometry, backproject
+from lf_flame.tomography.geometries import PARTS, cell_means, smooth_course
 
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(48, 48))
 DEPTHS_MM = [1.2, 0.0, -1.2]
@@ -34,12 +34,9 @@ def test_flames_that_hardly_differ_in_depth_are_told_apart(flames):
         assert np.linalg.norm(one - true) < 0.0065 * np.linalg.norm(true)
 
 
-@pytest.mark.slow
-def test_a_solution_stays_where_it_is(flames):
-    """Whatever the step: beyond the bounds the state is the step times their multipliers."""
-    geometry, views = PlaneGeometry(GRID), render(flames, CAMERA).views
-    problem = geometry.problem(backproject(geometry.operator, views))
-    solved = problem.solve(0.1, 1500)
-    again = problem.solve(0.1, 8, solved.state)
-    assert (solved.cells == 0).mean() > 0.1
-    np.testing.assert_allclose(again.cells, solved.cells, atol=3e-4 * solved.cells.max())
+def test_a_smooth_course_keeps_the_light_of_each_cell():
+    bend = np.outer(1 + np.sin(np.arange(8) / 3), 2 + np.cos(np.arange(11) / 3))
+    bend[6:, :5] = 0  # beside darkness a spline swings below 0
+    course = smooth_course(bend)
+    assert np.abs(cell_means(course) - bend).max() < 2e-3
+    assert np.ptp(course[:PARTS, :PARTS]) > 0.1 * np.ptp(bend[:2, :2])  # no step

@@ -26,15 +26,6 @@ def test_heights_go_up_and_places_to_the_right():
     assert across.values == pytest.approx(80 + np.arange(8))
 
 
-def test_strips_are_averaged_over_their_width():
-    up = profiles.axial(plane(), NONE, CELL, across_mm=-0.25, width_mm=1.0)
-    assert up.values == pytest.approx(10 * np.arange(10) + 3)
-    wide = profiles.axial(plane(), NONE, CELL, across_mm=0.25, width_mm=2.0)
-    assert wide.values == pytest.approx(10 * np.arange(10) + 4)
-    across = profiles.radial(plane(), NONE, CELL, height_mm=1.75, thickness_mm=1.1)
-    assert across.values == pytest.approx(80 + np.arange(8))
-
-
 def test_a_strip_between_cells_is_the_mean_of_what_is_inside():
     """Cells hold means of x squared + x, and a strip's mean has a closed form."""
 
@@ -56,15 +47,6 @@ def test_a_strip_between_cells_is_the_mean_of_what_is_inside():
     assert edge.values[0] == pytest.approx(mean(1.5, 2))
 
 
-def test_a_strip_is_where_it_was_asked_for():
-    """Light that grows evenly across: its mean over a strip is its value at the centre."""
-    for centre, width in ((-0.61, 0.3), (0.3, 1.7), (0.93, 0.9)):
-        places = 0.129 * (np.arange(60) - 29.5)
-        image = np.broadcast_to(1 + places, (4, 60))
-        up = profiles.axial(image, np.empty((0, 4, 60)), 0.129, centre, width)
-        assert up.values[0] == pytest.approx(1 + centre, abs=0.005)
-
-
 def test_strips_run_through_the_middle_of_the_light_if_nothing_is_said():
     image = np.zeros((10, 8))
     image[2, 6] = 4.0
@@ -84,19 +66,3 @@ def test_errors_are_those_of_the_average_over_the_strip():
     aside = profiles.axial(image, image + 0.3 + np.zeros((5, 10, 8)), CELL)
     assert aside.sigma == pytest.approx(np.full(10, 0.3))
     assert aside.band == pytest.approx(np.full(10, 0.3 * 2.571), rel=1e-3)  # t of 5 draws
-
-
-@pytest.mark.slow
-def test_profiles_of_a_flame_are_right_within_some_per_cent(grid, truth, flames, fits):
-    found = fits(0.01)
-    for number, layer in enumerate(flames.layers):
-        cell, at = grid.cell_mm(grid.depths_mm[number]), (layer.centre_mm[1], 0.4)
-        wanted, values = (
-            profiles.axial(one, no_draws(one), cell, *at).values
-            for one in (truth[number], found.emission[number])
-        )
-        assert np.linalg.norm(values - wanted) < 0.02 * np.linalg.norm(wanted)
-
-
-def no_draws(image):
-    return np.empty((0, *image.shape))

@@ -66,14 +66,3 @@ def test_what_has_no_ratio_has_no_temperature():
     )
     assert faint.kelvin[0] == pytest.approx(1800, abs=1e-3)
     assert np.isnan([faint.kelvin[1], faint.sigma[1]]).all()
-
-
-def test_a_temperature_hides_errors_of_emission():
-    """17 % in the ratio of two colours, and in one calibrated colour, at 1,800 K."""
-    first, second = (soot_emission(colour, 1800.0) for colour in COLOURS)
-    two = two_colour_temperature(
-        [first], [second], wavelengths_nm=COLOURS, sigmas=([0.17 * first], [0.0])
-    )
-    assert two.sigma == pytest.approx([137], abs=0.5)
-    brighter = soot_emission(650.0, 1800.0 + 25) / soot_emission(650.0, 1800.0)
-    assert brighter == pytest.approx(1.17, abs=0.02)

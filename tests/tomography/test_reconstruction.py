@@ -1,7 +1,5 @@
 """Emission found again from light fields that the simulation made, where naive ways fail."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -37,23 +35,6 @@ def test_noise_is_measured_within_some_per_cent(clean, fits):
 
 
 @pytest.mark.slow
-def test_draws_are_those_of_the_generator(grid, noisy):
-    runs = [
-        reconstruct(
-            noisy(0.05),
-            grid,
-            strength=0.01,
-            iterations=8,
-            bootstrap=2,
-            rng=np.random.default_rng(seed),
-        ).sigma  # fmt: skip
-        for seed in (1, 1, 2)
-    ]
-    assert np.array_equal(runs[0], runs[1])
-    assert not np.array_equal(runs[0], runs[2])
-
-
-@pytest.mark.slow
 def test_a_glow_without_detail_is_shared_among_depths_and_not_told(camera):
     """An even field: no depth is right, and the total is."""
     grid = FrustumGrid(camera, [6.0, -6.0])
@@ -78,12 +59,6 @@ def test_depths_of_light_are_found_on_a_stack(camera, flames, clean):
             layer.depth_mm, abs=0.5
         )
     assert found.per_mm == pytest.approx(found.emission)
-
-
-@pytest.mark.slow
-def test_emission_by_volume_needs_even_planes(fits):
-    with pytest.raises(InputError, match="evenly spaced"):
-        _ = fits(0.0).per_mm
 
 
 def test_blocks_average_the_light_field(camera, flames, clean):
@@ -115,39 +90,6 @@ def test_a_frame_starts_from_the_one_before(grid, clean, noisy):
     other = ReconstructionPlan(FrustumGrid(grid.camera, (3.0, -4.0)))
     with pytest.raises(InputError, match="start must be a reconstruction on the plan's grid"):
         other.reconstruct(moved, start=first)
-
-
-def test_evenly_spaced_planes():
-    assert planes_between(-4, 4, 2) == [-4, -2, 0, 2, 4]
-    assert planes_between(1, -1, 1) == [1, 0, -1]
-    assert planes_between(2, 2, 1) == [2]
-
-
-def inner_views(light_field, count, rng):
-    """The inner views with a camera's own, and the whole with other light in the rest."""
-    out = (light_field.views.shape[0] - count) // 2
-    inner = (slice(out, -out),) * 2
-    weights = np.zeros(light_field.views.shape[:2])
-    weights[inner] = 1
-    views = light_field.views.copy()
-    views[weights == 0] = rng.uniform(size=views[weights == 0].shape)
-    return LightField(light_field.views[inner]), LightField(views, weights=weights)
-
-
-@pytest.mark.slow
-def test_views_that_do_not_count_are_not_fitted(grid, camera, noisy, rng):
-    """As by a camera of the inner views alone, whose pixels are as large."""
-    inner, whole = inner_views(noisy(0.01), 5, rng)
-    pixel = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm) / 7
-    own = replace(camera, views=5, pixel_pitch_mm=pixel)
-    expected, found = (
-        reconstruct(views, some, strength=0.01)
-        for views, some in ((inner, FrustumGrid(own, DEPTHS)), (whole, grid))
-    )
-    away = np.abs(found.emission - expected.emission).max()
-    assert away < 0.01 * expected.emission.max()  # cells reach further out
-    assert np.isfinite(found.chi_squared).sum() == 25
-    assert [one for one in found.warnings if one.startswith("25 of the 49 views are fitted")]
 
 
 def test_darkness_gives_darkness(grid, camera):

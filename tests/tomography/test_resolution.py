@@ -53,11 +53,3 @@ def test_singular_values_are_those_of_the_operator(camera):
     found = depth_singular_values(camera, period, depths)
     assert found[:4] == pytest.approx(wanted[:4], rel=0.02)
     assert np.all(np.diff(found) <= 0)
-
-
-def test_as_many_singular_values_count_as_there_are_modes():
-    depths = np.linspace(-15, 15, 80)
-    for period in (0.5, 1.0, 2.0):
-        values = depth_singular_values(PAPER_CAMERA, period, depths)
-        counted = np.count_nonzero(values > 0.5)
-        assert counted == pytest.approx(depth_modes(PAPER_CAMERA, period, 30.0), abs=1.5)

@@ -1,10 +1,12 @@
 """Sooty sheets that dim each other, recorded by rays that share nothing with the reconstruction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from experiments.emission.truth import Lens, Slab, planck, trace
-from lf_flame import LightField, PlenopticCamera
+from lf_flame import InputError, LightField, PlenopticCamera
 from lf_flame.tomography import ColourCalibration, FrustumGrid, SpectralResponses, reconstruct_soot
 
 pytestmark = pytest.mark.slow
@@ -95,3 +97,12 @@ def test_sheets_taken_for_thin_are_too_cold(exposure):
     thin = reconstruct_soot(exposure[0], GRID, exposure[1], absorbing=False, iterations=20)
     for apart, lit in zip(thin.temperatures.kelvin - KELVIN, LIT, strict=True):
         assert apart[lit].mean() < -6
+
+
+def test_a_flame_too_thick_is_refused_after_its_rounds(exposure, monkeypatch):
+    """Gains a hundredth of the true ones: a hundred times as much soot."""
+    monkeypatch.setattr("lf_flame.tomography.soot.MOST_ROUNDS", 2)
+    light_field, calibration = exposure
+    dim = replace(calibration, gains=calibration.gains / 100)
+    with pytest.raises(InputError, match=r"at most 2 in each colour, and comes out at [1-9]"):
+        reconstruct_soot(light_field, GRID, dim, iterations=4)

@@ -102,27 +102,6 @@ def test_a_ratio_beyond_the_coldest_that_is_unique_has_no_temperature():
     assert found == pytest.approx([least + 20, np.nan], abs=0.1, nan_ok=True)
 
 
-def narrow_with_a_leak(leak):
-    """Filters at 480 and 640 nm, the first of which lets some light at 640 nm through."""
-    nm = [478, 479, 480, 481, 482, 638, 639, 640, 641, 642]
-    return SpectralResponses(
-        ("blue", "red"), nm, [np.eye(10)[2] + leak * np.eye(10)[7], np.eye(10)[7]]
-    )
-
-
-def test_the_lowest_temperature_is_where_the_lever_has_gone():
-    """Blue's own share of its light is e / (e + leak), with e the ratio of its light to red's."""
-    lever = 1.4387769e7 * (1 / 480 - 1 / 640)
-    own = 30 / (lever - 30) * 0.1  # e at which the share leaves a lever of 30 K
-    wanted = lever / np.log((640 / 480) ** 6 / own)  # Wien's law, and soot as 1 / wavelength
-    assert least_temperature(narrow_with_a_leak(0.1)) == pytest.approx(wanted, abs=6)
-    assert least_temperature(narrow_with_a_leak(0.0)) == 500
-    with pytest.raises(
-        InputError, match="from 1000 K on apart, and does so only above 1[0-9]{3} K"
-    ):
-        least_temperature(narrow_with_a_leak(2.0))
-
-
 def test_errors_of_three_colours_are_those_of_draws(rng):
     light = CAMERA.soot(1700.0)
     sigmas = light * [0.08, 0.02, 0.01]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from experiments.emission import flames, planes, report, rivals, truth
+from experiments.emission import planes, report, rivals, soot, truth
 from experiments.emission.truth import Lens, Sheet, Slab, SootFlame
+from lf_flame.tomography import reconstruct_soot
 
 LENS = Lens(views=3, lenslets=(24, 30))
 
@@ -75,16 +76,34 @@ def test_flames_are_what_they_say():
     assert np.pi * power == pytest.approx(5.670374e-8 * 1800**4, rel=1e-3)
 
 
-def test_the_printed_profile_is_the_printed_one():
-    """Emission and projection at m / 30, as table I prints them."""
-    printed = {0: (1.1875, 0.75), 5: (1.1876, 0.9352), 9: (1.0719, 0.9873), 18: (0.4713, 0.5499)}
-    for m, (seen, glow) in printed.items():
-        assert flames.cremers_profile(m / 30) == pytest.approx(glow, abs=6e-5)
-        edge, kink = np.sqrt(1 - (m / 30) ** 2), np.sqrt(max(0.0625 - (m / 30) ** 2, 0))
-        along = quad(
-            lambda z, m=m: flames.cremers_profile(np.hypot(m / 30, z)), 0, edge, points=[kink]
-        )
-        assert 2 * along[0] == pytest.approx(seen, abs=6e-5)
+def test_flames_after_tables_are_as_their_tables_say():
+    """Single entries, typed from the sources; soot absorbs 7.6 f / wavelength."""
+    slot, ethylene = soot.SlotFlame(), soot.EthyleneFlame()
+    assert slot.kelvin(5.8, -8.0) == pytest.approx(2012.9)  # 3 mm above the burner
+    assert slot.kelvin(-7.0, 8.0) == pytest.approx(2084.3)  # 19 mm
+    at = np.array([[-2.0]]), np.array([[3.1]])
+    light, tau = zip(*(one.light(*at) for one in slot.slabs([500.0, 600.0])), strict=True)
+    assert sum(tau)[0, 0] == pytest.approx([0.12, 0.1])
+    seen = truth.planck(np.array([500.0, 600.0]), slot.kelvin(3.1, 2.0).item())
+    assert sum(light)[0, 0] == pytest.approx(seen * [0.12, 0.1])
+    up = 2.5 * 152 - 342  # the table's fourth height
+    ppm, kelvin = (0.2250177 + 0.2325602) / 2, (1527.19824 + 1528.25505) / 2
+    assert ethylene.absorption(20.0, up) == pytest.approx(7.6 * ppm * 1e-6 / 600e-6, rel=1e-4)
+    assert ethylene.kelvin(20.0, up) == pytest.approx(kelvin, abs=0.06)
+    assert ethylene.absorption(85.0, 152 - 342) == ethylene.absorption(101.0, 0.0) == 0
+
+
+@pytest.mark.slow
+def test_one_exposure_is_recorded_and_judged():
+    flame = SootFlame(radius=1.1, height=3.2)
+    exposure = soot.Exposure(flame, Lens(lenslets=(34, 30)), radius=1.6)
+    light_field, calibration = exposure.record(np.random.default_rng(0))
+    found = reconstruct_soot(light_field, exposure.grid, calibration, bootstrap=5)
+    judged = exposure.judge(found.temperatures)
+    assert judged["rms_K"] < 15
+    assert judged["rms_K"] ** 2 == pytest.approx(judged["mean_K"] ** 2 + judged["scatter_K"] ** 2)
+    assert judged["thickness"] == pytest.approx(1, abs=0.05)
+    assert judged["covered"] > 0.7
 
 
 def test_onion_peeling_inverts_a_projection():
