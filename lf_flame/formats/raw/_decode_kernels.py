@@ -172,10 +172,14 @@ def read_lines(image, black, gain, lattices, lattice, y, x, top, left, array, ro
     Fills room.own and its ranges. lattice: number of the lattice. y, x: centre in its pixels. top,
     left: pixel of the lattice at room.own[0, 0].
     """
-    step, channel = lattices.step[lattice], np.uintp(lattices.source[lattice])
+    step, channel = lattices.step[lattice], lattices.source[lattice]
     own, low, high, j = room.own, room.low, room.high, lattices.left[lattice]
-    under = min(channel, np.uintp(black.shape[2] - 1))
-    factor = min(channel, np.uintp(gain.shape[2] - 1))
+    # Channel of each, which may be grey; 0 where there is none.
+    under, factor = (
+        min(channel, max(black.shape[2], 1) - 1),
+        min(channel, max(gain.shape[2], 1) - 1),
+    )
+    channel, under, factor = np.uintp(channel), np.uintp(under), np.uintp(factor)
     rows, columns, upper = image.shape[0], image.shape[1] // step, lattices.top[lattice]
     for here in range(low.size):
         row = top + here
