@@ -10,17 +10,14 @@ import numpy as np
 from lf_flame._common.input_files import check_regular, read_text, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
+from lf_flame.formats.images import CONTAINER_SUFFIXES
 from lf_flame.formats.lytro.container import (
-    CONTAINER_SUFFIXES,
     LARGEST_JSON,
     LytroContainer,
     open_container,
     parse_table,
 )
 from lf_flame.formats.lytro.metadata import LytroMetadata, NestedValues, parse_metadata, tables
-
-LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")
-"""File endings of pictures of Lytro cameras, in lower or upper case."""
 
 DESCRIPTIONS = (".json", ".JSON", ".txt", ".TXT")
 """File endings of the metadata beside a ``.raw`` file."""

@@ -19,9 +19,14 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.raw import checks
 from lf_flame.formats.raw._decode_kernels import resample
-from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.sensor_images import as_image, check_bayer, fitting
+from lf_flame.formats.raw.sensor_images import (
+    as_image,
+    check_bayer,
+    find_bad_pixels,
+    find_saturated,
+    fitting,
+)
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
