@@ -38,8 +38,10 @@ def as_image(image: ArrayLike, name: str) -> np.ndarray:
         raise InputError(
             f"A {name} lenslet image must be finite, got {bad} NaN or infinite pixels."
         )
-    if image.dtype not in (np.uint8, np.uint16):
-        image = image.astype(np.float32, copy=False)
+    # Two types, for each of which decoding is compiled.
+    image = image.astype(
+        np.uint16 if image.dtype in (np.uint8, np.uint16) else np.float32, copy=False
+    )
     return np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
 
 
