@@ -10,7 +10,6 @@ import struct
 import tarfile
 
 import numpy as np
-from PIL import Image
 
 SIDES = {"F01": (12, "big", "b", 168, 4095), "ILLUM": (10, "little", "gr", 64, 1023)}
 """Bits, byte order, first pixel, black and white level of both cameras."""
@@ -71,12 +70,6 @@ def json_bytes(values):
     return json.dumps(values).encode()
 
 
-def jpeg(height=12, width=16, colour=(200, 120, 40)):
-    file = io.BytesIO()
-    Image.new("RGB", (width, height), colour).save(file, "JPEG")
-    return file.getvalue()
-
-
 def name_of(data):
     return "sha1-" + hashlib.sha1(data).hexdigest()
 
@@ -101,14 +94,12 @@ def container(model, facts, packed, serial="B5143909630", white=None, more=None)
         "imageRef": packed,
         **({} if white is None else {"modulationDataRef": white}),
     }
-    thumbnail = jpeg()
     frame = {"frame": {key: name_of(data) for key, data in contents.items()}}
-    seen = [{"width": 16, "height": 12, "imageRef": name_of(thumbnail)}]
     if model == "F01":
-        table = {"picture": {"frameArray": [frame], **(more or {})}, "thumbnailArray": seen}
+        table = {"picture": {"frameArray": [frame], **(more or {})}}
     else:
-        table = {"frames": [frame], "thumbnails": seen, **(more or {})}
-    sections = [section(b"LFC", data) for data in (*contents.values(), thumbnail)]
+        table = {"frames": [frame], **(more or {})}
+    sections = [section(b"LFC", data) for data in contents.values()]
     head = section(b"LFM", json.dumps(table).encode())
     return START + b"".join([head, *sections] if model == "F01" else [*sections, head])
 

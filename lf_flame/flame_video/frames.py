@@ -17,8 +17,7 @@ from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
 from lf_flame.flame_video.flicker import check_times
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
-from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
+from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
 from lf_flame.formats.reading import Found, find_light_field
 from lf_flame.formats.stacks import is_stack
 from lf_flame.formats.view_files.folder import ARCHIVE

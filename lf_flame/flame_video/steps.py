@@ -174,22 +174,28 @@ class Emission:
 
     def __getstate__(self):
         # Each process makes its own plan, which is large.
-        return {name: value for name, value in vars(self).items() if name != "_plan"}
+        return {name: value for name, value in vars(self).items() if name != "_plans"}
 
     @cached_property
-    def _plan(self) -> "ReconstructionPlan":
+    def _plans(self) -> "dict[tuple[int, ...], ReconstructionPlan]":
+        return {}
+
+    def _plan(self, shape: tuple[int, ...]) -> "ReconstructionPlan":
+        """Plan for light fields of a shape: their own number of lenslets counts."""
         from lf_flame.tomography import FrustumGrid, ReconstructionPlan
 
-        grid = FrustumGrid(self.camera, self.depths_mm, self.block)
-        return ReconstructionPlan(
-            grid, noise=self.noise, strength=self.strength, background=self.background
-        )
+        if shape not in self._plans:
+            grid = FrustumGrid(self.camera.for_light_field(shape), self.depths_mm, self.block)
+            self._plans[shape] = ReconstructionPlan(
+                grid, noise=self.noise, strength=self.strength, background=self.background
+            )
+        return self._plans[shape]
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
         from lf_flame.tomography.soot import split_colours
 
-        plan, colours = self._plan, self.colours
+        plan, colours = self._plan(frame.light_field.shape), self.colours
         lights = split_colours(frame.light_field, colours) if colours else [frame.light_field]
         starts = frame.before.get("emission", [None] * len(lights))
         both = zip(lights, starts, strict=True)

@@ -12,6 +12,7 @@ from lf_flame._common.images import (
     open_image,
     open_tiff,
     pictures,
+    read_pixels,
 )
 from lf_flame._common.input_files import File, check_regular, open_bytes
 from lf_flame.errors import InputError
@@ -37,8 +38,8 @@ def notes_on_coding(source: str | Path) -> list[str]:
     """Note whether an image, or the first image of a view folder, is probably gamma-coded.
 
     An image is, if it has 8 bits or fewer, a colour profile (ICC), or states a gamma; unless it
-    states that its levels are linear (gAMA of a PNG, TransferFunction of a TIFF file). There is no
-    note on what cannot be read or is no image.
+    states that its levels are linear (gAMA of a PNG, TransferFunction of a TIFF file). The note
+    says how many pixels are saturated. There is none on what cannot be read or is no image.
     """
     path: File | None = Path(source)
     try:
@@ -49,7 +50,19 @@ def notes_on_coding(source: str | Path) -> list[str]:
         kind = _coded_tiff(path) if is_tiff(path) else _coded_image(path)
     except (InputError, *PILLOW_ERRORS, *TIFF_ERRORS):
         return []  # the reader reports the error
-    return [] if kind is None else [f"{path} is {kind}. {CODED}"]
+    return [] if kind is None else [f"{path} is {kind}{_saturated(path)}. {CODED}"]
+
+
+def _saturated(path: File) -> str:
+    """Say how many pixels have the highest level in a channel, if a noticeable part has."""
+    try:
+        pixels = np.atleast_3d(read_pixels(path))
+    except InputError:  # as of a file of several pictures
+        return ""
+    if pixels.dtype.kind != "u":
+        return ""
+    share = np.mean(np.any(pixels[..., :3] == np.iinfo(pixels.dtype).max, axis=2))
+    return f", {share:.2g} of whose pixels are saturated" if share >= 0.001 else ""
 
 
 def _coded_tiff(path: File) -> str | None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from lf_flame._common.images import FORMATS, PILLOW_ERRORS, TIFF_SUFFIXES, open_image, open_tiff
 from lf_flame.errors import InputError
-from lf_flame.formats.lytro.decoding import is_lytro
+from lf_flame.formats.images import is_lytro
 from lf_flame.formats.lytro.picture import LytroFile
 
 EXIF, TIME, SPEED = 0x8769, 0x829A, 0x8827

@@ -12,10 +12,9 @@ from lf_flame.errors import InputError
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.coding import notes_on_coding
 from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
-from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
-from lf_flame.formats.lytro.decoding import is_lytro
+from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro, read_image
 from lf_flame.formats.lytro.metadata import LytroMetadata
-from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES, LytroFile
+from lf_flame.formats.lytro.picture import LytroFile
 from lf_flame.formats.lytro.white import holds_white_files, white_files
 from lf_flame.formats.raw.checks import refuse_mosaic
 from lf_flame.formats.raw.lenslet_search import estimate_grid

@@ -16,8 +16,19 @@ from lf_flame.errors import InputError
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
 """File endings of images, in lower or upper case."""
 
+CONTAINER_SUFFIXES = (".lfp", ".lfr", ".lfx")
+"""File endings of containers of the Lytro cameras, in lower or upper case."""
+
+LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")
+"""File endings of pictures of these cameras."""
+
 LINEAR_CURVE = (301, "H", 256, [257 * level for level in range(256)], True)
 """TIFF 6.0, TransferFunction: the light of each of 256 levels, from 0 to 65535."""
+
+
+def is_lytro(path: str | Path) -> bool:
+    """Whether a file is a picture of a Lytro camera by its ending."""
+    return Path(path).suffix.lower() in LYTRO_SUFFIXES and not Path(path).is_dir()
 
 
 def read_image(path: Source) -> np.ndarray:

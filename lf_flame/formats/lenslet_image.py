@@ -18,9 +18,7 @@ SMALLEST_MOSAIC = 5
 """Fewest pixels under a lenslet for the mosaic check; with fewer, views look like colours."""
 
 
-def read_lenslet_image(
-    path: str | Path, views: int | None = None, keep: int | None = None
-) -> LightField:
+def read_lenslet_image(path: str | Path, views: int | None = None) -> LightField:
     """Read a rectified lenslet image, such as the ESLF files of the Lytro cameras.
 
     Parameters
@@ -29,9 +27,6 @@ def read_lenslet_image(
         Image with sides that are multiples of `views`; micro-images in sensor order, not turned.
     views : int
         Number of pixels under a lenslet along each axis; 14 in files of the Lytro Illum.
-    keep : int, optional
-        Number of central views to keep along each axis. In many files the outer views are dark,
-        because they look past the main lens's aperture. Default: all.
 
     Returns
     -------
@@ -41,8 +36,8 @@ def read_lenslet_image(
     Raises
     ------
     InputError
-        If the image cannot be read, `views` is missing or does not divide its sides, `keep` is
-        not from 1 to `views`, or a grey image shows the 2 x 2 pattern of a colour mosaic.
+        If the image cannot be read, `views` is missing or does not divide its sides, or a grey
+        image shows the 2 x 2 pattern of a colour mosaic.
 
     Examples
     --------
@@ -55,12 +50,10 @@ def read_lenslet_image(
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     raw = read_image(path)
-    return LightField(cut_views(raw, views, path, keep))
+    return LightField(cut_views(raw, views, path))
 
 
-def cut_views(
-    raw: np.ndarray, views: int | None, source: str | Path, keep: int | None = None
-) -> np.ndarray:
+def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndarray:
     """Cut a raw lenslet array into views; if `views` does not fit, the error says what would."""
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
         common = math.gcd(*raw.shape[:2])
@@ -76,14 +69,9 @@ def cut_views(
             f"The pixels under a lenslet (views) must divide {size}, got {views}; "
             f"{', '.join(fit) or 'only 1'} would."
         )
-    if keep is None:
-        keep = views
-    if not 1 <= keep <= views:
-        raise InputError(f"keep must be from 1 to the {views} views, got {keep}.")
     if raw.ndim == 2 and views >= SMALLEST_MOSAIC:
         refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
-    middle = slice((views - keep) // 2, (views + keep) // 2)
-    return LightField.from_raw(raw, views=views).views[middle, middle]
+    return LightField.from_raw(raw, views=views).views
 
 
 def write_lenslet_image(

@@ -14,10 +14,8 @@ from lf_flame.formats.coding import note_on_depth
 from lf_flame.formats.focused.reading import plan_focused
 from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.hdf5_and_matlab import Hdf5File
-from lf_flame.formats.images import IMAGE_SUFFIXES
+from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro
 from lf_flame.formats.lenslet_image import read_lenslet_image
-from lf_flame.formats.lytro.decoding import is_lytro
-from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
 from lf_flame.formats.raw.reading import plan_raw, read_frame
 from lf_flame.formats.stacks import is_stack, read_mosaic, read_view_pages
 from lf_flame.formats.view_files.folder import ARCHIVE, is_view_folder, scan_view_folder

@@ -24,6 +24,7 @@ def call(tmp_path, monkeypatch):
     flame = np.exp(-(((x - 10) / 4) ** 2) - ((y - 7) / 5) ** 2)
     noise = 0.002 * np.random.default_rng(1).normal(size=(VIEWS, VIEWS, *SIZE))
     np.save("flame.npy", (flame + noise).astype(np.float32))
+    (tmp_path / "made").mkdir()
     (tmp_path / "whole.toml").write_text(camera_toml(VIEWS, WHOLE))
     (tmp_path / "own.toml").write_text(camera_toml(VIEWS, SIZE))
     (tmp_path / "five.toml").write_text(camera_toml(5, SIZE))
@@ -34,6 +35,7 @@ CALLS = [
     "refocus flame.npy --depth-mm 0 --out {}",
     "reconstruct flame.npy --depth-mm 0 --bootstrap 0 --out {}",
     "abel flame.npy --axis-depth 0 --bootstrap 0 --out {}",
+    "process flame.npy --steps emission --depths -5 5 2 --out made/{}.zarr",
     "view flame.npy --single-file {}.html",
     "info flame.npy",
 ]

@@ -38,7 +38,7 @@ def test_a_lytro_picture(told, tmp_path):
     said = told("my photo.lfr")
     for words in (
         "picture of a Lytro camera",
-        "5 sections, all as their SHA-1",
+        "4 sections, all as their SHA-1",
         "ILLUM, serial number B5143909630, firmware 1.1.1 (23)",
         "12 x 8 pixels of 10 bits, grbg mosaic, black 64, white 1023",
         "0.004 s, f/2.2, ISO 80, 2015-05-17T13:31:37.412Z",

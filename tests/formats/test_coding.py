@@ -102,6 +102,14 @@ def test_images_are_coded_by_depth_profile_or_what_they_say(tmp_path, name, writ
         assert notes[0].endswith(CODED)
 
 
+def test_the_note_says_how_many_pixels_are_saturated(tmp_path):
+    picture = np.full((20, 50, 3), 200, np.uint8)
+    picture[:3, :10, 1] = 255
+    Image.fromarray(picture).save(tmp_path / "a.png")
+    (note,) = notes_on_coding(tmp_path / "a.png")
+    assert "is a PNG file of 8 bits, 0.03 of whose pixels are saturated. Such files" in note
+
+
 def test_own_images_say_that_they_are_linear(tmp_path):
     field = LightField(np.full((2, 2, 3, 3), 0.5, np.float32))
     for linear in (True, False):

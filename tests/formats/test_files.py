@@ -109,15 +109,6 @@ def test_a_lenslet_image_lies_as_eslf_files_do(tmp_path, rng):
     np.testing.assert_array_equal(views[5, 9], raw[5::14, 9::14] / np.float32(65535))
 
 
-@pytest.mark.parametrize(("keep", "first"), [(8, 3), (7, 3), (14, 0), (1, 6)])
-def test_outer_views_can_be_left_out(tmp_path, rng, keep, first):
-    write_image(tmp_path / "a.png", levels(rng, (28, 28)))
-    every = read_lenslet_image(tmp_path / "a.png", views=14).views
-    kept = read_lenslet_image(tmp_path / "a.png", views=14, keep=keep).views
-    middle = slice(first, first + keep)
-    np.testing.assert_array_equal(kept, every[middle, middle])
-
-
 @pytest.mark.parametrize(
     ("dtype", "shape"),
     [

@@ -257,8 +257,9 @@ def test_smooth_micro_images_are_averaged_over_parts():
     phase = phase + kx * (centres[..., 1] + offset[None, :, None, None])
     part = np.sinc(1.5 * ky / 2 / np.pi) * np.sinc(1.5 * kx / 2 / np.pi)
     away = np.abs(decoded - part * np.cos(phase))[..., 1:-1, 1:-1]  # off the image's border
-    assert away[1:-1, 1:-1].max() < 0.01
-    assert away.max() < 0.09  # where light goes on linearly beyond the last own pixel
+    assert away[2:-2, 2:-2].max() < 6e-4
+    # At the rim, where light goes on linearly for up to a pixel, it is off by its curvature.
+    assert away.max() < ky**2
 
 
 def test_the_views_asked_for():
@@ -267,7 +268,7 @@ def test_the_views_asked_for():
         assert decode_raw(raw, LensletGrid(50, 50, pitch)).views.shape[:2] == (views, views)
 
 
-@pytest.mark.parametrize(("rotation", "bayer"), [(0.004, "gbrg"), (-0.03, None), (0.4, None)])
+@pytest.mark.parametrize(("rotation", "bayer"), [(0.004, "gbrg"), (-0.03, None), (0.4, "gbrg")])
 def test_a_ramp_is_decoded_at_the_places_of_the_parts(rotation, bayer):
     """Interpolation keeps straight lines, so a pixel of a view is the ramp at its part's centre."""
     grid, shape = LensletGrid(101.3, 87.6, 10.4, rotation), (200, 220)
@@ -283,9 +284,7 @@ def test_a_ramp_is_decoded_at_the_places_of_the_parts(rotation, bayer):
     found = views[(..., *middle, slice(None))[: 3 + (bayer is not None)]]
     expected = 3.0 * at_x - 5.0 * at_y
     away = found - (expected if bayer is None else expected[..., None])
-    away = np.abs(away) / np.hypot(3, 5)  # in pixels
-    assert away[1:-1, 1:-1].max() < 0.01
-    assert away.max() < 0.2  # a corner beyond the own pixels of both directions
+    assert np.abs(away).max() < 4e-3  # 1/256 pixel is 0.02
 
 
 def sampled_scene(grid, shape, slope, views):
@@ -335,12 +334,12 @@ def test_a_white_image_takes_out_falloff(rng):
     lit = found.weights > 0
     assert lit[radius < 4.6].all()
     assert not lit[radius > 6.5].any()
-    np.testing.assert_allclose(found.views[lit], 0.4 * level, rtol=1e-5)
+    np.testing.assert_allclose(found.views[lit], 0.4 * level, rtol=3e-5)  # rounding of sums
     colour = np.stack([white, 2 * white, 0.5 * white], axis=-1)
     expected = np.broadcast_to(level * np.array([1, 2, 0.5]), (*found.views[lit].shape, 3))
     for flat in (colour, white):
         balanced = decode_raw(colour, grid, white=flat).views
-        np.testing.assert_allclose(balanced[lit], expected, rtol=1e-5)
+        np.testing.assert_allclose(balanced[lit], expected, rtol=3e-5)
 
 
 def test_views_and_lenslets_that_are_dark_in_the_white_image():

@@ -25,7 +25,6 @@ from lf_flame.formats import (
     estimate_grid,
     find_white,
     read_focal_stack,
-    read_lenslet_image,
     read_lytro,
     read_raw,
     read_raytrix,
@@ -175,7 +174,6 @@ ARRAYS = [
     (cut("cut.tif", STACK, 200), "cut.tif"),
     (partial(read_light_field, "nowhere.npy"), "no such file"),
     (partial(read_light_field, "nowhere"), "no such file or folder"),
-    (one("a.png", LENSLETS, read_lenslet_image, views=14, keep=15), "keep .* 14 views, got 15"),
     (one("b.tif", levels(2, 2, 5, 6, dtype=np.uint16), read_focal_stack), "images in one row"),
 ]
 
@@ -271,11 +269,10 @@ def frame(**names):
 
 
 WHOLE = picture()
-JPEG = WHOLE.index(b"\xff\xd8\xff")
 FACTS = lytro.json_bytes(lytro.metadata("ILLUM", (6, 8)))
 OWN = lytro.name_of(FACTS)
 CONTAINERS = [
-    (WHOLE[:JPEG] + b"\xfe" + WHOLE[JPEG + 1 :], "damaged: .* not as its SHA-1"),
+    (WHOLE[:200] + b"\xfe" + WHOLE[201:], "damaged: .* not as its SHA-1"),
     (b"\x89PNG" + WHOLE[4:], "no container of a Lytro camera"),
     (b"", "no container of a Lytro camera"),
     (WHOLE[:16], "no table of contents"),
@@ -315,7 +312,6 @@ METADATA = [
     ("image/pixelFormat/black/gb", -1, "must be a number from 0 to 65535"),
     ("image/mosaic/tile", "r,gr:b,gb", "must be a Bayer mosaic"),
     ("image/mosaic/upperLeftPixel", "x", "must be a Bayer mosaic"),
-    ("image/color/ccm", [1, 2, 3], "must be 9 numbers"),
     ("devices/mla/rotation", 3.0, "rotation must lie within pi/4"),
     ("devices/mla/lensPitch", 1e-9, "pitch must be at least 1 pixel"),
     ("devices/sensor/pixelPitch", True, "must be a number, got True"),

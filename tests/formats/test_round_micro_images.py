@@ -60,10 +60,15 @@ def mosaic(colours, pattern):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("pattern", "slope", "hexagonal"), [("rggb", -0.32, True), ("gbrg", 0.25, False)]
+    ("pattern", "slope", "hexagonal", "error"),
+    [("rggb", -0.32, True, 0.007), ("gbrg", 0.6, False, 0.025)],
 )
-def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, hexagonal):
-    """Red, green and blue show planes of their own, at slopes of their own."""
+def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, hexagonal, error):
+    """Red, green and blue show planes of their own, at slopes of their own.
+
+    At slopes at which a wave is 7 pixels long, red and blue have 3.3 pixels to it: outer views, to
+    which light goes on from up to two pixels inside, make the steepest slope smaller.
+    """
     slopes = (slope, -slope / 2, slope / 3)
     raws, whites = zip(
         *(raw_of_a_plane(one, hexagonal, seed=k, falloff=0.4) for k, one in enumerate(slopes)),
@@ -78,7 +83,7 @@ def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, 
         truth = one * (2 / np.sqrt(3) if hexagonal else 1)
         alone = LightField(light_field.views[..., channel], weights=light_field.weights)
         found = find_sharpest_slope(alone, np.linspace(-1, 1, 41)).slope
-        assert found == pytest.approx(truth, rel=0.007, abs=0.001)
+        assert found == pytest.approx(truth, rel=error, abs=0.001)
 
 
 @pytest.mark.parametrize(("top", "said"), [(4000, "only 12 of 16 bits"), (60000, "")])

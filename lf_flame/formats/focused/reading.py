@@ -3,18 +3,20 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lf_flame.errors import InputError
-from lf_flame.formats.focused.grid_check import check_fit
 from lf_flame.formats.focused.lenslets import FocusedLenslets
 from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan
-from lf_flame.formats.images import read_image
-from lf_flame.formats.lytro.decoding import is_lytro
+from lf_flame.formats.images import is_lytro, read_image
 from lf_flame.formats.raw.checks import refuse_mosaic
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import less_dark
 from lf_flame.lightfield import LightField
+
+LARGEST_SHIFT = 0.08
+"""Largest displacement of the lenslets in a picture from those of the calibration, in pitches."""
 
 
 def read_focused(
@@ -95,7 +97,9 @@ def plan_focused(
     if is_raytrix(calibration):
         lenslets = read_raytrix(calibration, image.shape)
         seen = image if flat is None else flat
-        check_fit(less_dark(seen, black, "raw" if flat is None else "white"), lenslets, calibration)
+        _check_fit(
+            less_dark(seen, black, "raw" if flat is None else "white"), lenslets, calibration
+        )
     else:
         shown = read_image(calibration)
         lenslets = FocusedLenslets(estimate_grid(less_dark(shown, black, "white")))
@@ -107,3 +111,24 @@ def plan_focused(
         dark=black, bayer=bayer,
     )  # fmt: skip
     return plan, image
+
+
+def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object) -> None:
+    """Refuse a calibration whose lenslets are not where a picture, (rows, columns), shows them.
+
+    Micro-images are dark between each other. Where a picture shows no lenslets, nothing is checked.
+    """
+    grey = np.atleast_3d(image).mean(axis=2, dtype=np.float64)
+    pitch = lenslets.grid.pitch
+    try:
+        found = estimate_grid(grey, layout=lenslets.grid.layout).centres(grey.shape).reshape(-1, 2)
+    except InputError:
+        return
+    stated = lenslets.array(grey.shape).centres.reshape(-1, 2)
+    away = float(cKDTree(stated).query(found)[0].max())
+    if away > LARGEST_SHIFT * pitch:
+        raise InputError(
+            f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
+            f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
+            f"picture whole, neither scaled nor cropped."
+        )

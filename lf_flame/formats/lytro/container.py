@@ -17,9 +17,6 @@ from lf_flame._common.input_files import check_regular, parse_json, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
-CONTAINER_SUFFIXES = (".lfp", ".lfr", ".lfx")
-"""File endings of containers, in lower or upper case."""
-
 START = b"\x89LFP\r\n\x1a\n"
 """First bytes of a container."""
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.images import read_image
-from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES, LytroPicture, read_lytro
+from lf_flame.formats.images import LYTRO_SUFFIXES, is_lytro, read_image
+from lf_flame.formats.lytro.picture import LytroPicture, read_lytro
 from lf_flame.formats.lytro.white import find_white
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
@@ -19,11 +19,6 @@ LOGGER = logging.getLogger(__name__)
 AGREEMENT = 2e-3
 """Largest difference between a grid found in a picture and that of its metadata: in the pitches,
 relative; in the rotation, in rad. Over half of an Illum's frame that is a half lenslet."""
-
-
-def is_lytro(path: str | Path) -> bool:
-    """Whether a file is a picture of a Lytro camera by its ending."""
-    return Path(path).suffix.lower() in LYTRO_SUFFIXES and not Path(path).is_dir()
 
 
 def plan_lytro(

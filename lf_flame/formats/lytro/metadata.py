@@ -1,4 +1,4 @@
-"""Metadata of a frame of a Lytro camera: sensor, lens, lenslets and colour, from JSON."""
+"""Metadata of a frame of a Lytro camera: sensor, lens and lenslets, from JSON."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.formats.nested_values import NestedValues, tables
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.sensor_images import PATTERNS
 
@@ -21,35 +20,56 @@ LAYOUTS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "rectangular"}
 LARGEST_SIDE = 1 << 16
 """Largest number of rows and of columns of a frame."""
 
-GAMMA = 0.4
-"""Exponent of the maker's pictures where the metadata state none: that of the Illum."""
+MOST = 1000
+"""Largest number of tables of a list that are looked at."""
 
 
-@dataclass(frozen=True, eq=False)
-class LytroColour:
-    """Colours of a picture, as the camera found them.
+def tables(found: Any) -> list[dict[str, Any]]:
+    """Tables in a list; none in anything else."""
+    return [one for one in found[:MOST] if isinstance(one, dict)] if isinstance(found, list) else []
 
-    Attributes
-    ----------
-    gains : ndarray of float64, shape (3,)
-        White balance: factors on red, green and blue.
-    matrix : ndarray of float64, shape (3, 3)
-        Matrix from the camera's balanced red, green and blue to linear sRGB.
-    gamma : float
-        Exponent of the maker's pictures, below 1.
-    """
 
-    gains: np.ndarray
-    matrix: np.ndarray
-    gamma: float
+class NestedValues:
+    """Values in nested tables, each at the first of several paths that leads to one."""
 
-    def render(self, image: np.ndarray) -> np.ndarray:
-        """Picture for display, 0 to 1, from linear colours of the camera, shape (..., 3).
+    def __init__(self, values: dict[str, Any], source: str | Path):
+        self.values, self.source = values, source
 
-        Values above 1 are clipped, as the maker's program does.
-        """
-        linear = np.clip(image * self.gains, 0, 1) @ self.matrix.T
-        return np.clip(linear, 0, 1).astype(np.float32) ** np.float32(self.gamma)
+    def find(self, *paths: str) -> Any:
+        """Find the value at the first path (names and slashes) that leads to one, or None."""
+        for path in paths:
+            value: Any = self.values
+            for name in path.split("/"):
+                value = value.get(name) if isinstance(value, dict) else None
+            if value is not None:
+                return value
+        return None
+
+    def text(self, *paths: str) -> str:
+        """Find a text, or an empty one if there is none."""
+        value = self.find(*paths)
+        return value.strip() if isinstance(value, str) else ""
+
+    def number(self, *paths: str) -> float | None:
+        """Find a number, or None if there is none."""
+        value = self.find(*paths)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.error(paths[0], "must be a number", value)
+        return float(value)
+
+    def within(self, low: float, high: float, *paths: str) -> float:
+        """Find a number within limits, which must be stated."""
+        value = self.number(*paths)
+        if value is None or not low <= value <= high:
+            raise self.error(paths[0], f"must be a number from {low:g} to {high:g}", value)
+        return value
+
+    def error(self, path: str, says: str, value: Any) -> InputError:
+        """Error that names the file and the path of a value."""
+        got = "nothing" if value is None else repr(value)[:60]
+        return InputError(f"{self.source}: {path} {says}, got {got}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +88,6 @@ class LytroMetadata:
         Levels of no light and of full scale of the upper left 2 x 2 pixels.
     grid : LensletGrid or None
         Lenslets where the metadata place them.
-    colour : LytroColour or None
     model, serial, firmware, date : str
         Names of camera and time; `serial` is the camera's number.
     zoom_step, focus_step : float or None
@@ -86,7 +105,6 @@ class LytroMetadata:
     black: np.ndarray
     white: np.ndarray
     grid: LensletGrid | None
-    colour: LytroColour | None
     model: str
     serial: str
     firmware: str
@@ -127,7 +145,6 @@ def parse_metadata(
         black=black,
         white=white,
         grid=_grid(tree, rows, columns),
-        colour=_colour(tree),
         model=tree.text("camera/model"),
         serial=hidden.text("camera/serialNumber") or tree.text("camera/serialNumber"),
         firmware=tree.text("camera/firmware"),
@@ -227,23 +244,3 @@ def _grid(tree: NestedValues, rows: int, columns: int) -> LensletGrid | None:
         )
     except InputError as error:
         raise InputError(f"{tree.source}: devices/mla of the Lytro metadata: {error}") from None
-
-
-def _colour(tree: NestedValues) -> LytroColour | None:
-    """White balance, matrix to sRGB and gamma, if the metadata state them."""
-    gains = [tree.number(f"image/color/whiteBalanceGain/{name}") for name in ("r", "gr", "gb", "b")]
-    matrix = tree.find("image/color/ccm", "image/color/ccmRgbToSrgbArray")
-    if None in gains or matrix is None:
-        return None
-    if not (
-        isinstance(matrix, list)
-        and len(matrix) == 9
-        and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in matrix)
-    ):
-        raise tree.error("image/color/ccm", "must be 9 numbers", matrix)
-    red, green_r, green_b, blue = (gain for gain in gains if gain is not None)
-    return LytroColour(
-        gains=np.array([red, (green_r + green_b) / 2, blue]),
-        matrix=np.array(matrix, float).reshape(3, 3),
-        gamma=tree.number("image/color/gamma") or GAMMA,
-    )

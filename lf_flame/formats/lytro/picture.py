@@ -7,25 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common.input_files import check_regular, read_text
+from lf_flame._common.input_files import check_regular, read_text, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
+from lf_flame.formats.images import CONTAINER_SUFFIXES
 from lf_flame.formats.lytro.container import (
-    CONTAINER_SUFFIXES,
     LARGEST_JSON,
     LytroContainer,
     open_container,
     parse_table,
 )
-from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
-from lf_flame.formats.lytro.pixels import BYTES_A_PIXEL, read_packed, unpack
-from lf_flame.formats.nested_values import NestedValues, tables
-
-LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")
-"""File endings of pictures of Lytro cameras, in lower or upper case."""
+from lf_flame.formats.lytro.metadata import LytroMetadata, NestedValues, parse_metadata, tables
 
 DESCRIPTIONS = (".json", ".JSON", ".txt", ".TXT")
 """File endings of the metadata beside a ``.raw`` file."""
+
+
+BYTES_A_PIXEL = 16
+"""Memory of a picture in bytes per pixel: packed, as levels, and as floats with a copy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class LytroPicture:
     Attributes
     ----------
     metadata : LytroMetadata
-        Sensor, lens, lenslets, colour and names.
+        Sensor, lens, lenslets and names.
     mosaic : ndarray of uint16, shape (rows, columns)
         Levels as the sensor counted them, one colour a pixel (`LytroMetadata.bayer`).
     source : str
@@ -191,3 +190,43 @@ def _description(path: Path) -> dict[str, Any]:
         f"{path} is packed pixels without a description: put the camera's metadata beside it as "
         f"{path.with_suffix('.json').name} (Lytro), or export the image as PNG or TIFF."
     )
+
+
+def unpack(packed: bytes, metadata: LytroMetadata, source: str | Path) -> np.ndarray:
+    """Unpack pixels of 10 bits (Illum) or 12 bits (F01) into uint16, shape (rows, columns)."""
+    check_packed(len(packed), metadata, source)
+    data = np.frombuffer(packed, np.uint8)
+    levels = _unpack_ten(data) if metadata.bits == 10 else _unpack_twelve(data)
+    return levels.reshape(metadata.shape)
+
+
+def check_packed(size: int, metadata: LytroMetadata, source: str | Path) -> None:
+    """Refuse packed pixels of another size than that of the metadata's pixels."""
+    rows, columns = metadata.shape
+    if size != metadata.packed_size:
+        raise InputError(
+            f"{source} must hold {metadata.packed_size:,} bytes, {rows} x {columns} pixels of "
+            f"{metadata.bits} bits as its metadata say, got {size:,}."
+        )
+
+
+def _unpack_ten(data: np.ndarray) -> np.ndarray:
+    """Four pixels in five bytes: the high 8 bits of each, then the low 2 bits of all four."""
+    groups = data.reshape(-1, 5)
+    levels = groups[:, :4].astype(np.uint16) << 2
+    for k in range(4):
+        levels[:, k] |= (groups[:, 4] >> 2 * k) & 3
+    return levels
+
+
+def _unpack_twelve(data: np.ndarray) -> np.ndarray:
+    """Two pixels in three bytes: the middle one holds the low 4 bits and the next high 4 bits."""
+    high, middle, low = (data[k::3].astype(np.uint16) for k in range(3))
+    return np.stack([high << 4 | middle >> 4, (middle & 15) << 8 | low], axis=-1)
+
+
+def read_packed(path: Path, metadata: LytroMetadata) -> bytes:
+    """Read the packed pixels of a ``.raw`` file, after a check of its size."""
+    check_packed(check_regular(path), metadata, path)
+    with readable(path, (OSError,)), path.open("rb") as file:
+        return file.read(metadata.packed_size)

@@ -22,8 +22,13 @@ from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.lytro.container import parse_table
 from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
-from lf_flame.formats.lytro.picture import LytroPicture
-from lf_flame.formats.lytro.pixels import BYTES_A_PIXEL, check_packed, read_packed, unpack
+from lf_flame.formats.lytro.picture import (
+    BYTES_A_PIXEL,
+    LytroPicture,
+    check_packed,
+    read_packed,
+    unpack,
+)
 
 LOGGER = logging.getLogger(__name__)
 

@@ -25,9 +25,10 @@ must exceed, so that texture is not taken for colour."""
 
 DOUBTFUL, WRONG, MOVED, CLEAR = 0.4, 0.6, 0.4, 1 / 3
 """Light between the white image's micro-images relative to that in them, from which there is a
-warning (0.02 to 0.38 where both fit) and a refusal (0.6 for a white image that is moved by a
-quarter of a pitch). A refusal also needs a gain in correlation by moving the white image, and a
-share of the raw image that shows gaps at all: a smaller aperture leaves gaps in place."""
+warning (0.01 to 0.37 where both fit, most with a flame beside the picture; 0.52 for a white image
+that is moved by 0.22 of a pitch) and a refusal (0.78 for 0.35 of a pitch). A refusal also needs a
+gain in correlation by moving the white image, and a share of the raw image that shows gaps at all:
+a smaller aperture leaves gaps in place."""
 
 SPOT = 0.25
 """Largest share of the views that is lit in a calibration with a closed aperture. An aperture that

@@ -19,9 +19,14 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.raw import checks
 from lf_flame.formats.raw._decode_kernels import resample
-from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.sensor_images import as_image, check_bayer, fitting
+from lf_flame.formats.raw.sensor_images import (
+    as_image,
+    check_bayer,
+    find_bad_pixels,
+    find_saturated,
+    fitting,
+)
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
@@ -70,36 +75,42 @@ class Lattices(NamedTuple):
 class Array(NamedTuple):
     """The lenslets, in pixels of a lattice."""
 
-    rows: np.ndarray
-    columns: np.ndarray
+    first_row: int
+    first_column: int
+    columns: int
+    """Number of lenslets along a row."""
     pitch: float
     row_pitch: float
     offset: float
     """Offset of odd rows, in pitches."""
     cos: float
     sin: float
-    down: np.ndarray
-    """Edges of the parts of a micro-image, from its centre, down a column of pixels."""
-    along: np.ndarray
-    """The same along a row of pixels."""
+    part_down: float
+    """Height of the parts of a micro-image, down a column of pixels."""
+    part_along: float
+    """Width of them along a row of pixels."""
     half_down: float
     """Largest distance of own pixels from the centre, across and along the array's rows."""
     half_along: float
     radius: float
     """Largest distance of own pixels of a round micro-image; 0 if it is square."""
     high: float
-    """Half the height and width of the pixels that are read."""
+    """Half the height of the own pixels."""
     wide: float
+    """Half the width of the pixels that parts cover."""
+    margin: int
+    """Number of lines that parts cover beyond the own pixels, above or below."""
+    reach: int
+    """Number of lines over which light goes on linearly there; corners of round micro-images, which
+    no view that counts shows, are farther."""
     shear: float
     """Displacement of parts down a column of pixels, for each pixel along."""
-    together: int
-    """Number of lines over which the array's rotation moves parts by less than a quarter pixel."""
     fewest: int
     """Smallest number of own pixels of a line that is read."""
 
 
 class Join(NamedTuple):
-    """Linear interpolation along the rows of a hexagonal array, (parity of the row, column)."""
+    """Linear interpolation along the rows of lenslets, (parity of the row, column)."""
 
     left: np.ndarray
     share: np.ndarray
@@ -111,8 +122,8 @@ class DecodePlan:
     A micro-image is divided into views x views equal parts, so that a slope does not depend on how
     many pixels it has. A view's pixel is the mean radiance of its part. It is found from the
     lenslet's own pixels alone: those that lie whole in its micro-image, which is round in a
-    hexagonal array, and are lit in the white image. Beyond them light goes on linearly for one
-    pixel. So a part's light comes from its centre also at the rim of round micro-images that
+    hexagonal array, and are lit in the white image. Beyond them light goes on linearly. So a
+    part's light comes from its centre also at the rim of round micro-images that
     touch, and none comes from a neighbour. Between pixels the light is a cubic's, which conserves
     it (Colella and Woodward 1984) and reproduces the pixels where parts coincide with them. Parts
     of a rotated array have their true centres; their edges stay parallel to the sensor's, right
@@ -209,7 +220,7 @@ class DecodePlan:
         size = self.shape[1::-1] if grid.columns else self.shape[:2]
         rows, columns = self._grid.block(size)
         self._arrays = tuple(_array(self._grid, views, n, rows, columns) for n in (1, 2))
-        self._join = _join(self._grid, len(columns))
+        self._rows, self._join = len(rows), _join(self._grid, len(columns))
         self._saturation, self._is_new = saturation, True
         self._black = None if dark is None else self._fitting(dark, "dark").astype(np.float32)
         light = None if white is None else self._fitting(white, "white")
@@ -292,11 +303,9 @@ class DecodePlan:
         lattices = self._lattices
         if self.bayer is None and image.shape[2] < lattices.top.size:  # grey, for all channels
             lattices = _lattices(self._grid, None, 1)
-        size = self._join.left.shape[1] if self._join.left.size else self._arrays[0].columns.size
         channels = 1 + int(lattices.channel.max())
-        out = np.empty(
-            (self.views, self.views, self._arrays[0].rows.size, size, channels), np.float32
-        )
+        size = self._rows, self._join.left.shape[1]
+        out = np.empty((self.views, self.views, *size, channels), np.float32)
         black, gain = (NONE if one is None else one for one in (black, gain))
         resample(image, black, gain, lattices, self._arrays, self._join, out)
         if not self.grid.columns:
@@ -329,7 +338,10 @@ class DecodePlan:
             np.divide(most, pixels, out=gain[at], where=is_lit)
         self._gain = gain
         share = self._resample((gain > 0).astype(np.float32), None, None)
-        lit = np.array([[np.median(one[seen]) for one in row] for row in share]) >= LEAST_SHARE
+        # In each colour: where one has no lit pixels, light from farther inside is in its place,
+        # which makes slopes smaller.
+        lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
+        lit = lit >= LEAST_SHARE
         self._lit = lit
         if self._grid.pitch >= 5 and lit.sum() < 9:
             checks.refuse_spots(lit)
@@ -428,35 +440,39 @@ def _array(
     the next along a pixel row, and as high as that along a pixel column.
     """
     cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
-    height, width = (side / step for side in grid.window)
-    borders = np.arange(views + 1) / views - 0.5
+    tan, height, width = abs(sin / cos), *(side / step for side in grid.window)
     half_down, half_along = (max(side / 2 - (0.5 - SLACK) / step, 0.5) for side in (height, width))
     is_round = grid.layout == "hexagonal"
+    covered = (cos * height + abs(sin) * width) / 2
+    high = half_along if is_round else cos * half_down + abs(sin) * half_along
     return Array(
-        rows=rows,
-        columns=columns,
+        first_row=int(rows[0]),
+        first_column=int(columns[0]),
+        columns=len(columns),
         pitch=grid.pitch / step,
         row_pitch=grid.row_pitch / step,
         offset=0.5 if is_round else 0.0,
         cos=cos,
         sin=sin,
-        down=borders * height * cos,
-        along=borders * width / cos,
+        part_down=height * cos / views,
+        part_along=width / cos / views,
         half_down=half_down,
         half_along=half_along,
         radius=half_along if is_round else 0.0,
-        high=(cos * height + abs(sin) * width) / 2 + 0.75,
-        wide=(width / cos + abs(sin / cos) * (cos * height + abs(sin) * width)) / 2 + 0.75,
+        high=high,
+        wide=width / cos / 2 + tan * covered + 0.75,
+        margin=math.ceil(covered - high) + 1,
+        reach=2 if is_round else 3 + math.ceil(abs(sin) * width),
         shear=sin * cos,
-        together=1 + int(min(0.25 / max(abs(sin / cos), 1e-3), 250)),
         fewest=2 if half_along >= 1.5 else 1,
     )
 
 
 def _join(grid: LensletGrid, columns: int) -> Join:
     """Interpolate a hexagonal array to a square grid that both kinds of rows share."""
-    if grid.layout == "rectangular":
-        return Join(np.empty((0, 0), np.int64), np.empty((0, 0), np.float32))
+    if grid.layout == "rectangular":  # as they are
+        left = np.tile(np.arange(columns), (2, 1))
+        return Join(left, np.zeros(left.shape, np.float32))
     spacing = grid.row_pitch / grid.pitch
     count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0
     if count < 1:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.formats.images import read_image
-from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
+from lf_flame.formats.images import is_lytro, read_image
+from lf_flame.formats.lytro.decoding import plan_lytro
 from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
