@@ -36,10 +36,6 @@ TRUSTED = 0.2
 RESOLVED = 1.0
 """Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
 
-DISAGREEING = 0.3
-"""Shift of the outermost view, in lenslets, between the slope and that of the least plain
-difference, from which the slope is not certain."""
-
 MAP_STEPS = 33
 """Number of slopes in the stack from which commands and pages make a slope map."""
 
@@ -156,22 +152,10 @@ def _matched(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Slopes at which compared views match best, their confidence, the guide, and the limit."""
     slopes, limit = compared.slopes, compared.limit()
-    costs, plain = compared.costs(limit)
+    costs = compared.costs(limit)
     best = slopes[costs.argmin(axis=2)]
     guide = _guide(_middle(as_views(light_field), best))
-    slope, confidence = choose_slopes(costs, slopes, guide, window, distinct_by(weights))
-    apart = np.abs(slope - _least(plain, slopes)) > DISAGREEING * distinct_by(weights)
-    return slope, np.where(apart, 0.0, confidence), guide, limit
-
-
-def _least(costs: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Slope of the least of costs[t, s, n], by a parabola through three."""
-    k = np.clip(costs.argmin(axis=2), 1, len(slopes) - 2)[..., None]
-    before, own, after = (np.take_along_axis(costs, k + i, axis=2)[..., 0] for i in (-1, 0, 1))
-    bend = np.maximum(before + after - 2 * own, np.finfo(np.float32).tiny)
-    return slopes[k[..., 0]] + (slopes[1] - slopes[0]) * np.clip(
-        (before - after) / (2 * bend), -1, 1
-    )
+    return *choose_slopes(costs, slopes, guide, window, distinct_by(weights)), guide, limit
 
 
 def distinct_by(weights: np.ndarray) -> float:

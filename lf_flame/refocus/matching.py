@@ -24,7 +24,7 @@ which pulls slopes towards them.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
@@ -62,9 +62,6 @@ LEAST_KNOWN = 0.05
 
 SLOPE_WINDOW = 3.0
 """Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
-
-PLAIN_WINDOW = 1.5
-"""Standard deviation of the Gaussian under which plain differences are averaged, in lenslets."""
 
 SAMPLED_ROWS = 32
 """Approximate number of rows from which noise and levels are estimated."""
@@ -174,22 +171,20 @@ class ComparedViews:
         least, _, contrast = self._best()
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
-    def costs(self, limit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mismatch of the views at each pixel and slope, float32, shape (t, s, n), twice.
+    def costs(self, limit: float) -> np.ndarray:
+        """Mismatch of the views at each pixel and slope, float32, shape (t, s, n).
 
-        First costs from 0 for equal views to about 1, where no difference counts beyond `limit`;
-        then plain mean differences of all views, under a Gaussian.
+        It is 0 for equal views, and about 1 where all differ by `limit` or more.
         """
         slopes, (height, width) = self.slopes, self.views.shape[2:]
         shares, margins = sides(self.counts)
-        costs, plain = np.empty((2, height, width, len(slopes)), np.float32)
+        costs = np.empty((height, width, len(slopes)), np.float32)
         line = np.empty((height, width), np.float32)
         for n, slope in enumerate(progress.steps(slopes, "matching views", len(slopes), "slope")):
             parts = self._differences(float(slope), np.arange(height), limit)[0]
             _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
             costs[..., n] = line
-            plain[..., n] = gaussian_filter(parts[:, 9], PLAIN_WINDOW) / self.counts.sum()
-        return costs, plain
+        return costs
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""

@@ -13,7 +13,7 @@ SLOPES = np.linspace(-1.0, 1.0, 9)
 
 def match_views(views, slopes):
     compared = matching.ComparedViews(views, slopes, np.ones(views.shape[:2]))
-    return compared.costs(compared.limit())[0]
+    return compared.costs(compared.limit())
 
 
 def moved(picture, slope, views=(5, 5)):
