@@ -163,7 +163,7 @@ def _read_view(some, slope, v, u, t, s, down_taps, across_taps):
         p = 2 * (t + slope * (v - (rows - 1) / 2)) / max(height - 1, 1) - 1
         q = 2 * (s + slope * (u - (columns - 1) / 2)) / max(width - 1, 1) - 1
         own = some.levels[v, u]
-        level = (own[0] + p * (own[1] + p * own[3]) + q * (own[2] + p * own[4] + q * own[5]))
+        level = own[0] + p * (own[1] + p * own[3]) + q * (own[2] + p * own[4] + q * own[5])
         value, along_t, along_s = level * value, level * along_t, level * along_s
     return value, along_t, along_s
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from lf_flame._common.threads import parallel
 
-STEP, JUMP = 0.1, 0.6
+STEP, JUMP = 0.16, 0.6
 """Costs of a change of slope by one step of the search, and of a larger change."""
 
 EDGE = 8.0
