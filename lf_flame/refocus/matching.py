@@ -63,7 +63,7 @@ LEAST_KNOWN = 0.05
 SLOPE_WINDOW = 3.0
 """Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
 
-SAMPLED_ROWS = 32
+SAMPLED_ROWS = 16
 """Approximate number of rows from which noise and levels are estimated."""
 
 TAPS = 4

@@ -97,17 +97,18 @@ def _fit_views(t, slope, some, unit, limit, numerator, denominator):
     some: `lf_flame.refocus.matching.WeightedViews`; unit: factor of all views.
     """
     rows, columns, height, width = some.views.shape
-    down_taps, across_taps = np.empty((rows, 3, 4)), np.empty((columns, 3, 4))
+    y, y_taps = np.empty((rows, 4), np.uint64), np.empty((rows, 8), np.float32)
+    x, x_taps = np.empty((columns, 4), np.uint64), np.empty((columns, 8), np.float32)
     for s in range(width):
         for v in range(rows):
-            _place_taps(t + slope[t, s] * (v - (rows - 1) / 2), height, down_taps[v])
+            _place_taps(t + slope[t, s] * (v - (rows - 1) / 2), height, y[v], y_taps[v])
         for u in range(columns):
-            _place_taps(s + slope[t, s] * (u - (columns - 1) / 2), width, across_taps[u])
+            _place_taps(s + slope[t, s] * (u - (columns - 1) / 2), width, x[u], x_taps[u])
         middle, count = 0.0, 0.0
         for v in range(rows):
             for u in range(columns):
                 if some.middle_weights[v, u] > 0:
-                    read = _read_view(some, slope[t, s], v, u, t, s, down_taps[v], across_taps[u])
+                    read = _read_view(some, slope[t, s], v, u, t, s, y, y_taps, x, x_taps)
                     middle += some.middle_weights[v, u] * unit * read[0]
                     count += some.middle_weights[v, u]
         middle /= count
@@ -119,7 +120,7 @@ def _fit_views(t, slope, some, unit, limit, numerator, denominator):
                 if some.weights[v, u] == 0:
                     continue
                 across = u - (columns - 1) / 2
-                read = _read_view(some, slope[t, s], v, u, t, s, down_taps[v], across_taps[u])
+                read = _read_view(some, slope[t, s], v, u, t, s, y, y_taps, x, x_taps)
                 apart = unit * read[0] - middle
                 fit = 1 / (1 + (apart / limit) ** 2)
                 fit *= fit * some.weights[v, u]
@@ -146,30 +147,30 @@ def _fit_views(t, slope, some, unit, limit, numerator, denominator):
 
 
 @njit
-def _read_view(some, slope, v, u, t, s, down_taps, across_taps):
+def _read_view(some, slope, v, u, t, s, y, y_taps, x, x_taps):
     """Read view (v, u) where it shows pixel (t, s): value, and derivatives along t and s."""
-    rows, columns, height, width = some.views.shape
-    value, along_t, along_s, view = 0.0, 0.0, 0.0, some.views[v, u]
+    value, along_t, along_s = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    view, at, taps = some.views[v, u], x[u], x_taps[u]
     for a in range(4):
-        line, part, change = view[int(down_taps[0, a])], 0.0, 0.0
-        for b in range(4):
-            lenslet = line[int(across_taps[0, b])]
-            part += across_taps[1, b] * lenslet
-            change += across_taps[2, b] * lenslet
-        value += down_taps[1, a] * part
-        along_t += down_taps[2, a] * part
-        along_s += down_taps[1, a] * change
+        line = view[y[v, a]]
+        i, j, k, m = line[at[0]], line[at[1]], line[at[2]], line[at[3]]
+        part = taps[0] * i + taps[1] * j + taps[2] * k + taps[3] * m
+        value += y_taps[v, a] * part
+        along_t += y_taps[v, a + 4] * part
+        along_s += y_taps[v, a] * (taps[4] * i + taps[5] * j + taps[6] * k + taps[7] * m)
     if not some.even:
+        rows, columns, height, width = some.views.shape
         p = 2 * (t + slope * (v - (rows - 1) / 2)) / max(height - 1, 1) - 1
         q = 2 * (s + slope * (u - (columns - 1) / 2)) / max(width - 1, 1) - 1
         own = some.levels[v, u]
         level = own[0] + p * (own[1] + p * own[3]) + q * (own[2] + p * own[4] + q * own[5])
+        level = np.float32(level)
         value, along_t, along_s = level * value, level * along_t, level * along_s
     return value, along_t, along_s
 
 
 @njit
-def _place_taps(place, length, taps):
+def _place_taps(place, length, index, taps):
     """Lenslets that the cubic B-spline reads for a place, their weights, and their derivatives.
 
     Beyond the edges the edge is read.
@@ -178,12 +179,12 @@ def _place_taps(place, length, taps):
     f = place - whole
     g = 1.0 - f
     for a in range(4):
-        taps[0, a] = min(max(whole - 1 + a, 0), length - 1)
-    taps[1, 0], taps[1, 3] = g * g * g / 6, f * f * f / 6
-    taps[1, 1] = (4 - 6 * f * f + 3 * f * f * f) / 6
-    taps[1, 2] = (4 - 6 * g * g + 3 * g * g * g) / 6
-    taps[2, 0], taps[2, 3] = -g * g / 2, f * f / 2
-    taps[2, 1], taps[2, 2] = f * (f * 1.5 - 2), g * (2 - g * 1.5)
+        index[a] = min(max(whole - 1 + a, 0), length - 1)
+    taps[0], taps[3] = g * g * g / 6, f * f * f / 6
+    taps[1] = (4 - 6 * f * f + 3 * f * f * f) / 6
+    taps[2] = (4 - 6 * g * g + 3 * g * g * g) / 6
+    taps[4], taps[7] = -g * g / 2, f * f / 2
+    taps[5], taps[6] = f * (f * 1.5 - 2), g * (2 - g * 1.5)
 
 
 @parallel(lambda slope: len(slope))
