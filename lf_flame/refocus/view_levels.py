@@ -19,7 +19,7 @@ FEWEST = 100
 """Smallest number of pixels with which a view's level is fitted."""
 
 TURNS = 12
-"""Largest number of repeated fits of a level; with fewer, places occluded in one view still bias it."""
+"""Largest number of fits of a level; with fewer, places occluded in one view still bias it."""
 
 SETTLED = 1e-4
 """Largest change of a level that ends the fits."""
