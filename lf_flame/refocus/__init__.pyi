@@ -1,6 +1,5 @@
 from ._arguments import farthest_slope as farthest_slope
 from .alignment import align_views as align_views
-from .aperture import annular_aperture as annular_aperture
 from .aperture import aperture_weights as aperture_weights
 from .aperture import f_number_aperture as f_number_aperture
 from .aperture import round_aperture as round_aperture

@@ -11,7 +11,6 @@ from lf_flame.errors import InputError
 from lf_flame.refocus import (
     align_views,
     all_in_focus,
-    annular_aperture,
     aperture_weights,
     find_sharpest_slope,
     find_sharpest_slopes,
@@ -129,7 +128,7 @@ REFUSED = [
         (partial(round_aperture, (3, 3), width), "finite width above 0")
         for width in (0.0, -1.0, INF, NAN)
     ),
-    (partial(annular_aperture, (3, 3), 0.7, 0.5), "below its outer width"),
+    (partial(aperture_weights, (3, 3), 0.5, 0.7), "below its outer width"),
     *((partial(aperture_weights, (5, 5), **options), said) for options, said in APERTURES),
     *(
         (partial(make, WIDE, [0.0, 0.5, 1.0], weights=weights), said)
