@@ -18,4 +18,3 @@ from .shift import shift_and_sum as shift_and_sum
 from .surface import planar_slopes as planar_slopes
 from .surface import refocus_surface as refocus_surface
 from .surface import region_slopes as region_slopes
-from .surface import tilted_plane as tilted_plane

@@ -77,12 +77,11 @@ class FocusMap:
         Slope of each pixel, in lenslets per view step: mean of its own and of neighbours of similar
         brightness with about the same slope.
     confidence : ndarray of float64, shape (t, s)
-        Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of similar
-        neighbours that agree, times their mean trust: by how much a slope's cost is below those of
-        distinct slopes, how sharp the minimum is, and how low. 0 where the best slope is the first
-        or last, where the neighbours choose another, and where the plain mean difference from the
-        central view is least elsewhere (by 0.3 lenslets in the outermost view), as beside outlines
-        and highlights and on smooth shading.
+        Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of neighbours of
+        similar brightness whose own best slope agrees, to 0.3 lenslets in the outermost view,
+        minus the share of the others; 0 where these are more. Best slopes that are the first or
+        last agree with none. Texture that repeats, and reflections that glide over a smooth
+        surface, agree on wrong slopes.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Image with every pixel refocused at its slope.
     """

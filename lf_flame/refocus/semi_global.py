@@ -6,6 +6,8 @@ change by one step costs a little, a jump costs more, and least across edges of 
 over the paths wins, refined by a parabola through the costs. Then each pixel takes the slope for
 which most neighbours of similar brightness vote, as their mean (a weighted mode): this removes
 single wrong slopes and averages noise, without inventing a surface halfway between two others.
+The slope is as certain as the best slopes of single pixels around it agree: how deep their minima
+are says little, because outlines and highlights have deep ones, and smooth shading has none.
 
 All loops gather in a fixed order; the bits do not depend on the number of threads.
 """

@@ -19,7 +19,6 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from lf_flame._common.arrays import centred
 from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus._arguments import (
     Views,
     as_readable,
@@ -141,52 +140,6 @@ def planar_slopes(
         raise InputError(f"gradient must be two numbers, along t and along s, got {gradient}.")
     slopes = at + gradient[0] * centred(height)[:, None] + gradient[1] * centred(width)
     return _as_slope_maps(slopes, (height, width))
-
-
-def tilted_plane(
-    camera: PlenopticCamera, *, depth_mm: float, tilt_rad: Sequence[float] | np.ndarray
-) -> np.ndarray:
-    """Slope map of a plane in object space, ``depth = depth_mm + y tan(tilt_t) + x tan(tilt_s)``.
-
-    It is exact: the slope is linear in the inverse distance, and along the rays of the central
-    view, ``x = Z s pitch / i0``, the inverse distance of a plane is linear in s (like a plane's
-    disparity: Hartley and Zisserman, Multiple View Geometry, chapter 13). The slope changes by
-    ``view_step tan(tilt) / Z`` per lenslet, with Z the distance of the plane from the main lens.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera
-        Camera; its recorded lenslets give the shape of the map.
-    depth_mm : float
-        Depth of the plane on the optical axis, from the focal plane.
-    tilt_rad : (float, float)
-        Tilt away from the camera in rad, downward (t) and to the right (s), within pi/2.
-
-    Returns
-    -------
-    ndarray of float64, shape (t, s)
-
-    Raises
-    ------
-    InputError
-        If the plane is not in front of the main lens, or a tilt reaches pi/2.
-
-    Examples
-    --------
-    >>> from lf_flame import PAPER_CAMERA
-    >>> from lf_flame.refocus import tilted_plane
-    >>> slopes = tilted_plane(PAPER_CAMERA, depth_mm=0.0, tilt_rad=(0.0, 0.2))
-    >>> slopes.shape
-    (270, 540)
-    >>> bool(slopes[0, 0] < 0 < slopes[0, -1])  # nearer on the left, farther on the right
-    True
-    """
-    at = camera.depth_to_slope(depth_mm)
-    tilts = np.asarray(tilt_rad, float)
-    if tilts.shape != (2,) or not np.all(np.abs(tilts) < np.pi / 2):
-        raise InputError(f"tilt_rad must be two angles within pi/2, (t, s), got {tilt_rad}.")
-    per_lenslet = np.tan(tilts) * camera.view_step_mm / (camera.pupil_distance_mm + depth_mm)
-    return planar_slopes(camera.lenslets, at, gradient=per_lenslet)
 
 
 def region_slopes(

@@ -22,7 +22,6 @@ from lf_flame.refocus import (
     region_slopes,
     round_aperture,
     shift_and_sum,
-    tilted_plane,
 )
 
 FLAT = np.ones((3, 3, 4, 5))
@@ -178,10 +177,6 @@ REFUSED = [
     *(
         (partial(region_slopes, (4, 5), regions, **{"background": 0.0, **options}), said)
         for regions, options, said in REGIONS
-    ),
-    (
-        partial(tilted_plane, PAPER_CAMERA, depth_mm=0.0, tilt_rad=(0.0, np.pi / 2)),
-        "within pi/2",
     ),
     *((partial(LightField, np.ones((2, 2, 2, 3)), valid=mask), said) for mask, said in MASKS),
 ]

@@ -111,15 +111,6 @@ def test_views_of_weight_0_are_not_read(rng):
         shift_and_sum(views, 0.7)
 
 
-def test_one_weight_picks_one_view(rng):
-    views = rng.uniform(size=(3, 4, 8, 9)).astype(np.float32)
-    weights = np.zeros((3, 4))
-    weights[1, 2] = 0.3
-    np.testing.assert_allclose(
-        shift_and_sum(views, 2.0, weights=weights)[:, :-1], views[1, 2, :, 1:], rtol=1e-6
-    )
-
-
 def test_whole_slope_equals_shifted_copies(rng):
     views = rng.uniform(size=(3, 5, 20, 24)).astype(np.float32)
     rolled = [
@@ -132,11 +123,6 @@ def test_whole_slope_equals_shifted_copies(rng):
     np.testing.assert_allclose(found[inside], np.mean(rolled, axis=0)[inside], rtol=1e-6)
 
 
-def test_slope_zero_is_the_plain_mean(rng):
-    views = rng.uniform(size=(4, 4, 6, 7)).astype(np.float32)
-    np.testing.assert_allclose(shift_and_sum(views, 0), views.mean(axis=(0, 1)), rtol=1e-6)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [(5, 5), (3, 3), (7, 3), (9, 9)])
 def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
@@ -144,21 +130,6 @@ def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
     views = rng.integers(0, 256, (*shape, 12, 14)).astype(np.uint8)
     expected = (views.sum(axis=(0, 1)) / np.prod(shape)).astype(np.float32)
     np.testing.assert_array_equal(shift_and_sum(views, 0), expected)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("start", "reach", "size", "channels"), [(20, 3, 16, 1), (0, 3, 16, 1), (30, 6, 30, 3)]
-)
-def test_a_cut_line_leaves_what_is_beside_it_alone(start, reach, size, channels):
-    """Its own pixels are those of the line, the edges repeated, and the rest stays."""
-    line = np.arange(1.0, 200, dtype=np.float32)[:42]
-    lines, base = np.full(150, -1, np.float32), 25
-    _kernels.cut_line(line, start, reach, channels, lines, base, size)
-    at = np.arange(start - reach, start - reach + size)
-    pixel = np.clip(at // channels, 0, line.size // channels - 1)
-    np.testing.assert_array_equal(lines[base : base + size], line[pixel * channels + at % channels])
-    assert np.all(np.delete(lines, np.s_[base : base + size]) == -1)
 
 
 def test_constant_light_field_keeps_its_value():
@@ -174,26 +145,12 @@ def test_flux_of_a_bounded_object_is_kept():
         np.testing.assert_allclose(refocus(views, [0.7, -1.9]).sum(axis=(1, 2)), 40, rtol=1e-5)
 
 
-def test_slopes_come_out_in_the_order_asked_for(rng):
-    views = rng.uniform(size=(3, 3, 8, 8)).astype(np.float32)
-    stack = shift_and_sum(views, [1.5, -0.5])
-    assert stack.shape == (2, 8, 8)
-    assert stack.dtype == np.float32
-    np.testing.assert_array_equal(stack[1], shift_and_sum(views, -0.5))
-
-
 def test_colour_is_refocused_channel_by_channel(rng):
     views = rng.uniform(size=(3, 3, 8, 9, 3)).astype(np.float32)
     for refocus in (shift_and_sum, fourier_refocus):
         stack = refocus(LightField(views), [0.5])
         assert stack.shape == (1, 8, 9, 3)
         np.testing.assert_array_equal(stack[..., 1], refocus(views[..., 1], [0.5]))
-
-
-def test_nearest_rounds_each_shift(rng):
-    views = rng.uniform(size=(3, 3, 10, 10)).astype(np.float32)
-    rounded = shift_and_sum(views, 0.7, interpolation="nearest")  # shifts -0.7, 0, 0.7
-    np.testing.assert_array_equal(rounded, shift_and_sum(views, 1.0))
 
 
 @pytest.mark.parametrize("slope", [1.0, -1.0, 3.0])
@@ -226,26 +183,6 @@ def test_a_layer_is_sharpest_at_its_slope(depth, rng):
     scene = Scene([Layer(rng.uniform(size=(9, 9)), depth, (5.0, 5.0))])
     found = find_sharpest_slope(render(scene, camera), np.arange(-100, 101) * 0.05)
     assert found.slope == pytest.approx(camera.depth_to_slope(depth), abs=0.02)
-
-
-@pytest.mark.jit
-@pytest.mark.slow
-@given(slope=st.floats(-1.4, 1.4), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
-def test_search_is_not_drawn_to_whole_slopes(slope, seed):
-    """Smooth random pattern, displaced exactly by a planted slope."""
-    n = 72
-    rng = np.random.default_rng(seed)
-    k = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :])
-    spectrum = np.fft.rfft2(rng.normal(size=(n, n))) * np.exp(-((k / 0.12) ** 2))
-    ramps = np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :]
-    views = np.empty((5, 5, n, n))
-    for v in range(5):
-        for u in range(5):
-            phase = -2j * np.pi * slope * ((v - 2) * ramps[0] + (u - 2) * ramps[1])
-            views[v, u] = np.fft.irfft2(spectrum * np.exp(phase), (n, n))
-    found = find_sharpest_slope(views, np.arange(-40, 41) * 0.05, region=(16, 56, 16, 56))
-    assert found.slope == pytest.approx(slope, abs=0.02)
 
 
 def test_the_package_refocuses_when_called_and_pictures_are_written(tmp_path, rng):
