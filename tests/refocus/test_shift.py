@@ -18,26 +18,21 @@ from lf_flame.refocus import (
 )
 
 SHAPES = st.tuples(*[st.integers(1, n) for n in (4, 9, 9, 24)])
-TYPES = st.sampled_from(["uint8", "uint16", "float16", "float32", "float64", "int32", ">f4"])
+TYPES = st.sampled_from(["uint8", "float32", "float64", ">f4"])
 
 
 @st.composite
 def light_fields(draw, shapes=SHAPES, types=TYPES):
-    """Views of any type, and of any layout in memory: transposed, sliced, reversed.
-
-    Only those of uint16 are read-only: a kernel is compiled for each type with and without.
-    """
+    """Views of some types, and of any layout in memory: transposed, sliced, reversed."""
     shape, dtype = draw(shapes), np.dtype(draw(types))
     stride = draw(st.tuples(*[st.sampled_from([1, 2, -1])] * 4))
     order = draw(st.permutations(range(4)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     whole = np.empty([shape[i] * abs(stride[i]) for i in order])
     values = rng.uniform(size=whole.shape) * (1 if dtype.kind == "f" else 250)
-    views = values.astype(dtype).transpose(np.argsort(order))[
+    return values.astype(dtype).transpose(np.argsort(order))[
         tuple(slice(None, None, k) for k in stride)
     ]
-    views.flags.writeable = dtype != np.uint16
-    return views
 
 
 @pytest.mark.slow
@@ -83,10 +78,10 @@ def test_views_of_8_and_16_bits_are_not_copied(rng, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["uint16", "float32"])
-def test_a_raw_image_gives_the_bits_of_its_views_on_any_number_of_threads(dtype, rng):
-    """Under each lenslet stand 4 x 3 pixels; the last slopes shift views out of the image."""
-    raw = rng.integers(0, 4000, size=(11 * 4, 7 * 3)).astype(dtype)
+def test_a_raw_image_gives_the_bits_of_its_views_on_any_number_of_threads(rng):
+    """Read-only, 4 x 3 pixels under a lenslet; the last slopes shift views out of the image."""
+    raw = rng.integers(0, 4000, size=(11 * 4, 7 * 3)).astype(np.uint16)
+    raw.flags.writeable = False
     views = raw.reshape(11, 4, 7, 3).transpose(1, 3, 0, 2)
     slopes = [0.0, 1.3, -2.28, 5.5, -40.0]
     expected = [reference.shift_and_sum(views, slope) for slope in slopes]
