@@ -28,6 +28,9 @@ deviations of the guide image."""
 ALIKE = 0.3
 """Difference of brightness at which a vote counts half."""
 
+BENT = 1e-3
+"""Smallest curvature of the costs at a best slope: in darkness without noise, rounding makes less."""
+
 MUTE = 0.05
 """Weight of a vote for the first or last slope, or of a pixel without a best one, beside others."""
 
@@ -130,7 +133,7 @@ def _pick(t, costs, sums, place, inside):
         if 0 < k < count - 1:
             before, own, after = costs[t, s, k - 1], costs[t, s, k], costs[t, s, k + 1]
             bend = before + after - 2 * own
-            if bend > 0:
+            if bend > BENT:
                 off = (before - after) / (2 * bend)
                 place[t, s] = k + min(max(off, np.float32(-0.5)), np.float32(0.5))
                 inside[t, s] = True
