@@ -10,10 +10,10 @@ from .focus_map import all_in_focus as all_in_focus
 from .focus_map import find_slope_range as find_slope_range
 from .fourier import fourier_refocus as fourier_refocus
 from .fourier import fourier_slice as fourier_slice
+from .methods import refocus as refocus
 from .search import SlopeSearch as SlopeSearch
 from .search import find_sharpest_slope as find_sharpest_slope
 from .search import find_sharpest_slopes as find_sharpest_slopes
-from .shift import refocus as refocus
 from .shift import shift_and_sum as shift_and_sum
 from .surface import planar_slopes as planar_slopes
 from .surface import refocus_surface as refocus_surface

@@ -29,7 +29,7 @@ ALIKE = 0.3
 """Difference of brightness at which a vote counts half."""
 
 BENT = 1e-3
-"""Smallest curvature of the costs at a best slope: in darkness without noise, rounding makes less."""
+"""Smallest curvature of the costs at a best slope; in darkness without noise it is less."""
 
 MUTE = 0.05
 """Weight of a vote for the first or last slope, or of a pixel without a best one, beside others."""
