@@ -132,7 +132,7 @@ def hard_cases(out: Path) -> None:
 )
 @out_option("slope_maps")
 def slope_maps(real: Path, out: Path) -> None:
-    """Compare the slope map, and two plain methods, with true slopes; about ten minutes.
+    """Compare the slope map, and the plainest method, with true slopes; about ten minutes.
 
     Real scenes first, then rendered table tops, then photographs on surfaces.
     """

@@ -12,7 +12,7 @@ from io import BytesIO
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
 SIZE = (128, 160)
@@ -177,6 +177,7 @@ class Kind:
     noise: float = 0.003  # standard deviation, relative to white
     jpeg: int = 0  # quality of the compression; 0: none
     uneven: float = 0.0  # largest loss of light at the rim; the views' gains vary by a fifth of it
+    smooth: bool = False  # large shapes of the photographs, and 3 % of their texture
     transparent: bool = False  # the mean of two scenes: no pixel has one slope
 
 
@@ -185,6 +186,7 @@ KINDS: Mapping[str, Kind] = {
     "curved surfaces": Kind(curved),
     "thin things": Kind(thin),
     "occlusions": Kind(occluded),
+    "smooth shading": Kind(shadowed, smooth=True),
     "shadow": Kind(shadowed),
     "gloss": Kind(glossy),
     "noise": Kind(mixed, noise=0.02),
@@ -207,6 +209,8 @@ def make_sample(kind: Kind, seed: int, pictures: list[np.ndarray]) -> tuple[np.n
     """Draw a scene and render it: views uint8 [v, u, t, s], slopes [t, s]; NaN: no one slope."""
     rng = np.random.default_rng(seed)
     steps = np.arange(kind.views) - (kind.views - 1) / 2
+    if kind.smooth:
+        pictures = [gaussian_filter(x, 12) + 0.03 * (x - gaussian_filter(x, 3)) for x in pictures]
     scenes = [kind.draw(rng, pictures) for _ in range(1 + kind.transparent)]
     views = np.mean([[[render_view(one, v, u) for u in steps] for v in steps] for one in scenes], 0)
     v, u = np.meshgrid(steps / steps[-1], steps / steps[-1], indexing="ij")

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lf_flame._common.arrays import centred
-from lf_flame.refocus.interpolation import shift_taps
-from lf_flame.refocus.shift import view_shifts
+from lf_flame.refocus.shift import shift_taps, view_shifts
 
 
 class LineSums(NamedTuple):

@@ -1,12 +1,13 @@
 from ._arguments import farthest_slope as farthest_slope
 from .alignment import align_views as align_views
-from .aperture import annular_aperture as annular_aperture
 from .aperture import aperture_weights as aperture_weights
 from .aperture import f_number_aperture as f_number_aperture
 from .aperture import round_aperture as round_aperture
 from .aperture import sparse_aperture as sparse_aperture
 from .focus_map import FocusMap as FocusMap
+from .focus_map import SlopeRange as SlopeRange
 from .focus_map import all_in_focus as all_in_focus
+from .focus_map import find_slope_range as find_slope_range
 from .fourier import fourier_refocus as fourier_refocus
 from .fourier import fourier_slice as fourier_slice
 from .methods import refocus as refocus
@@ -14,9 +15,6 @@ from .search import SlopeSearch as SlopeSearch
 from .search import find_sharpest_slope as find_sharpest_slope
 from .search import find_sharpest_slopes as find_sharpest_slopes
 from .shift import shift_and_sum as shift_and_sum
-from .slope_range import SlopeRange as SlopeRange
-from .slope_range import find_slope_range as find_slope_range
 from .surface import planar_slopes as planar_slopes
 from .surface import refocus_surface as refocus_surface
 from .surface import region_slopes as region_slopes
-from .surface import tilted_plane as tilted_plane

@@ -19,7 +19,7 @@ from lf_flame.refocus._arguments import (
     for_slopes,
     refuse_not_finite,
 )
-from lf_flame.refocus.interpolation import shift_taps
+from lf_flame.refocus.shift import shift_taps
 
 
 def align_views(

@@ -137,29 +137,6 @@ def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, in
     return weights
 
 
-def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -> np.ndarray:
-    """Weights of views for a ring: a round aperture with its centre covered.
-
-    Parameters
-    ----------
-    views : (int, int)
-        Number of views along v and u.
-    inner, outer : float
-        Diameters in widths of the full aperture, inner below outer.
-
-    Returns
-    -------
-    ndarray of float64, shape (v, u), values from 0 to 1
-
-    Examples
-    --------
-    >>> from lf_flame.refocus import annular_aperture
-    >>> float(annular_aperture((9, 9), 0.5)[4, 4])  # the middle is covered
-    0.0
-    """
-    return aperture_weights(views, outer, inner)
-
-
 def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
     """Weights of views for the depth of field of an ordinary camera at an f-number.
 

@@ -1,4 +1,4 @@
-"""Slope map of a light field, and the image with everything in focus.
+"""Slope map of a light field, image with everything in focus, and the range of slopes.
 
 The slope of a pixel is the one at which the views that see its place match the central view
 (`lf_flame.refocus.matching`), chosen together with those of its surroundings, guided by the image
@@ -22,12 +22,14 @@ from lf_flame.refocus._arguments import (
     as_steps,
     as_views,
     as_weights,
+    farthest_slope,
     refuse_uncounted,
 )
-from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews, as_grey
 from lf_flame.refocus.refinement import refine_slopes
+from lf_flame.refocus.search import find_sharpest_slopes
 from lf_flame.refocus.semi_global import choose_slopes
+from lf_flame.refocus.shift import check_interpolation
 from lf_flame.refocus.surface import refocus_surface
 
 TRUSTED = 0.2
@@ -36,12 +38,30 @@ TRUSTED = 0.2
 RESOLVED = 1.0
 """Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
 
-DISAGREEING = 0.3
-"""Shift of the outermost view, in lenslets, between the slope and that of the least plain
-difference, from which the slope is not certain."""
-
 MAP_STEPS = 33
 """Number of slopes in the stack from which commands and pages make a slope map."""
+
+SIDE = 192
+"""Approximate longer side of the reduced views in lenslets; the range needs no more."""
+
+TILE = 12
+"""Smallest side of a tile in reduced lenslets."""
+
+CERTAIN, ALONE = 0.5, 0.9
+"""Smallest confidence of a tile that counts: if a neighbour agrees, and if none does."""
+
+AGREEING = 0.5
+"""Largest difference of slope of neighbours that agree. At an outline a tile may be wrong."""
+
+MARGIN = 0.3
+"""Smallest slope added to the range on both sides: a peak at an end would not be trusted."""
+
+BEYOND = 1.2
+"""Smallest margin, in differences of slope that the views can distinguish. A slope is certain only
+by comparison with one that differs as much; of a single plane, all such are in the margin."""
+
+FEWEST = 0.25
+"""Smallest fraction of certain tiles with which the range is certain."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,12 +77,11 @@ class FocusMap:
         Slope of each pixel, in lenslets per view step: mean of its own and of neighbours of similar
         brightness with about the same slope.
     confidence : ndarray of float64, shape (t, s)
-        Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of similar
-        neighbours that agree, times their mean trust: by how much a slope's cost is below those of
-        distinct slopes, how sharp the minimum is, and how low. 0 where the best slope is the first
-        or last, where the neighbours choose another, and where the plain mean difference from the
-        central view is least elsewhere (by 0.3 lenslets in the outermost view), as beside outlines
-        and highlights and on smooth shading.
+        Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of neighbours of
+        similar brightness whose own best slope agrees, to 0.3 lenslets in the outermost view,
+        minus the share of the others; 0 where these are more. Best slopes that are the first or
+        last agree with none. Texture that repeats, and reflections that glide over a smooth
+        surface, agree on wrong slopes.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Image with every pixel refocused at its slope.
     """
@@ -156,22 +175,10 @@ def _matched(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Slopes at which compared views match best, their confidence, the guide, and the limit."""
     slopes, limit = compared.slopes, compared.limit()
-    costs, plain = compared.costs(limit)
+    costs = compared.costs(limit)
     best = slopes[costs.argmin(axis=2)]
     guide = _guide(_middle(as_views(light_field), best))
-    slope, confidence = choose_slopes(costs, slopes, guide, window, distinct_by(weights))
-    apart = np.abs(slope - _least(plain, slopes)) > DISAGREEING * distinct_by(weights)
-    return slope, np.where(apart, 0.0, confidence), guide, limit
-
-
-def _least(costs: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Slope of the least of costs[t, s, n], by a parabola through three."""
-    k = np.clip(costs.argmin(axis=2), 1, len(slopes) - 2)[..., None]
-    before, own, after = (np.take_along_axis(costs, k + i, axis=2)[..., 0] for i in (-1, 0, 1))
-    bend = np.maximum(before + after - 2 * own, np.finfo(np.float32).tiny)
-    return slopes[k[..., 0]] + (slopes[1] - slopes[0]) * np.clip(
-        (before - after) / (2 * bend), -1, 1
-    )
+    return *choose_slopes(costs, slopes, guide, window, distinct_by(weights)), guide, limit
 
 
 def distinct_by(weights: np.ndarray) -> float:
@@ -203,3 +210,94 @@ def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
 def _check_window(window: float) -> None:
     if not 0 < window < np.inf:
         raise InputError(f"window must be a number of lenslets above 0, got {window}.")
+
+
+@dataclass(frozen=True)
+class SlopeRange:
+    """Range of slopes that contains a scene.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the range: the extreme slopes of certain tiles and a margin, in lenslets per view
+        step.
+    slope : float
+        Median slope of the certain tiles.
+    certain : bool
+        Whether enough of the image has texture for the range to be certain.
+    """
+
+    low: float
+    high: float
+    slope: float
+    certain: bool
+
+    def describe(self) -> str:
+        """Describe the range in words, and whether it is certain."""
+        doubt = "" if self.certain else "; not certain, there is too little texture"
+        return f"from slope {self.low:+.2f} to {self.high:+.2f}{doubt}"
+
+
+def find_slope_range(light_field: Views) -> SlopeRange:
+    """Find the range of slopes of a scene, from tiles of its reduced views.
+
+    Parameters
+    ----------
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+
+    Returns
+    -------
+    SlopeRange
+        Range of slopes. If no tile is certain, -3 to 3, as far as the image allows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import find_slope_range
+    >>> texture = np.random.default_rng(1).uniform(size=(96, 128))
+    >>> views = [[np.roll(texture, (2 - v, 2 - u), (0, 1)) for u in range(5)] for v in range(5)]
+    >>> found = find_slope_range(np.array(views))
+    >>> bool(found.low < -1 < found.high), found.certain
+    (True, True)
+    """
+    weights = as_weights(None, light_field)
+    limit = farthest_slope(light_field)
+    small, block = _reduced(as_views(light_field))
+    tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
+    found = find_sharpest_slopes(small, tiles=tiles, weights=weights)
+    slopes = block * np.array([one.slope for one in found]).reshape(tiles)
+    sure = slopes[_certain(slopes, np.array([one.confidence for one in found]).reshape(tiles))]
+    if not sure.size:
+        return SlopeRange(-min(3.0, limit), min(3.0, limit), 0.0, False)
+    margin = max(MARGIN, BEYOND * distinct_by(weights))
+    low, high = float(sure.min()) - margin, float(sure.max()) + margin
+    certain = sure.size >= FEWEST * slopes.size
+    return SlopeRange(max(low, -limit), min(high, limit), float(np.median(sure)), certain)
+
+
+def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    """Whether each tile counts, shape (rows, columns)."""
+    sure = confidence >= CERTAIN
+    rows, columns = slopes.shape
+    around = np.pad(np.where(sure, slopes, np.nan), 1, constant_values=np.nan)
+    agrees = np.zeros(slopes.shape, bool)
+    for down, right in product((0, 1, 2), repeat=2):
+        if (down, right) != (1, 1):
+            neighbour = around[down : down + rows, right : right + columns]
+            agrees |= np.abs(neighbour - slopes) < AGREEING
+    return sure & (agrees | (confidence >= ALONE))
+
+
+def _reduced(views: np.ndarray) -> tuple[np.ndarray, int]:
+    """Grey views, averaged over blocks of lenslets to a longer side of about `SIDE`.
+
+    Incomplete blocks at the ends are left out. Also returns the lenslets along a block's side, by
+    which slopes are smaller.
+    """
+    block = max(1, round(max(views.shape[2:4]) / SIDE))
+    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
+    v, u, t, s = grey.shape
+    t, s = t // block, s // block
+    cut = grey[:, :, : t * block, : s * block].reshape(v, u, t, block, s, block)
+    # Sums may exceed float32.
+    return cut.mean(axis=(3, 5), dtype=np.float64).astype(np.float32), block

@@ -23,8 +23,12 @@ from lf_flame.refocus._arguments import (
     for_slopes,
     refuse_not_finite,
 )
-from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation, shift_taps
-from lf_flame.refocus.shift import shift_and_sum
+from lf_flame.refocus.shift import (
+    INTERPOLATIONS,
+    check_interpolation,
+    shift_and_sum,
+    shift_taps,
+)
 from lf_flame.refocus.unknown_pixels import of_known_pixels
 
 SLOPES_AT_ONCE = 4

@@ -24,13 +24,13 @@ which pulls slopes towards them.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from numba import njit
+from scipy.ndimage import gaussian_filter1d
 
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
-from lf_flame.refocus import _matching_kernels
+from lf_flame._common.threads import parallel
 from lf_flame.refocus._arguments import Views, as_readable, as_views, refuse_not_finite
-from lf_flame.refocus._matching_kernels import TAPS
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
 MARGIN = 0.07
@@ -41,7 +41,7 @@ LIMIT = 0.07
 """Largest difference that counts, in standard deviations of the central view: with a small limit an
 occluded view hardly matters, nor does a strong outline beside faint texture."""
 
-NOISY = 1.5
+NOISY = 2.5
 """Smallest limit, relative to the usual least difference, which is mostly noise."""
 
 FLOOR = 1e-3
@@ -63,11 +63,14 @@ LEAST_KNOWN = 0.05
 SLOPE_WINDOW = 3.0
 """Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
 
-PLAIN_WINDOW = 1.5
-"""Standard deviation of the Gaussian under which plain differences are averaged, in lenslets."""
-
-SAMPLED_ROWS = 32
+SAMPLED_ROWS = 16
 """Approximate number of rows from which noise and levels are estimated."""
+
+TAPS = 4
+"""Number of lenslets along an axis from which a shifted view is interpolated."""
+
+OWN, BESIDE = np.float32(0.787), np.float32(0.1065)
+"""Gaussian of a standard deviation of 0.5 lenslets that averages differences, in three taps."""
 
 
 def sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,22 +177,20 @@ class ComparedViews:
         least, _, contrast = self._best()
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
-    def costs(self, limit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mismatch of the views at each pixel and slope, float32, shape (t, s, n), twice.
+    def costs(self, limit: float) -> np.ndarray:
+        """Mismatch of the views at each pixel and slope, float32, shape (t, s, n).
 
-        First costs from 0 for equal views to about 1, where no difference counts beyond `limit`;
-        then plain mean differences of all views, under a Gaussian.
+        It is 0 for equal views, and about 1 where all differ by `limit` or more.
         """
         slopes, (height, width) = self.slopes, self.views.shape[2:]
         shares, margins = sides(self.counts)
-        costs, plain = np.empty((2, height, width, len(slopes)), np.float32)
+        costs = np.empty((height, width, len(slopes)), np.float32)
         line = np.empty((height, width), np.float32)
         for n, slope in enumerate(progress.steps(slopes, "matching views", len(slopes), "slope")):
             parts = self._differences(float(slope), np.arange(height), limit)[0]
-            _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
+            choose_sides(parts, (shares / np.float32(limit)), margins, line)
             costs[..., n] = line
-            plain[..., n] = gaussian_filter(parts[:, 9], PLAIN_WINDOW) / self.counts.sum()
-        return costs, plain
+        return costs
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""
@@ -214,7 +215,7 @@ class ComparedViews:
         down, down_weights = _taps(slope, *views.shape[::2])
         across, across_weights = _taps(slope, *views.shape[1::2])
         shifts = (slope * centred(n) for n in views.shape[:2])
-        _matching_kernels.compare_views(
+        compare_views(
             self.weighted(), rows, down, (self.unit * down_weights).astype(np.float32),
             across, across_weights.astype(np.float32), int(np.abs(across).max()) + TAPS, *shifts,
             np.float32(limit), middle, out,
@@ -244,3 +245,132 @@ def _part_of_view(count: int) -> np.ndarray:
     """Give 0 for views before the centre, 1 for those in it (one or two), 2 for those after it."""
     at = centred(count)
     return (1 + np.sign(at) * (np.abs(at) >= 1)).astype(np.int64)
+
+
+@njit
+def shift_row(view, row, down_weight, start, across_weight, reach, line, out):
+    """Shift a row of a view along both axes: out[s].
+
+    row[a]: rows that are read, down_weight[a] their weights; start: lenslet that tap 0 reads for
+    s = 0; line: room for a row with `reach` lenslets beyond both ends, where the edges repeat.
+    """
+    width = out.size
+    line[:] = 0.0
+    for a in range(TAPS):
+        lenslets, weight = view[row[a]], down_weight[a]
+        for s in range(np.uint64(width)):
+            line[np.uint64(reach) + s] += weight * lenslets[s]
+    line[:reach] = line[reach]
+    line[reach + width :] = line[reach + width - 1]
+    out[:] = 0.0
+    for b in range(TAPS):
+        first, weight = np.uint64(reach + start + b), across_weight[b]
+        for s in range(np.uint64(width)):
+            out[s] += weight * line[first + s]
+
+
+@njit
+def add_differences(row, reference, count, limit, bounded, plain):
+    """Add the absolute difference of two rows, times a weight; also bounded by `limit`."""
+    for s in range(np.uint64(plain.size)):
+        difference = abs(row[s] - reference[s])
+        bounded[s] += count * min(difference, limit)
+        plain[s] += count * difference
+
+
+@njit
+def bring_to_level(level, down, start, height, row):
+    """Multiply a shifted row by a view's level, a polynomial in the view's own coordinates.
+
+    down: row of the view that is shown; start: lenslet of the view shown at s = 0.
+    """
+    t = np.float32(2.0 * down / max(height - 1, 1) - 1.0)
+    step = np.float32(2.0 / max(row.size - 1, 1))
+    first = np.float32(start * step - 1.0)
+    constant = level[0] + t * (level[1] + t * level[3])
+    linear = level[2] + t * level[4]
+    for s in range(np.uint64(row.size)):
+        x = first + step * np.float32(s)
+        row[s] *= constant + x * (linear + x * level[5])
+
+
+@parallel(lambda rows: rows.size)
+def compare_views(
+    i, some, rows, down, down_weights, across, across_weights, reach, shifts_down,
+    shifts_across, limit, middles, out,
+):  # fmt: skip
+    """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
+
+    Those of part 9 are the sum over all views, without a limit.
+    The central view itself goes to middles[i, s].
+
+    some: `WeightedViews`.
+    down[v], across[u]: shift of tap 0; down_weights[v, a], across_weights[u, b]: weights of taps.
+    reach: largest number of lenslets that any tap reads beyond a row.
+    shifts_down[v], shifts_across[u]: whole shifts of the views.
+    limit: largest absolute difference that counts.
+    """
+    views = some.views
+    height, width = views.shape[2:]
+    line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
+    middle, row = middles[i], np.empty(TAPS, np.int64)
+    middle[:] = 0.0
+    count = np.float32(0.0)
+    out[i] = 0.0
+    for turn in range(2):
+        for v in range(views.shape[0]):
+            for a in range(TAPS):
+                row[a] = min(max(rows[i] + down[v] + a, 0), height - 1)
+            for u in range(views.shape[1]):
+                part = 3 * some.parts_down[v] + some.parts_across[u]
+                used = some.weights[v, u] if turn == 1 else some.middle_weights[v, u]
+                if used > 0.0:
+                    shift_row(views[v, u], row, down_weights[v], across[u], across_weights[u],
+                              reach, line, shifted)  # fmt: skip
+                    if not some.even:
+                        bring_to_level(some.levels[v, u], rows[i] + shifts_down[v],
+                                       shifts_across[u], height, shifted)  # fmt: skip
+                    if turn == 1:
+                        add_differences(shifted, middle, used, limit, out[i, part], out[i, 9])
+                    else:
+                        for s in range(np.uint64(width)):
+                            middle[s] += used * shifted[s]
+                        count += used
+        if turn == 0:
+            for s in range(np.uint64(width)):
+                middle[s] /= count
+
+
+@parallel(lambda out: len(out))
+def choose_sides(t, parts, shares, margins, out):
+    """Least mismatch of all sides of the aperture: out[t, s], from parts[t, part, s].
+
+    shares[side, part]: weights of a side's parts; margins[side] are added. Parts are averaged over
+    3 x 3 lenslets first.
+    """
+    height, width = out.shape
+    above, below = max(t - 1, 0), min(t + 1, height - 1)
+    down, smooth = np.empty(width, np.float32), np.empty((9, width), np.float32)
+    out[t, :] = np.inf
+    for part in range(9):
+        mix_lines(parts[above, part], parts[t, part], parts[below, part], down)
+        smooth[part, 0] = OWN * down[0] + BESIDE * (down[0] + down[min(1, width - 1)])
+        last = down[width - 1]
+        smooth[part, width - 1] = OWN * last + BESIDE * (last + down[max(width - 2, 0)])
+        mix_lines(down[:-2], down[1:-1], down[2:], smooth[part, 1:-1])
+    for side in range(margins.size):
+        down[:] = margins[side]
+        for part in range(9):
+            share = shares[side, part]
+            if share > 0.0:
+                for s in range(np.uint64(width)):
+                    down[s] += share * smooth[part, s]
+        for s in range(np.uint64(width)):
+            out[t, s] = min(out[t, s], down[s])
+
+
+@njit
+def mix_lines(before, own, after, out):
+    """Weighted mean of three lines."""
+    for s in range(np.uint64(out.size)):
+        out[s] = OWN * own[s] + BESIDE * (before[s] + after[s])

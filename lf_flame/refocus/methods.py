@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import Views
-from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
-from lf_flame.refocus.shift import shift_and_sum
+from lf_flame.refocus.shift import INTERPOLATIONS, check_interpolation, shift_and_sum
 
 METHODS = ("auto", "space", "fourier", "slice")
 

@@ -1,18 +1,23 @@
-"""Slopes between those searched, by least squares over the views that see a place.
+"""Slopes between those searched, by least squares over the views.
 
-The right slope follows from the derivatives of the views by the slope (Adelson, Wang, IEEE Trans.
-Pattern Anal. Mach. Intell. 14, 99, 1992), for the half or quarter of the views that matches best.
-The costs of the search do not tell it: their limit makes them flat a step away.
+A change of the slope moves each view's picture of a place along its gradient (Adelson, Wang, IEEE
+Trans. Pattern Anal. Mach. Intell. 14, 99, 1992). The costs of the search do not tell it: their
+limit makes them flat a step away. The gradient is that of the mean of the matching views, because
+noise in the gradient of a single view would count as texture, and draw faint slopes to those found.
+Views that differ from the central one, as occluded ones do, hardly count.
 
 A fit of one pixel is uncertain. Therefore the equations of the pixels around it are added, of
 similar brightness and of about the same slope, each at its own: a tilted surface stays tilted.
 """
 
+import math
+
 import numpy as np
+from numba import njit
 
 from lf_flame._common.arrays import centred
-from lf_flame.refocus import _matching_kernels, _refinement_kernels
-from lf_flame.refocus.matching import ComparedViews, sides
+from lf_flame._common.threads import parallel
+from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.semi_global import ALIKE, SAME, in_deviations
 
 WINDOW, REACH = 2.0, 3
@@ -31,11 +36,8 @@ MOST_CHANGE = 0.6
 """
 
 MOST_SHIFT = 1.0
-"""Largest shift of the outermost view by a change of the slope, in lenslets; derivatives do not
-reach further. It matters where the search is coarse."""
-
-ROWS_TOGETHER = 32
-"""Number of rows whose equations are set up together, which bounds the memory."""
+"""Largest shift of the outermost view by a change of the slope, in lenslets; gradients do not reach
+further. It matters where the search is coarse."""
 
 
 def refine_slopes(
@@ -55,43 +57,17 @@ def refine_slopes(
 def set_up_equations(
     compared: ComparedViews, slope: np.ndarray, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Set up, at each pixel, the least-squares fit of a change of its slope.
+    """Numerator and denominator, at each pixel, of the least-squares change of its slope.
 
-    The change is the ratio of the two, of one pixel or of the sums over several. A view hardly
-    counts beyond a difference of `limit`.
+    Brightness, and its changes along the views' rows v and columns u, are fitted together: a view
+    at (v, u) differs from their mean by the change times ``v down + u across``, (down, across)
+    being the gradient. A view hardly counts beyond a difference of `limit`.
     """
-    numerator, denominator = np.empty(slope.shape), np.empty(slope.shape)
-    height = slope.shape[0]
-    for start in range(0, height, ROWS_TOGETHER):
-        rows = slice(start, min(start + ROWS_TOGETHER, height))
-        # Differences are smoothed over three rows.
-        read = np.arange(max(start - 1, 0), min(rows.stop + 1, height))
-        some = _equations_of(compared, slope[read], read, limit)
-        inner = slice(start - read[0], rows.stop - read[0])
-        numerator[rows], denominator[rows] = (sums[inner] for sums in some)
-    return numerator, denominator
-
-
-def _equations_of(
-    compared: ComparedViews, slope: np.ndarray, rows: np.ndarray, limit: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Numerator and denominator in some rows, of the side of the aperture that matches best."""
-    parts = np.empty((3, rows.size, 9, slope.shape[1]), np.float32)
-    _refinement_kernels.differentiate_views(
-        compared.weighted(), rows, slope.astype(np.float32), np.float32(compared.unit),
-        np.float32(limit), *parts,
+    numerator, denominator = np.empty((2, *slope.shape))
+    _fit_views(
+        slope.astype(np.float32), compared.weighted(), np.float32(compared.unit),
+        np.float32(limit), numerator, denominator,
     )  # fmt: skip
-    differences, products, squares = parts
-    numerator, denominator = np.zeros(slope.shape), np.zeros(slope.shape)
-    least, cost = np.full(slope.shape, np.inf, np.float32), np.empty(slope.shape, np.float32)
-    for share, margin in zip(*sides(compared.counts), strict=True):
-        scaled = share[None] / np.float32(limit)
-        _matching_kernels.choose_sides(differences, scaled, margin[None], cost)
-        better = cost < least
-        least[better] = cost[better]
-        for sums, out in ((-products, numerator), (squares, denominator)):
-            of_side = sums[:, share > 0].sum(axis=1, dtype=np.float64)
-            out[better] = of_side[better]
     return numerator, denominator
 
 
@@ -110,7 +86,123 @@ def fit_changes(
     distances = np.arange(int(np.ceil(REACH * WINDOW)) + 1)
     near = np.exp(-((distances / WINDOW) ** 2) / 2)
     change, least = np.empty(slope.shape), (2 * scatter / step) ** 2
-    _refinement_kernels.fit(
-        slope, *equations, in_deviations(guide), near, ALIKE, SAME * step, least, change
-    )
+    _fit(slope, *equations, in_deviations(guide), near, SAME * step, least, change)
     return np.where(np.abs(change) <= MOST_CHANGE * step, change, 0.0)
+
+
+@parallel(lambda slope: len(slope))
+def _fit_views(t, slope, some, unit, limit, numerator, denominator):
+    """Equations of each pixel, see `set_up_equations`: numerator[t, s] and denominator[t, s].
+
+    some: `lf_flame.refocus.matching.WeightedViews`; unit: factor of all views.
+    """
+    rows, columns, height, width = some.views.shape
+    y, y_taps = np.empty((rows, 4), np.uint64), np.empty((rows, 8), np.float32)
+    x, x_taps = np.empty((columns, 4), np.uint64), np.empty((columns, 8), np.float32)
+    for s in range(width):
+        for v in range(rows):
+            _place_taps(t + slope[t, s] * (v - (rows - 1) / 2), height, y[v], y_taps[v])
+        for u in range(columns):
+            _place_taps(s + slope[t, s] * (u - (columns - 1) / 2), width, x[u], x_taps[u])
+        middle, count = 0.0, 0.0
+        for v in range(rows):
+            for u in range(columns):
+                if some.middle_weights[v, u] > 0:
+                    read = _read_view(some, slope[t, s], v, u, t, s, y, y_taps, x, x_taps)
+                    middle += some.middle_weights[v, u] * unit * read[0]
+                    count += some.middle_weights[v, u]
+        middle /= count
+        total, off, along_t, along_s, by_v, by_u = 1e-30, 0.0, 0.0, 0.0, 0.0, 0.0
+        vv, vu, uu, off_v, off_u = 0.0, 0.0, 0.0, 0.0, 0.0
+        for v in range(rows):
+            down = v - (rows - 1) / 2
+            for u in range(columns):
+                if some.weights[v, u] == 0:
+                    continue
+                across = u - (columns - 1) / 2
+                read = _read_view(some, slope[t, s], v, u, t, s, y, y_taps, x, x_taps)
+                apart = unit * read[0] - middle
+                fit = 1 / (1 + (apart / limit) ** 2)
+                fit *= fit * some.weights[v, u]
+                total += fit
+                off += fit * apart
+                along_t += fit * unit * read[1]
+                along_s += fit * unit * read[2]
+                by_v += fit * down
+                by_u += fit * across
+                vv += fit * down * down
+                vu += fit * down * across
+                uu += fit * across * across
+                off_v += fit * down * apart
+                off_u += fit * across * apart
+        along_t /= total
+        along_s /= total
+        above = along_t * (off_v - by_v * off / total) + along_s * (off_u - by_u * off / total)
+        numerator[t, s] = -above
+        denominator[t, s] = (
+            along_t * along_t * (vv - by_v * by_v / total)
+            + 2 * along_t * along_s * (vu - by_v * by_u / total)
+            + along_s * along_s * (uu - by_u * by_u / total)
+        )
+
+
+@njit
+def _read_view(some, slope, v, u, t, s, y, y_taps, x, x_taps):
+    """Read view (v, u) where it shows pixel (t, s): value, and derivatives along t and s."""
+    value, along_t, along_s = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    view, at, taps = some.views[v, u], x[u], x_taps[u]
+    for a in range(4):
+        line = view[y[v, a]]
+        i, j, k, m = line[at[0]], line[at[1]], line[at[2]], line[at[3]]
+        part = taps[0] * i + taps[1] * j + taps[2] * k + taps[3] * m
+        value += y_taps[v, a] * part
+        along_t += y_taps[v, a + 4] * part
+        along_s += y_taps[v, a] * (taps[4] * i + taps[5] * j + taps[6] * k + taps[7] * m)
+    if not some.even:
+        rows, columns, height, width = some.views.shape
+        p = 2 * (t + slope * (v - (rows - 1) / 2)) / max(height - 1, 1) - 1
+        q = 2 * (s + slope * (u - (columns - 1) / 2)) / max(width - 1, 1) - 1
+        own = some.levels[v, u]
+        level = own[0] + p * (own[1] + p * own[3]) + q * (own[2] + p * own[4] + q * own[5])
+        level = np.float32(level)
+        value, along_t, along_s = level * value, level * along_t, level * along_s
+    return value, along_t, along_s
+
+
+@njit
+def _place_taps(place, length, index, taps):
+    """Lenslets that the cubic B-spline reads for a place, their weights, and their derivatives.
+
+    Beyond the edges the edge is read.
+    """
+    whole = math.floor(place)
+    f = place - whole
+    g = 1.0 - f
+    for a in range(4):
+        index[a] = min(max(whole - 1 + a, 0), length - 1)
+    taps[0], taps[3] = g * g * g / 6, f * f * f / 6
+    taps[1] = (4 - 6 * f * f + 3 * f * f * f) / 6
+    taps[2] = (4 - 6 * g * g + 3 * g * g * g) / 6
+    taps[4], taps[7] = -g * g / 2, f * f / 2
+    taps[5], taps[6] = f * (f * 1.5 - 2), g * (2 - g * 1.5)
+
+
+@parallel(lambda slope: len(slope))
+def _fit(t, slope, numerator, denominator, guide, near, same, least, change):
+    """Ratio of the sums of numerators and denominators over pixels of about the same slope.
+
+    near[distance]: weights along either axis; same: largest difference of slopes; least is added to
+    the denominator, so that a change to which nothing points is 0.
+    """
+    height, width = slope.shape
+    reach = near.size - 1
+    for s in range(width):
+        above, below = 0.0, least
+        for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+            for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                if abs(slope[y, x] - slope[t, s]) <= same:
+                    unlike = (guide[y, x] - guide[t, s]) / ALIKE
+                    weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
+                    above += weight * numerator[y, x]
+                    below += weight * denominator[y, x]
+        change[t, s] = above / below

@@ -274,38 +274,33 @@ class _Curves:
         self.views = counts.sum() ** 2 / float(np.square(counts).sum())
         self._step = min(WIDEST_STEP, STEP_BY_VIEWS / max(max(views.shape[:2]) - 1, 1))
         self._make = partial(_Gradients, views, counts, self.regions)
-        self._farthest = -1.0
+        self._farthest, self._stride = -1.0, 1
         self._gradients: _Gradients
         if slopes is not None:
-            self._take(*self._between(as_steps(slopes)))
+            self._between(as_steps(slopes))
             return
         end, last = (
             int(min(np.ceil(m / self._step - 1e-6), self._limit // self._step))
             for m in DEFAULT_RANGES
         )
-        self._take(self._step * np.arange(-end, end + 1), 1)
+        self.slopes = self._step * np.arange(-end, end + 1)
+        self.semblance, self.energy = self._measure(self.slopes)
         while not self._settled() and end < last:
-            start, end = end + 1, min(2 * end, last)
-            self._add(
-                self._step * np.arange(-end, 1 - start), self._step * np.arange(start, end + 1)
-            )
+            end = min(2 * end, last)
+            self._widen(-end * self._step, end * self._step)
 
-    def _between(self, slopes: np.ndarray) -> tuple[np.ndarray, int]:
-        """Add slopes so that steps are small enough; every stride-th of them was requested."""
+    def _between(self, slopes: np.ndarray) -> None:
+        """Measure at given slopes and between them, so that steps are small enough."""
         if np.abs(slopes).max() > self._limit:
             raise InputError(
                 f"slopes to search must lie within -{self._limit:g} to {self._limit:g}, beyond "
                 f"which views are shifted by more than the image, got {slopes.min():g} to "
                 f"{slopes.max():g}."
             )
-        stride = int(np.ceil((slopes[1] - slopes[0]) / self._step - 1e-6))
-        filled = np.linspace(slopes[0], slopes[-1], (len(slopes) - 1) * stride + 1)
-        filled[::stride] = slopes
-        return filled, stride
-
-    def _take(self, slopes: np.ndarray, stride: int) -> None:
-        self.slopes, self._stride = slopes, stride
-        self.semblance, self.energy = self._measure(slopes)
+        self._stride = int(np.ceil((slopes[1] - slopes[0]) / self._step - 1e-6))
+        self.slopes = np.linspace(slopes[0], slopes[-1], (len(slopes) - 1) * self._stride + 1)
+        self.slopes[:: self._stride] = slopes
+        self.semblance, self.energy = self._measure(self.slopes)
 
     def _measure(self, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Semblance and energy at slopes; spectra are padded for the farthest, and kept."""
@@ -314,15 +309,6 @@ class _Curves:
             self._farthest = min(farthest + self._reach, self._limit)
             self._gradients = self._make(self._farthest)
         return self._gradients.measure(slopes)
-
-    def _add(self, before: np.ndarray, after: np.ndarray) -> None:
-        """Measure at slopes on both sides, too."""
-        some = [self._measure(slopes) for slopes in (after, before)][::-1]
-        self.semblance, self.energy = (
-            np.concatenate([some[0][k], known, some[1][k]])
-            for k, known in enumerate((self.semblance, self.energy))
-        )
-        self.slopes = np.concatenate([before, self.slopes, after])
 
     def flat(self, k: int) -> bool:
         """Whether a curve may be rounding alone.
@@ -359,13 +345,17 @@ class _Curves:
         ]
 
     def _widen(self, low: float, high: float) -> None:
-        """Measure at slopes down to `low` and up to `high`, as far as the image allows."""
+        """Measure at slopes down to `low` and up to `high`, too, as far as the image allows."""
         step = self.slopes[1] - self.slopes[0]
         low, high = max(low, -self._limit), min(high, self._limit)
         counts = [max(math.floor(x / step + 1e-6), 0)
                   for x in (self.slopes[0] - low, high - self.slopes[-1])]  # fmt: skip
         before = self.slopes[0] - step * np.arange(counts[0], 0, -1)
-        self._add(before, self.slopes[-1] + step * np.arange(1, counts[1] + 1))
+        after = self.slopes[-1] + step * np.arange(1, counts[1] + 1)
+        later, earlier = self._measure(after), self._measure(before)
+        self.semblance = np.concatenate([earlier[0], self.semblance, later[0]])
+        self.energy = np.concatenate([earlier[1], self.energy, later[1]])
+        self.slopes = np.concatenate([before, self.slopes, after])
 
     def _peak(self, k: int) -> float:
         """Slope of a curve's peak, interpolated with a spline; NaN without one.

@@ -6,6 +6,8 @@ change by one step costs a little, a jump costs more, and least across edges of 
 over the paths wins, refined by a parabola through the costs. Then each pixel takes the slope for
 which most neighbours of similar brightness vote, as their mean (a weighted mode): this removes
 single wrong slopes and averages noise, without inventing a surface halfway between two others.
+The slope is as certain as the best slopes of single pixels around it agree: how deep their minima
+are says little, because outlines and highlights have deep ones, and smooth shading has none.
 
 All loops gather in a fixed order; the bits do not depend on the number of threads.
 """
@@ -16,7 +18,7 @@ import numpy as np
 
 from lf_flame._common.threads import parallel
 
-STEP, JUMP = 0.06, 0.6
+STEP, JUMP = 0.16, 0.6
 """Costs of a change of slope by one step of the search, and of a larger change."""
 
 EDGE = 8.0
@@ -26,24 +28,20 @@ deviations of the guide image."""
 ALIKE = 0.3
 """Difference of brightness at which a vote counts half."""
 
+BENT = 1e-3
+"""Smallest curvature of the costs at a best slope; in darkness without noise it is less."""
+
 MUTE = 0.05
-"""Weight of a vote without any trust, beside votes with a trust of 1."""
+"""Weight of a vote for the first or last slope, or of a pixel without a best one, beside others."""
+
+AGREEING = 0.3
+"""Largest difference of slopes that agree, relative to the smallest that can be distinguished."""
 
 SAME = 1.5
 """Largest difference of votes for the same slope, in steps of the search."""
 
 REACH, FARTHEST = 1.6, 24
 """Largest distance of a voter along an axis, in the window's standard deviations and lenslets."""
-
-DISTINCT = 0.15
-"""Margin, in costs, by which the best slope must beat distinct ones to be half certain."""
-
-BENT = 0.02
-"""Curvature of the costs at the best slope, in costs, that makes it half certain."""
-
-MATCHED = 0.5
-"""Cost at the best slope that makes it half certain."""
-
 
 DIRECTIONS = [(down, across) for down, across in product((-1, 0, 1), repeat=2) if down or across]
 """Steps (down, across) of the paths."""
@@ -55,18 +53,20 @@ def choose_slopes(
     """Choose the slope of least costs[t, s, n] that a pixel's surroundings agree with.
 
     Edges of guide[t, s] stop smoothing; `width` is the largest difference of slopes that cannot be
-    distinguished. Gives slope and confidence, which is 0 where the best slope is the first or last.
+    distinguished. Gives slope and confidence, which is 0 where the best slopes are the first or
+    last, and everywhere without distinct slopes.
     """
     guide = in_deviations(guide)
     step = slopes[1] - slopes[0]
-    reach = max(round(width / step), 1)
-    place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
-    _pick(costs, sum_paths(costs, guide), reach, place, trust)
+    place, inside = np.empty(guide.shape, np.float32), np.empty(guide.shape, bool)
+    _pick(costs, sum_paths(costs, guide), place, inside)
     reach = min(int(np.ceil(REACH * window)), FARTHEST)
     near = np.exp(-((np.arange(reach + 1) / window) ** 2) / 2)
     voted, confidence = np.empty(guide.shape), np.empty(guide.shape)
-    _vote(place, trust, guide, near, len(slopes), voted, confidence)
-    return slopes[0] + step * voted, np.where(trust > 0, confidence, 0.0)
+    _vote(place, inside, guide, near, len(slopes), AGREEING * width / step, voted, confidence)
+    if slopes[-1] - slopes[0] <= width:
+        confidence[:] = 0
+    return slopes[0] + step * voted, confidence
 
 
 def in_deviations(guide: np.ndarray) -> np.ndarray:
@@ -121,40 +121,29 @@ def _add_paths(path, costs, guide, down, across, sums):
 
 
 @parallel(lambda costs: len(costs))
-def _pick(t, costs, sums, reach, place, trust):
-    """Place of the least sum in steps of the search, and how far it can be trusted, 0 to 1."""
+def _pick(t, costs, sums, place, inside):
+    """Place of the least sum in steps of the search, and whether it is neither first nor last."""
     height, width, count = costs.shape
     for s in range(width):
         k = 0
         for n in range(count):
             if sums[t, s, n] < sums[t, s, k]:
                 k = n
-        second = np.float32(np.inf)
-        for n in range(count):
-            if abs(n - k) > reach:
-                second = min(second, sums[t, s, n])
-        place[t, s], trust[t, s] = k, 0.0
+        place[t, s], inside[t, s] = k, False
         if 0 < k < count - 1:
             before, own, after = costs[t, s, k - 1], costs[t, s, k], costs[t, s, k + 1]
             bend = before + after - 2 * own
-            if bend > 0:
+            if bend > BENT:
                 off = (before - after) / (2 * bend)
                 place[t, s] = k + min(max(off, np.float32(-0.5)), np.float32(0.5))
-                # without distinct slopes none is certain
-                margin = (second - sums[t, s, k]) / 8 if second < np.inf else np.float32(0.0)
-                trust[t, s] = (
-                    margin / (margin + DISTINCT) * bend / (bend + BENT)
-                    * MATCHED / (MATCHED + own)
-                )  # fmt: skip
+                inside[t, s] = True
 
 
 @parallel(lambda place: len(place))
-def _vote(t, place, trust, guide, near, count, voted, confidence):
-    """Mean of the votes for the slope with most of them, and how far it can be trusted.
+def _vote(t, place, inside, guide, near, count, close, voted, confidence):
+    """Mean of the votes for the slope with most of them, and by how many more agree than do not.
 
-    near[distance]: weights along either axis. A slope is trusted as much as similar neighbours,
-    certain or not, agree with it: an outline lends its slope to bare surfaces beside it, most of
-    which have no slope of their own.
+    near[distance]: weights along either axis; close: largest difference of those that agree.
     """
     height, width = place.shape
     reach = near.size - 1
@@ -162,19 +151,17 @@ def _vote(t, place, trust, guide, near, count, voted, confidence):
     weights = np.empty(near.size * near.size * 4)
     for s in range(width):
         votes[:] = 0.0
-        total, alike, index = 0.0, 0.0, 0
+        index = 0
         for y in range(max(t - reach, 0), min(t + reach + 1, height)):
             for x in range(max(s - reach, 0), min(s + reach + 1, width)):
                 unlike = (guide[y, x] - guide[t, s]) / ALIKE
                 weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
-                alike += weight
-                weight *= trust[y, x] + MUTE
+                counts = weight if inside[y, x] else MUTE * weight
                 k = int(place[y, x])
-                part = weight * (place[y, x] - k)
-                votes[k + 1] += weight - part
+                part = counts * (place[y, x] - k)
+                votes[k + 1] += counts - part
                 votes[k + 2] += part
                 weights[index] = weight
-                total += weight
                 index += 1
         best = 1
         most = -1.0
@@ -182,14 +169,20 @@ def _vote(t, place, trust, guide, near, count, voted, confidence):
             some = votes[k] + 0.5 * (votes[k - 1] + votes[k + 1])
             if some > most:
                 best, most = k, some
-        counted, weighted, trusted, index = 0.0, 0.0, 0.0, 0
+        counted, weighted, index = 0.0, 0.0, 0
         for y in range(max(t - reach, 0), min(t + reach + 1, height)):
             for x in range(max(s - reach, 0), min(s + reach + 1, width)):
                 if abs(place[y, x] - (best - 1)) <= SAME:
-                    counted += weights[index]
-                    weighted += weights[index] * place[y, x]
-                    trusted += weights[index] * trust[y, x] / (trust[y, x] + MUTE)
+                    counts = weights[index] if inside[y, x] else MUTE * weights[index]
+                    counted += counts
+                    weighted += counts * place[y, x]
                 index += 1
-        voted[t, s] = weighted / counted
-        agrees = abs(place[t, s] - voted[t, s]) <= SAME
-        confidence[t, s] = counted / total * trusted / alike if agrees else 0.0
+        mean = weighted / counted
+        agree, total, index = 0.0, 0.0, 0
+        for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+            for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                total += weights[index]
+                if inside[y, x] and abs(place[y, x] - mean) <= close:
+                    agree += weights[index]
+                index += 1
+        voted[t, s], confidence[t, s] = mean, max(2 * agree / total - 1, 0.0)

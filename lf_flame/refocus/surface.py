@@ -8,16 +8,17 @@ whole scene gives an image with everything in focus (`lf_flame.refocus.focus_map
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from lf_flame._common.arrays import centred
+from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus import _surface_kernels
 from lf_flame.refocus._arguments import (
     Views,
     as_readable,
@@ -26,7 +27,7 @@ from lf_flame.refocus._arguments import (
     as_weights,
     refuse_not_finite,
 )
-from lf_flame.refocus.interpolation import check_interpolation
+from lf_flame.refocus.shift import check_interpolation
 from lf_flame.refocus.unknown_pixels import of_known_pixels
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
@@ -95,7 +96,7 @@ def refocus_surface(
     out = np.empty((*maps.shape, lights.shape[4]), np.float32)
     normalised = weights / weights.sum()
     with np.errstate(over="ignore"):  # refused below
-        _surface_kernels.refocus_surface(lights, maps, normalised, TAPS[interpolation], out)
+        _refocus_rows(lights, maps, normalised, TAPS[interpolation], out)
     if not np.isfinite(out).all():
         refuse_not_finite(views)
         raise InputError(
@@ -139,52 +140,6 @@ def planar_slopes(
         raise InputError(f"gradient must be two numbers, along t and along s, got {gradient}.")
     slopes = at + gradient[0] * centred(height)[:, None] + gradient[1] * centred(width)
     return _as_slope_maps(slopes, (height, width))
-
-
-def tilted_plane(
-    camera: PlenopticCamera, *, depth_mm: float, tilt_rad: Sequence[float] | np.ndarray
-) -> np.ndarray:
-    """Slope map of a plane in object space, ``depth = depth_mm + y tan(tilt_t) + x tan(tilt_s)``.
-
-    It is exact: the slope is linear in the inverse distance, and along the rays of the central
-    view, ``x = Z s pitch / i0``, the inverse distance of a plane is linear in s (like a plane's
-    disparity: Hartley and Zisserman, Multiple View Geometry, chapter 13). The slope changes by
-    ``view_step tan(tilt) / Z`` per lenslet, with Z the distance of the plane from the main lens.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera
-        Camera; its recorded lenslets give the shape of the map.
-    depth_mm : float
-        Depth of the plane on the optical axis, from the focal plane.
-    tilt_rad : (float, float)
-        Tilt away from the camera in rad, downward (t) and to the right (s), within pi/2.
-
-    Returns
-    -------
-    ndarray of float64, shape (t, s)
-
-    Raises
-    ------
-    InputError
-        If the plane is not in front of the main lens, or a tilt reaches pi/2.
-
-    Examples
-    --------
-    >>> from lf_flame import PAPER_CAMERA
-    >>> from lf_flame.refocus import tilted_plane
-    >>> slopes = tilted_plane(PAPER_CAMERA, depth_mm=0.0, tilt_rad=(0.0, 0.2))
-    >>> slopes.shape
-    (270, 540)
-    >>> bool(slopes[0, 0] < 0 < slopes[0, -1])  # nearer on the left, farther on the right
-    True
-    """
-    at = camera.depth_to_slope(depth_mm)
-    tilts = np.asarray(tilt_rad, float)
-    if tilts.shape != (2,) or not np.all(np.abs(tilts) < np.pi / 2):
-        raise InputError(f"tilt_rad must be two angles within pi/2, (t, s), got {tilt_rad}.")
-    per_lenslet = np.tan(tilts) * camera.view_step_mm / (camera.pupil_distance_mm + depth_mm)
-    return planar_slopes(camera.lenslets, at, gradient=per_lenslet)
 
 
 def region_slopes(
@@ -272,3 +227,86 @@ def _as_slope_maps(slopes: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
         bad = np.count_nonzero(~np.isfinite(slopes))
         raise InputError(f"A slope map must be finite, got {bad} NaN or infinite slopes.")
     return slopes
+
+
+@njit
+def refocus_row(views, line, t, weights, taps, out):
+    """Refocus row t of an image with a slope for each of its pixels, line[s]: out[s, c].
+
+    A pixel's shift along t depends only on the row of the view, its shift along s only on the
+    column. Interpolation therefore needs rows + columns sets of taps, not rows * columns.
+    """
+    rows, columns, height, width, channels = views.shape
+    right = np.empty((columns, taps, width), np.int64)
+    right_weight = np.empty((columns, taps, width))
+    down = np.empty((taps, width), np.int64)
+    down_weight = np.empty((taps, width))
+    total, part = np.zeros((channels, width)), np.empty((channels, width))
+    for u in range(columns):
+        middle = u - (columns - 1) / 2
+        place_taps(line, middle, 0, 1, width, channels, right[u], right_weight[u])
+    for v in range(rows):
+        middle = v - (rows - 1) / 2
+        place_taps(line, middle, t, 0, height, width * channels, down, down_weight)
+        for a in range(taps):
+            part[:] = 0.0
+            for u in range(columns):
+                if weights[v, u] != 0.0:
+                    add_view(views[v, u].reshape(-1), down[a], right[u], right_weight[u],
+                             weights[v, u], part)  # fmt: skip
+            for c in range(channels):
+                for s in range(width):
+                    total[c, s] += down_weight[a, s] * part[c, s]
+    for s in range(width):
+        for c in range(channels):
+            out[s, c] = total[c, s]
+
+
+@njit
+def place_taps(line, middle, start, step, length, stride, index, weight):
+    """Find where a view is read for each pixel along one axis: index[tap, s], weight[tap, s].
+
+    Pixel s is at start + s * step; taps outside the axis read its edge. One tap rounds the shift,
+    two interpolate linearly, four use Keys' cubic convolution with a = -1/2 (IEEE Trans. Acoust.
+    Speech Signal Process. 29, 1153, 1981).
+    """
+    taps = index.shape[0]
+    for s in range(line.size):
+        # Beyond these limits every tap reads the edge.
+        shift = min(max(line[s] * middle, -length - 2.0), length + 2.0)
+        whole = math.floor(shift + 0.5) if taps == 1 else math.floor(shift)
+        f = shift - whole
+        g = 1.0 - f
+        if taps == 1:
+            weight[0, s] = 1.0
+        elif taps == 2:
+            weight[0, s], weight[1, s] = g, f
+        else:
+            weight[0, s], weight[3, s] = -0.5 * f * g * g, -0.5 * g * f * f
+            weight[1, s] = 1.0 + f * f * (1.5 * f - 2.5)
+            weight[2, s] = 1.0 + g * g * (1.5 * g - 2.5)
+        first = start + s * step + int(whole) - (taps - 1) // 2
+        for a in range(taps):
+            index[a, s] = min(max(first + a, 0), length - 1) * stride
+
+
+@njit
+def add_view(view, down, right, tap_weight, weight, part):
+    """Add weight times a row of a flat view, starting at `down`, interpolated along s."""
+    for b in range(right.shape[0]):
+        for c in range(part.shape[0]):
+            for s in range(down.size):
+                # unsigned, so that no index can be negative
+                at = np.uint64(down[s] + right[b, s] + c)
+                part[c, s] += weight * tap_weight[b, s] * view[at]
+
+
+@parallel(lambda slopes: slopes.shape[0] * slopes.shape[1])
+def _refocus_rows(k, views, slopes, weights, taps, out):
+    """Weighted mean of views[v, u, t, s, c], shifted by slopes[n, t, s]: out[n, t, s, c].
+
+    weights[v, u]: weights of the views, with sum 1; views of weight 0 are not read.
+    """
+    height = slopes.shape[1]
+    n, t = k // height, k % height
+    refocus_row(views, slopes[n, t], t, weights, taps, out[n, t])

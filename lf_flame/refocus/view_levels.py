@@ -19,7 +19,10 @@ FEWEST = 100
 """Smallest number of pixels with which a view's level is fitted."""
 
 TURNS = 12
-"""Number of repeated fits of a level; with fewer, places occluded in one view still bias it."""
+"""Largest number of fits of a level; with fewer, places occluded in one view still bias it."""
+
+SETTLED = 1e-4
+"""Largest change of a level that ends the fits."""
 
 LIT = 0.05
 """Smallest light, relative to the brightest pixel, of a pixel that is used for levels: in darkness
@@ -134,7 +137,9 @@ def _level(light: np.ndarray, middle: np.ndarray, powers: np.ndarray) -> np.ndar
         bounds = RIDGE * np.maximum(lit[0, 0], np.finfo(float).tiny) * np.eye(len(POWERS))
         bounds[0, 0] = np.finfo(float).tiny
         rest = (trust * (middle - light)) @ powers.T
-        level = np.eye(len(POWERS))[0] + np.linalg.lstsq(lit + bounds, rest)[0]
+        before, level = level, np.eye(len(POWERS))[0] + np.linalg.lstsq(lit + bounds, rest)[0]
+        if np.abs(level - before).max() < SETTLED:
+            break
         square = (light * (level @ powers) - middle) ** 2
         usual = np.median(square)
         trust = usual / (usual + square) if usual > 0 else np.ones(light.shape)

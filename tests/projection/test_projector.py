@@ -14,7 +14,7 @@ from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_eff
 from lf_flame.projection import Projector, projector
 from lf_flame.refocus import (
     align_views,
-    annular_aperture,
+    aperture_weights,
     round_aperture,
     shift_and_sum,
     sparse_aperture,
@@ -88,8 +88,8 @@ def apertures(views):
     """Weights of all kinds: none, round, a ring, one view, any."""
     rng = np.random.default_rng(views)
     shape = (views, views)
-    one = sparse_aperture(shape, [(views - 1, 0)])
-    return [None, round_aperture(shape), annular_aperture(shape, 0.5), one, rng.uniform(size=shape)]
+    one, ring = sparse_aperture(shape, [(views - 1, 0)]), aperture_weights(shape, 1.0, 0.5)
+    return [None, round_aperture(shape), ring, one, rng.uniform(size=shape)]
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from lf_flame import PAPER_CAMERA, InputError
 from lf_flame.refocus import shift_and_sum
 from lf_flame.refocus.aperture import (
-    annular_aperture,
     aperture_weights,
     f_number_aperture,
     round_aperture,
@@ -48,13 +47,6 @@ def test_a_disc_inside_has_the_area_of_a_disc(views):
         area = round_aperture(views, diameter).sum() / math.prod(views)
         assert area == pytest.approx(math.pi / 4 * diameter**2, rel=1e-9)
     np.testing.assert_allclose(round_aperture(views, math.sqrt(2)), 1, rtol=1e-9)
-
-
-def test_a_ring_is_the_difference_of_two_discs():
-    ring = annular_aperture((9, 9), 0.5)
-    np.testing.assert_allclose(ring, round_aperture((9, 9)) - round_aperture((9, 9), 0.5))
-    assert ring[4, 4] == 0
-    np.testing.assert_array_equal(annular_aperture((9, 9), 0.0), round_aperture((9, 9)))
 
 
 def test_a_smaller_aperture_deepens_the_field(rng):

@@ -76,6 +76,16 @@ def test_dark_surroundings_are_not_trusted_but_filled(rng):
     assert psnr(found.all_in_focus, views[3, 3]) > 30
 
 
+def test_the_dark_around_a_blob_without_noise_is_not_certain():
+    """Its tail falls below the rounding of a sensor, but never to 0."""
+    steps = 0.6 * (np.arange(7) - 3)
+    t, s = (np.exp(-(((np.arange(n) - n / 2) - steps[:, None]) ** 2) / 50) for n in (60, 80))
+    views = (t[:, None, :, None] * s[None, :, None, :]).astype(np.float32)
+    found = all_in_focus(views, np.linspace(-2, 2, 21))
+    certain, dark = found.confidence >= TRUSTED, views[3, 3] < 1e-4
+    assert certain[dark].mean() < 0.1 < 0.9 < certain[views[3, 3] > 0.1].mean()
+
+
 def bare_and_faint(rng):
     """A faint wall at 2.2 with a bare patch, and a bright card at -1.6 without texture."""
     depths = [float(CAMERA.slope_to_depth(slope)) for slope in (2.2, -1.6)]
@@ -100,7 +110,7 @@ def test_beside_outlines_and_without_texture_most_slopes_are_right(rng):
     wrong = np.abs(found.slope - slopes) > 0.07
     certain = found.confidence >= TRUSTED
     assert wrong.mean() < 0.05
-    assert wrong[certain].mean() < 0.02
+    assert wrong[certain].mean() < 0.03
     assert certain.mean() > 0.45
     assert not wrong[20:40, 46:66].any()  # the card: its outline alone has a slope
 

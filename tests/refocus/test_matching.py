@@ -13,7 +13,7 @@ SLOPES = np.linspace(-1.0, 1.0, 9)
 
 def match_views(views, slopes):
     compared = matching.ComparedViews(views, slopes, np.ones(views.shape[:2]))
-    return compared.costs(compared.limit())[0]
+    return compared.costs(compared.limit())
 
 
 def moved(picture, slope, views=(5, 5)):
@@ -53,7 +53,7 @@ def written_out(views, slopes):
     middle = shifted[:, inner[0]][:, :, inner[1]].mean(axis=(1, 2))
     apart = np.abs(shifted - middle[:, None, None])
     usual = np.median(apart.mean(axis=(1, 2)).min(axis=0))
-    limit = max(0.07 * middle[-1].std(), 1.5 * usual, 1e-3)
+    limit = max(0.07 * middle[-1].std(), 2.5 * usual, 1e-3)
     costs = []
     for sign_v in (0, -1, 1):
         for sign_u in (0, -1, 1):

@@ -11,7 +11,6 @@ from lf_flame.errors import InputError
 from lf_flame.refocus import (
     align_views,
     all_in_focus,
-    annular_aperture,
     aperture_weights,
     find_sharpest_slope,
     find_sharpest_slopes,
@@ -23,7 +22,6 @@ from lf_flame.refocus import (
     region_slopes,
     round_aperture,
     shift_and_sum,
-    tilted_plane,
 )
 
 FLAT = np.ones((3, 3, 4, 5))
@@ -129,7 +127,7 @@ REFUSED = [
         (partial(round_aperture, (3, 3), width), "finite width above 0")
         for width in (0.0, -1.0, INF, NAN)
     ),
-    (partial(annular_aperture, (3, 3), 0.7, 0.5), "below its outer width"),
+    (partial(aperture_weights, (3, 3), 0.5, 0.7), "below its outer width"),
     *((partial(aperture_weights, (5, 5), **options), said) for options, said in APERTURES),
     *(
         (partial(make, WIDE, [0.0, 0.5, 1.0], weights=weights), said)
@@ -179,10 +177,6 @@ REFUSED = [
     *(
         (partial(region_slopes, (4, 5), regions, **{"background": 0.0, **options}), said)
         for regions, options, said in REGIONS
-    ),
-    (
-        partial(tilted_plane, PAPER_CAMERA, depth_mm=0.0, tilt_rad=(0.0, np.pi / 2)),
-        "within pi/2",
     ),
     *((partial(LightField, np.ones((2, 2, 2, 3)), valid=mask), said) for mask, said in MASKS),
 ]

@@ -57,7 +57,7 @@ def test_a_lone_wrong_slope_loses_and_bare_pixels_take_their_side_of_an_edge():
     slope, confidence = choose_slopes(costs, SLOPES, left * 1.0, 2.0, 0.25)
     assert np.abs(slope - truth).max() < 0.05
     assert confidence[:, 9:15].max() == 0
-    assert confidence[9, 5] < 0.2 < confidence[4, 3]
+    assert min(confidence[9, 5], confidence[4, 3]) > 0.8
 
 
 def test_the_mean_of_votes_is_of_one_surface(rng):

@@ -18,26 +18,21 @@ from lf_flame.refocus import (
 )
 
 SHAPES = st.tuples(*[st.integers(1, n) for n in (4, 9, 9, 24)])
-TYPES = st.sampled_from(["uint8", "uint16", "float16", "float32", "float64", "int32", ">f4"])
+TYPES = st.sampled_from(["uint8", "float32", "float64", ">f4"])
 
 
 @st.composite
 def light_fields(draw, shapes=SHAPES, types=TYPES):
-    """Views of any type, and of any layout in memory: transposed, sliced, reversed.
-
-    Only those of uint16 are read-only: a kernel is compiled for each type with and without.
-    """
+    """Views of some types, and of any layout in memory: transposed, sliced, reversed."""
     shape, dtype = draw(shapes), np.dtype(draw(types))
     stride = draw(st.tuples(*[st.sampled_from([1, 2, -1])] * 4))
     order = draw(st.permutations(range(4)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     whole = np.empty([shape[i] * abs(stride[i]) for i in order])
     values = rng.uniform(size=whole.shape) * (1 if dtype.kind == "f" else 250)
-    views = values.astype(dtype).transpose(np.argsort(order))[
+    return values.astype(dtype).transpose(np.argsort(order))[
         tuple(slice(None, None, k) for k in stride)
     ]
-    views.flags.writeable = dtype != np.uint16
-    return views
 
 
 @pytest.mark.slow
@@ -83,10 +78,10 @@ def test_views_of_8_and_16_bits_are_not_copied(rng, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["uint16", "float32"])
-def test_a_raw_image_gives_the_bits_of_its_views_on_any_number_of_threads(dtype, rng):
-    """Under each lenslet stand 4 x 3 pixels; the last slopes shift views out of the image."""
-    raw = rng.integers(0, 4000, size=(11 * 4, 7 * 3)).astype(dtype)
+def test_a_raw_image_gives_the_bits_of_its_views_on_any_number_of_threads(rng):
+    """Read-only, 4 x 3 pixels under a lenslet; the last slopes shift views out of the image."""
+    raw = rng.integers(0, 4000, size=(11 * 4, 7 * 3)).astype(np.uint16)
+    raw.flags.writeable = False
     views = raw.reshape(11, 4, 7, 3).transpose(1, 3, 0, 2)
     slopes = [0.0, 1.3, -2.28, 5.5, -40.0]
     expected = [reference.shift_and_sum(views, slope) for slope in slopes]
@@ -111,15 +106,6 @@ def test_views_of_weight_0_are_not_read(rng):
         shift_and_sum(views, 0.7)
 
 
-def test_one_weight_picks_one_view(rng):
-    views = rng.uniform(size=(3, 4, 8, 9)).astype(np.float32)
-    weights = np.zeros((3, 4))
-    weights[1, 2] = 0.3
-    np.testing.assert_allclose(
-        shift_and_sum(views, 2.0, weights=weights)[:, :-1], views[1, 2, :, 1:], rtol=1e-6
-    )
-
-
 def test_whole_slope_equals_shifted_copies(rng):
     views = rng.uniform(size=(3, 5, 20, 24)).astype(np.float32)
     rolled = [
@@ -132,11 +118,6 @@ def test_whole_slope_equals_shifted_copies(rng):
     np.testing.assert_allclose(found[inside], np.mean(rolled, axis=0)[inside], rtol=1e-6)
 
 
-def test_slope_zero_is_the_plain_mean(rng):
-    views = rng.uniform(size=(4, 4, 6, 7)).astype(np.float32)
-    np.testing.assert_allclose(shift_and_sum(views, 0), views.mean(axis=(0, 1)), rtol=1e-6)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [(5, 5), (3, 3), (7, 3), (9, 9)])
 def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
@@ -144,21 +125,6 @@ def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
     views = rng.integers(0, 256, (*shape, 12, 14)).astype(np.uint8)
     expected = (views.sum(axis=(0, 1)) / np.prod(shape)).astype(np.float32)
     np.testing.assert_array_equal(shift_and_sum(views, 0), expected)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("start", "reach", "size", "channels"), [(20, 3, 16, 1), (0, 3, 16, 1), (30, 6, 30, 3)]
-)
-def test_a_cut_line_leaves_what_is_beside_it_alone(start, reach, size, channels):
-    """Its own pixels are those of the line, the edges repeated, and the rest stays."""
-    line = np.arange(1.0, 200, dtype=np.float32)[:42]
-    lines, base = np.full(150, -1, np.float32), 25
-    _kernels.cut_line(line, start, reach, channels, lines, base, size)
-    at = np.arange(start - reach, start - reach + size)
-    pixel = np.clip(at // channels, 0, line.size // channels - 1)
-    np.testing.assert_array_equal(lines[base : base + size], line[pixel * channels + at % channels])
-    assert np.all(np.delete(lines, np.s_[base : base + size]) == -1)
 
 
 def test_constant_light_field_keeps_its_value():
@@ -174,26 +140,12 @@ def test_flux_of_a_bounded_object_is_kept():
         np.testing.assert_allclose(refocus(views, [0.7, -1.9]).sum(axis=(1, 2)), 40, rtol=1e-5)
 
 
-def test_slopes_come_out_in_the_order_asked_for(rng):
-    views = rng.uniform(size=(3, 3, 8, 8)).astype(np.float32)
-    stack = shift_and_sum(views, [1.5, -0.5])
-    assert stack.shape == (2, 8, 8)
-    assert stack.dtype == np.float32
-    np.testing.assert_array_equal(stack[1], shift_and_sum(views, -0.5))
-
-
 def test_colour_is_refocused_channel_by_channel(rng):
     views = rng.uniform(size=(3, 3, 8, 9, 3)).astype(np.float32)
     for refocus in (shift_and_sum, fourier_refocus):
         stack = refocus(LightField(views), [0.5])
         assert stack.shape == (1, 8, 9, 3)
         np.testing.assert_array_equal(stack[..., 1], refocus(views[..., 1], [0.5]))
-
-
-def test_nearest_rounds_each_shift(rng):
-    views = rng.uniform(size=(3, 3, 10, 10)).astype(np.float32)
-    rounded = shift_and_sum(views, 0.7, interpolation="nearest")  # shifts -0.7, 0, 0.7
-    np.testing.assert_array_equal(rounded, shift_and_sum(views, 1.0))
 
 
 @pytest.mark.parametrize("slope", [1.0, -1.0, 3.0])
@@ -226,26 +178,6 @@ def test_a_layer_is_sharpest_at_its_slope(depth, rng):
     scene = Scene([Layer(rng.uniform(size=(9, 9)), depth, (5.0, 5.0))])
     found = find_sharpest_slope(render(scene, camera), np.arange(-100, 101) * 0.05)
     assert found.slope == pytest.approx(camera.depth_to_slope(depth), abs=0.02)
-
-
-@pytest.mark.jit
-@pytest.mark.slow
-@given(slope=st.floats(-1.4, 1.4), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
-def test_search_is_not_drawn_to_whole_slopes(slope, seed):
-    """Smooth random pattern, displaced exactly by a planted slope."""
-    n = 72
-    rng = np.random.default_rng(seed)
-    k = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :])
-    spectrum = np.fft.rfft2(rng.normal(size=(n, n))) * np.exp(-((k / 0.12) ** 2))
-    ramps = np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :]
-    views = np.empty((5, 5, n, n))
-    for v in range(5):
-        for u in range(5):
-            phase = -2j * np.pi * slope * ((v - 2) * ramps[0] + (u - 2) * ramps[1])
-            views[v, u] = np.fft.irfft2(spectrum * np.exp(phase), (n, n))
-    found = find_sharpest_slope(views, np.arange(-40, 41) * 0.05, region=(16, 56, 16, 56))
-    assert found.slope == pytest.approx(slope, abs=0.02)
 
 
 def test_the_package_refocuses_when_called_and_pictures_are_written(tmp_path, rng):

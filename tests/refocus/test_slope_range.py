@@ -7,7 +7,7 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.refocus import all_in_focus, find_slope_range
-from lf_flame.refocus.slope_range import MARGIN, _certain
+from lf_flame.refocus.focus_map import MARGIN, _certain
 from lf_flame.scenes.dead_leaves import DeadLeaves
 
 CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(96, 160))

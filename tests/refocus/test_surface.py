@@ -1,15 +1,12 @@
-from dataclasses import replace
-
 import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq
 
-from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
+from lf_flame import LightField
 from lf_flame.refocus import shift_and_sum
-from lf_flame.refocus.surface import planar_slopes, refocus_surface, region_slopes, tilted_plane
+from lf_flame.refocus.surface import planar_slopes, refocus_surface, region_slopes
 
 KERNELS = {
     "linear": lambda x: np.maximum(1 - np.abs(x), 0),
@@ -73,19 +70,6 @@ def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-@pytest.mark.slow
-def test_cubic_is_exact_on_parabolas():
-    """Keys' kernel with a = -1/2 reproduces polynomials of degree 2."""
-    t, s = np.indices((20, 22)) - 10.0
-    slopes = 0.3 + 0.02 * t - 0.01 * s
-    views = np.broadcast_to(2 + t**2 - t * s + 0.5 * s**2 + s, (3, 5, 20, 22))
-    # The mean over v - vc = -1, 0, 1 and u - uc = -2 .. 2 of (t + slope (v - vc))^2 and so on.
-    expected = views[0, 0] + slopes**2 * (2 / 3 + 0.5 * 2)
-    inside = (slice(3, -3), slice(4, -4))
-    found = refocus_surface(views, slopes, interpolation="cubic")
-    np.testing.assert_allclose(found[inside], expected[inside], rtol=1e-6)
-
-
 def test_several_maps_and_colour_keep_their_order(rng):
     views = rng.uniform(size=(3, 3, 8, 9, 3)).astype(np.float32)
     slopes = rng.uniform(-2, 2, size=(2, 8, 9))
@@ -134,39 +118,6 @@ def test_bits_do_not_depend_on_the_number_of_threads(rng):
     np.testing.assert_array_equal(*images)
 
 
-def test_a_tilted_plane_is_where_its_rays_meet_it():
-    camera = replace(PAPER_CAMERA, views=5, lenslets=(41, 61))
-    depth, tilt = 12.0, (-0.4, 0.7)
-    slopes = tilted_plane(camera, depth_mm=depth, tilt_rad=tilt)
-    for t, s in ((0, 0), (40, 60), (13, 50), (20, 30)):
-        # Tangents of the ray of the middle view through this lenslet.
-        y, x = ((i - c) * camera.lenslet_pitch_mm / camera.image_distance_mm
-                for i, c in ((t, 20), (s, 30)))  # fmt: skip
-        slant = y * np.tan(tilt[0]) + x * np.tan(tilt[1])
-
-        def beyond_plane(z, slant=slant):
-            return z - depth - (camera.focus_distance_mm + z) * slant
-
-        met = brentq(beyond_plane, -200, 200, xtol=1e-12)
-        assert slopes[t, s] == pytest.approx(camera.depth_to_slope(met), abs=1e-9)
-
-
-def test_a_tilted_plane_is_sharper_than_any_slice(rng):
-    """Upright strips, each at the depth that a plane through them has in its middle."""
-    camera = replace(PAPER_CAMERA, views=7, lenslets=(40, 80))
-    tilt, width = 1.2, 0.4
-    layers = [
-        Layer(rng.uniform(size=(16, 2)), x * np.tan(tilt), (4.5, width), (0.0, x))
-        for x in np.arange(-4.2, 4.3, width)
-    ]
-    views = render(Scene(layers), camera)
-    middle = views.views[3, 3]
-    plane = refocus_surface(views, tilted_plane(camera, depth_mm=0.0, tilt_rad=(0.0, tilt)))
-    slices = shift_and_sum(views, np.arange(-2, 2.01, 0.1))
-    errors = ((slices - middle) ** 2).mean(axis=(1, 2))
-    assert ((plane - middle) ** 2).mean() < 0.3 * errors.min()
-
-
 def test_regions_are_refocused_at_their_slopes(rng):
     views = rng.uniform(size=(3, 3, 20, 24)).astype(np.float32)
     mask = np.hypot(*(np.indices((20, 24)) - np.array([14, 17])[:, None, None])) < 4
@@ -206,16 +157,7 @@ def test_the_seam_of_two_regions_lies_between_them(later):
     assert soft[20, 30] == pytest.approx(later)
 
 
-def test_a_little_softening_softens():
-    regions = [((5, 15, 5, 15), 1.0)]
-    hard, soft = (region_slopes((20, 20), regions, background=0.0, soften=s) for s in (0.0, 0.5))
-    assert np.abs(np.diff(soft, axis=0)).max() < 0.9 < np.abs(np.diff(hard, axis=0)).max()
-
-
 def test_planar_slopes_count_from_the_middle():
     slopes = planar_slopes((3, 5), 0.5, gradient=(0.1, -0.2))
     assert slopes[1, 2] == 0.5
     np.testing.assert_allclose(slopes[2, 0], 0.5 + 0.1 + 0.4)
-
-
-FLAT = np.ones((3, 3, 4, 5), np.float32)

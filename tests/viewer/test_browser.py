@@ -21,10 +21,12 @@ APERTURES = [
 
 
 @pytest.mark.parametrize(
-    ("bits", "shape", "renderer"),
-    [(8, (4, 5, 9, 13, 3), "webgl"), (16, (9, 9, 14, 23), "javascript")],
+    ("bits", "shape", "renderer", "width"),
+    [(8, (4, 5, 9, 13, 3), "webgl", 390), (16, (9, 9, 14, 23), "javascript", 1280)],
 )
-def test_a_page_shows_what_python_computes(tab, make_exhibit, tmp_path, rng, bits, shape, renderer):
+def test_a_page_shows_what_python_computes(
+    tab, make_exhibit, tmp_path, rng, bits, shape, renderer, width
+):
     """In one file, without a network; the copied command and Python make the same picture."""
     exhibit = make_exhibit(shape, bits=bits)
     views = exhibit.light_field.views
@@ -34,6 +36,7 @@ def test_a_page_shows_what_python_computes(tab, make_exhibit, tmp_path, rng, bit
     object.__setattr__(exhibit, "title", "</script><img src=x onerror='globalThis.owned=1'>")
     (tmp_path / "page.html").write_text(single_page(exhibit, 10**8)[0], encoding="utf-8")
     tab.page.context.set_offline(True)
+    tab.page.set_viewport_size({"width": width, "height": 844})
     tab.open((tmp_path / "page.html").as_uri(), renderer)
     name = tab.page.evaluate("() => lfViewer.renderer.name")
     assert (name == "JavaScript") == (renderer == "javascript")
@@ -57,6 +60,7 @@ def test_a_page_shows_what_python_computes(tab, make_exhibit, tmp_path, rng, bit
     exec(tab.page.locator("code").inner_text(), names)
     shown = 255 * names["image"].reshape(*shape[2:4], -1)
     assert np.abs(shown - tab.canvas()).max() <= 1
+    assert tab.page.evaluate("() => document.documentElement.scrollWidth") == width
     assert all(url.startswith(("file:", "data:", "blob:")) for url in tab.requests)
     assert tab.page.evaluate("() => globalThis.owned") is None
 

@@ -67,8 +67,7 @@ export class Controls {
     const output = label.appendChild(document.createElement("span"));
     output.setAttribute("aria-hidden", "true"); // aria-valuetext says it
     this.ranges[name] = { input, output };
-    input.addEventListener("input", () => this.change(name, Number(input.value), true));
-    input.addEventListener("change", () => this.change(name, Number(input.value), false));
+    input.addEventListener("input", () => this.change(name, Number(input.value)));
   }
 
   choice(group, text, name, options) {
@@ -76,7 +75,7 @@ export class Controls {
     for (const [value, words] of Object.entries(options)) select.add(new Option(words, value));
     this.labelled(group, text, select);
     this.ranges[name] = { input: select };
-    select.addEventListener("change", () => this.change(name, select.value, false));
+    select.addEventListener("change", () => this.change(name, select.value));
   }
 
   button(group, text, action) {
@@ -85,11 +84,10 @@ export class Controls {
     button.addEventListener("click", action);
   }
 
-  change(name, value, dragging) {
+  change(name, value) {
     const [field, axis] = name.split(" ");
     const { centre } = this.viewer.state;
-    const changes = { [field]: axis ? centre.map((at, i) => (i === Number(axis) ? value : at)) : value };
-    this.viewer.set(changes, { dragging });
+    this.viewer.set({ [field]: axis ? centre.map((at, i) => (i === Number(axis) ? value : at)) : value });
   }
 
   async copy(words) {

@@ -29,7 +29,7 @@ export class Latest {
 /** Milliseconds before the page says that it waits. */
 const A_MOMENT = 400;
 
-/** Draws what is summed elsewhere; make gives values and size. */
+/** Draws what is summed elsewhere; make gives the values. */
 export class LatestRenderer extends Latest {
   constructor(canvas, shape) {
     super((picture) => this.finish(picture));
@@ -44,18 +44,13 @@ export class LatestRenderer extends Latest {
     const { parentElement } = this.canvas;
     const timer = setTimeout(() => (parentElement.ariaBusy = "true"), A_MOMENT);
     try {
-      const { values, size } = await this.make(picture);
-      this.show(values, size, picture.show);
+      this.values = await this.make(picture);
+      paint(this.canvas, this.values, this.shape.size, this.shape.channels, picture.show);
     } finally {
       clearTimeout(timer);
       parentElement.ariaBusy = "false";
     }
     this.drawn?.();
-  }
-
-  show(values, size, show) {
-    this.values = values;
-    paint(this.canvas, values, size, this.shape.channels, show);
   }
 
   /** The last image in units of full scale, as float32 (for tests). */

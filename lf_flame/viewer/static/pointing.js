@@ -34,7 +34,7 @@ export class Pointing {
     const here = this.at(event);
     this.viewer.slicesAt(...here);
     this.viewer.hint(here);
-    if (this.from && this.isBox(here)) this.viewer.set({ region: this.box(here) }, { dragging: true });
+    if (this.from && this.isBox(here)) this.viewer.set({ region: this.box(here) });
   }
 
   end(event) {

@@ -58,42 +58,16 @@ function addRows(image, row, height, line, { whole, part }) {
   }
 }
 
-export function binned(codes, { views, size, channels }, block) {
-  const [height, width] = size.map((n) => Math.floor(n / block));
-  const out = new Float32Array(views[0] * views[1] * height * width * channels);
-  let to = 0;
-  for (let view = 0; view < views[0] * views[1]; view++) {
-    for (let t = 0; t < height; t++) {
-      for (let s = 0; s < width; s++) {
-        for (let c = 0; c < channels; c++) {
-          let sum = 0;
-          for (let y = t * block; y < (t + 1) * block; y++) {
-            const line = (view * size[0] + y) * size[1];
-            for (let x = s * block; x < (s + 1) * block; x++) sum += codes[(line + x) * channels + c];
-          }
-          out[to++] = sum / (block * block);
-        }
-      }
-    }
-  }
-  return { codes: out, shape: { views, size: [height, width], channels } };
-}
-
 // A Worker is told the shape once, the codes in pieces, then plans.
 if (typeof WorkerGlobalScope !== "undefined" && self instanceof WorkerGlobalScope) {
   let shape;
   let codes;
-  let coarse;
   self.onmessage = ({ data }) => {
     if (data.shape) {
       shape = data.shape;
       codes = new (data.wide ? Uint16Array : Uint8Array)(data.length);
     } else if (data.codes) {
       codes.set(data.codes, data.at);
-    } else if (data.block > 1) {
-      coarse ??= binned(codes, shape, data.block);
-      const image = refocus(coarse.codes, coarse.shape, data.plan);
-      self.postMessage({ image }, [image.buffer]);
     } else {
       const image = refocus(codes, shape, data.plan);
       self.postMessage({ image }, [image.buffer]);

@@ -61,7 +61,7 @@ export class Viewer {
     this.state = fromAddress(address, this.first, metadata);
     const { size } = metadata;
     this.renderer = this.chooseRenderer(renderer);
-    this.renderer.drawn = () => this.note();
+    this.renderer.drawn = () => this.trouble && this.say("");
     this.renderer.failed = (words) => this.say(words, true);
     Object.assign(this.find(".lf-over"), { height: size[0], width: size[1] });
     const picture = this.find(".lf-picture").style;
@@ -153,25 +153,22 @@ export class Viewer {
     return display(this.metadata, this.state.gain, this.state.gamma);
   }
 
-  set(changes, { dragging = false } = {}) {
+  set(changes) {
     this.state = checked({ ...this.state, ...changes }, this.state, this.metadata);
     if (this.unsure) this.say("");
-    this.draw(dragging);
-    for (const listener of this.listeners) listener(this.state, dragging);
+    this.draw();
+    for (const listener of this.listeners) listener(this.state);
   }
 
   /** Draw in the next frame, once however often it is asked for. */
-  draw(dragging = false) {
-    this.dragging = dragging;
+  draw() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = undefined;
       const { state, metadata } = this;
       this.renderer.draw({
         slope: metadata.depths_mm ? 0 : state.slope,
         weights: weightsOf(this.loaded, metadata, state),
-        aperture: state,
         show: this.displayed(),
-        dragging: this.dragging,
       });
       this.colour();
       drawOverlay(this.find(".lf-over"), metadata, state, this.pointing);
@@ -195,16 +192,6 @@ export class Viewer {
       : ["0", Number((metadata.white / state.gain).toPrecision(3))];
     scale.querySelectorAll("span").forEach((end, i) => (end.textContent = ends[i]));
     scale.querySelector("i").style.background = gradient(map ? VIRIDIS : INFERNO);
-  }
-
-  /** Mark the first picture and that of all views, for whoever measures. */
-  note() {
-    const marks = this.loaded.includes(false) ? ["lf-first-picture"] : ["lf-first-picture", "lf-all-views"];
-    for (const mark of marks) {
-      if (!performance.getEntriesByName(mark).length) performance.mark(mark);
-    }
-    if (this.trouble) this.say("");
-    this.onDrawn?.();
   }
 
   async drawn() {

@@ -181,10 +181,6 @@ export class WebGLRenderer {
     return upright(values, height, width, this.shape.channels);
   }
 
-  wait() {
-    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
-  }
-
   close() {
     this.gl.getExtension("WEBGL_lose_context")?.loseContext();
   }

@@ -75,19 +75,21 @@ def test_a_table_top_moves_by_its_true_slopes(monkeypatch):
 
 def test_scores_of_a_map_with_known_errors():
     truth = np.zeros((10, 10))
-    slope, certain = truth.copy(), np.zeros((10, 10), bool)
+    slope, confidence = truth.copy(), np.zeros((10, 10))
     slope[0], slope[1] = 0.2, -0.06  # ten off by more than 0.07, twenty by more than 0.03
-    certain[:2, :5] = certain[2] = True
-    assert score(slope, certain, truth) == pytest.approx({
+    confidence[:2, :5] = confidence[2] = 0.9
+    confidence[3:6] = 0.1
+    assert score(slope, confidence, truth) == pytest.approx({
         "bad_07": 10.0,
         "bad_03": 20.0,
         "bad_01": 20.0,
         "mse_x100": 10 * 0.2**2 + 10 * 0.06**2,
         "certain_percent": 20.0,
         "bad_07_of_certain": 25.0,
+        "bad_07_of_half": 10.0,
     })  # fmt: skip
-    assert np.isnan(score(slope, np.zeros((10, 10), bool), truth)["bad_07_of_certain"])
-    assert np.isnan(score(slope, certain, np.nan * truth)["bad_07"])
+    assert np.isnan(score(slope, 0 * truth, truth)["bad_07_of_certain"])
+    assert np.isnan(score(slope, confidence, np.nan * truth)["bad_07"])
 
 
 @pytest.mark.slow
