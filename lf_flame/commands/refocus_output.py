@@ -12,8 +12,7 @@ from tqdm import tqdm
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_levels, white_level, write_image
-from lf_flame.formats.movie import write_movie
+from lf_flame.formats.images import to_levels, white_level, write_image, write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import all_in_focus, farthest_slope, find_sharpest_slope, refocus

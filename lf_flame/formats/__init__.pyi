@@ -6,6 +6,7 @@ from .focused.views import FocusedPlan as FocusedPlan
 from .focused.virtual_depth import VirtualDepth as VirtualDepth
 from .focused.virtual_depth import find_virtual_depth as find_virtual_depth
 from .hci_files import read_true_slopes as read_true_slopes
+from .images import write_movie as write_movie
 from .images import write_picture as write_picture
 from .lenslet_image import read_lenslet_image as read_lenslet_image
 from .lenslet_image import write_lenslet_image as write_lenslet_image
@@ -13,7 +14,6 @@ from .lytro.metadata import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture
 from .lytro.picture import read_lytro as read_lytro
 from .lytro.white import find_white as find_white
-from .movie import write_movie as write_movie
 from .raw.decode_plan import DecodePlan as DecodePlan
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch

@@ -168,3 +168,30 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
             if linear and levels.dtype == np.uint8:
                 says.add(b"gAMA", struct.pack(">I", 100_000))
             Image.fromarray(levels).save(aside, pnginfo=says)
+
+
+def write_movie(path: str | Path, frames: np.ndarray) -> None:
+    """Write frames as a looping GIF, at 12 frames per second.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file, ending in .gif.
+    frames : ndarray of uint8, shape (n, h, w) or (n, h, w, 3)
+
+    Raises
+    ------
+    InputError
+        If the ending is another, or it cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import write_movie
+    >>> write_movie("sweep.gif", np.zeros((4, 20, 30), np.uint8))
+    """
+    if Path(path).suffix.lower() != ".gif":
+        raise InputError(f"A movie is written as .gif, got {path}.")
+    with atomic_write(path) as aside:
+        first, *others = (Image.fromarray(frame) for frame in frames)
+        first.save(aside, save_all=True, append_images=others, duration=1000 // 12, loop=0)

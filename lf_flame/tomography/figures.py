@@ -13,17 +13,9 @@ from lf_flame._common import figures
 from lf_flame._common.figures import subplots
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.lightfield import LightField
-from lf_flame.optics.lens import Lens
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
-from lf_flame.tomography.resolution import (
-    angular_width,
-    depth_blur,
-    depth_modes,
-    depth_singular_values,
-    finest_period,
-)
 
 if TYPE_CHECKING:
     from lf_flame.tomography.emission import Emission, Place
@@ -159,35 +151,6 @@ def _section_figure(found: Emission):
     axis.grid(alpha=0.3)
     if axis.lines:
         axis.legend(fontsize=8)
-    return figure
-
-
-def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
-    """Depth blur against lateral period, and singular values of light of some thickness."""
-    figure, (left, right) = subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
-    finest = finest_period(camera)
-    lengths = np.geomspace(finest, max(100 * finest, *periods_mm), 100)
-    left.loglog(lengths, depth_blur(camera, lengths), color="C0")
-    left.axhline(thickness_mm, color="C7", linestyle="--", linewidth=1)
-    left.annotate(
-        f"{thickness_mm:g} mm: beyond, one number for all depths",
-        (lengths[0], thickness_mm), textcoords="offset points", xytext=(2, 4), fontsize=8,
-    )  # fmt: skip
-    left.set(xlabel="lateral period in the focal plane (mm)", ylabel="blur in depth (mm)")
-    left.set_title(f"period / {angular_width(camera):.3f} rad", fontsize=10)
-    left.grid(alpha=0.3, which="both")
-    depths = camera.focal_plane_mm + thickness_mm * np.linspace(-0.5, 0.5, 64)
-    for number, period in enumerate(periods_mm):
-        values = depth_singular_values(camera, period, depths)[:12]
-        modes = depth_modes(camera, period, thickness_mm)
-        label = f"{period:g} mm: {modes:.1f} modes"
-        right.semilogy(1 + np.arange(len(values)), values, "o-", color=f"C{number}", label=label)
-    right.axhline(0.01, color="C7", linestyle="--", linewidth=1)
-    right.set_ylim(1e-4, 1.5)
-    right.set(xlabel="number of the singular value", ylabel="relative to the largest")
-    right.set_title(f"light within {thickness_mm:g} mm of depth", fontsize=10)
-    right.legend(fontsize=8, title="lateral period", title_fontsize=8)
-    right.grid(alpha=0.3)
     return figure
 
 

@@ -410,7 +410,7 @@ REFUSED = [
         ),
         "--pitch does not apply",
     ),
-    (lambda: write_movie(Path("sweep.avi"), PLANES), ".gif or .mp4, got sweep.avi"),
+    (lambda: write_movie(Path("sweep.avi"), PLANES), "written as .gif, got sweep.avi"),
 ]  # fmt: skip
 
 
