@@ -19,10 +19,17 @@ PERIOD = 10
 """Period of coarse detail, in periods of the finest: two pixels."""
 
 
-def resolution_report(lens: Lens, periods_mm: Sequence[float], thickness_mm: float) -> str:
-    """Tabulate the blur in depth of detail of some lateral periods."""
+def resolution_report(
+    lens: Lens, periods_mm: Sequence[float], thickness_mm: float | None = None
+) -> str:
+    """Tabulate the blur in depth of detail of some lateral periods.
+
+    The extent in depth is 30 mm by default, or a tenth of the distance if that is less.
+    """
     if lens.views < 2:
         return "A single view resolves no depth."
+    if thickness_mm is None:
+        thickness_mm = float(f"{min(30.0, lens.pupil_distance_mm / 10):.2g}")
     finest, width = finest_period(lens), angular_width(lens)
     periods = periods_mm or (float(f"{finest:.3g}"), *(one for one in PERIODS_MM if one > finest))
     rows = [
@@ -33,9 +40,9 @@ def resolution_report(lens: Lens, periods_mm: Sequence[float], thickness_mm: flo
     heads = "lateral period (mm)", "blur in depth (mm)", f"values in {thickness_mm:g} mm of depth"
     return (
         f"{table(rows, *heads)}\n\n{NO_DEPTH}.\nThe views span {width:.4f} rad "
-        f"({np.degrees(width):.1f} degrees), seen from the focal plane: {thickness_mm:g} mm of "
-        f"depth are resolved\nfor periods below {thickness_mm * width:.3g} mm, and have one value "
-        f"for larger ones."
+        f"({np.degrees(2 * np.arctan(width / 2)):.1f} degrees), seen from the focal plane: "
+        f"{thickness_mm:g} mm of depth are resolved\nfor periods below "
+        f"{thickness_mm * width:.3g} mm, and have one value for larger ones."
     )
 
 

@@ -18,7 +18,7 @@ from lf_flame.formats.images import write_image
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import _peaks, estimate_grid, flattened
 from lf_flame.formats.raw.reading import decode_raw
-from lf_flame.refocus import all_in_focus, find_sharpest_slope
+from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
 from lf_flame.refocus.focus_map import TRUSTED
 
 MICROSCOPE = Path(__file__).parents[3] / "shared" / "lightfields" / "guv"
@@ -485,13 +485,16 @@ def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng
 
 @pytest.mark.slow
 @pytest.mark.skipif(not MICROSCOPE.is_dir(), reason="no real raw image beside the checkout")
-def test_a_real_raw_image_of_round_micro_images_has_a_map():
+def test_a_real_raw_image_of_round_micro_images_has_a_map(caplog):
     """A fluorescent vesicle, translucent and faint: no pixel has one slope, and hardly one may be
-    called certain."""
+    called certain. None is saturated, so that nothing is a lower bound."""
     raw, white = (MICROSCOPE / f"{name}.tif" for name in ("Lightfield", "Radiometry"))
     found, _ = read_raw(raw, white=white)
     assert found.weights is not None
     assert 0.3 < np.mean(found.weights > 0) < 0.9
+    assert found.valid is not None
+    assert (shift_and_sum(found, [-0.5, 0.0, 0.5]) > 0).all()
+    assert "lower bounds" not in caplog.text
     made = all_in_focus(found, np.linspace(-1, 1, 33))
     assert np.isfinite(made.slope).all()
     assert np.mean(made.confidence >= TRUSTED) < 0.02

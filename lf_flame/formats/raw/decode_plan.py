@@ -141,7 +141,7 @@ class DecodePlan:
     Hot and dead pixels, which the dark and the white image show, are replaced by their neighbours
     of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it
     comes from saturated pixels, or from bad ones without a good neighbour; or if its lenslet is too
-    dark there in the white image, in a view that otherwise counts.
+    dark there in the white image, in a view that otherwise counts (it then holds 0).
 
     Views that are mostly dark in the white image get weight 0, and in a hexagonal array those
     whose parts reach beyond the circle that touches the neighbours.
@@ -245,6 +245,8 @@ class DecodePlan:
         self.weights = _own_views(self._grid, views) & self._lit
         lost = None if self._bad is None else self._untouched(self._bad.lost_in(size))
         self._valid = self._known(bright, lost)
+        # What is too dark in the white image bounds nothing, as saturated pixels do.
+        self._unlit = None if bright is None or (lit := self._known(bright)) is None else ~lit
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Decode one raw image.
@@ -283,6 +285,8 @@ class DecodePlan:
             # A bad pixel is as saturated as the neighbours that replace it.
             clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
             valid = self._known(valid, self._untouched(clipped))
+        if self._unlit is not None:
+            views[self._unlit] = 0.0
         return LightField.trusted(
             views if coloured else views[..., 0], weights=weights, valid=valid
         )
