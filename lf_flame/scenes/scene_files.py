@@ -20,6 +20,9 @@ LAYER_BYTES, MORE_BYTES = 26, 16
 """Bytes of memory per pixel that a layer takes while it is made of an image: for its radiance,
 twice, and its absorption; and for the coverage of an opaque layer, or the absorption of soot."""
 
+ROWS = 64
+"""Number of rows of an image that are turned into radiance at a time."""
+
 
 @strict
 @dataclass(frozen=True)
@@ -228,9 +231,15 @@ def _read_grey(path: Path, opaque: bool) -> tuple[np.ndarray, np.ndarray | None]
     check_levels(pixels, path)
     if pixels.ndim not in (2, 3):
         raise InputError(f"{path} must be one image, got an array of shape {pixels.shape}.")
-    image = img_as_float64(pixels)
-    coverage = np.ones(image.shape[:2]) if opaque else None
-    if image.ndim == 3 and image.shape[2] in (2, 4):
-        coverage = image[..., -1].copy() if opaque else None
-        image = image[..., :-1] * image[..., -1:]  # transparent pixels emit nothing
-    return image.mean(axis=2) if image.ndim == 3 else image, coverage
+    clear = pixels.ndim == 3 and pixels.shape[2] in (2, 4)
+    texture = np.empty(pixels.shape[:2])
+    coverage = np.ones(pixels.shape[:2]) if opaque else None
+    for first in range(0, len(pixels), ROWS):  # a copy of the whole as floats would take too much
+        rows = slice(first, first + ROWS)
+        image = img_as_float64(pixels[rows])
+        if clear and coverage is not None:
+            coverage[rows] = image[..., -1]
+        if clear:
+            image = image[..., :-1] * image[..., -1:]  # transparent pixels emit nothing
+        texture[rows] = image.mean(axis=2) if image.ndim == 3 else image
+    return texture, coverage

@@ -158,7 +158,7 @@ def test_pictures_that_cannot_be_used_are_one_sentence(run_folder, tmp_path):
         (["holed.tif"], "holed.tif: A light field must be finite, got 1 NaN"),
         (["text.png"], "text.png cannot be read"),
         (["none.png"], "none.png: no such file"),
-        (["square.png", "other/square.png"], "other.square.png and another image would both go"),
+        (["square.png", "other/square.png"], "square.png and another image would both go"),
     ):
         paths = [tmp_path / name for name in names]
         with pytest.raises(InputError, match=message) as caught:
