@@ -352,7 +352,7 @@ REFUSED = [
     ),
     *each(
         "temperature green green",
-        ("--wavelengths 5.5e-4 6.5e-4", "if these are mm, give 550 and 650"),
+        ("--wavelengths 5.5e-4 6.5e-4", "must be two in nm, from 100 to 100000"),
         ("--wavelengths 550 650 --soot-exponent 6", "soot_exponent must be from -1 to 5"),
         ("empty --colours colours.toml", "for each of the 2 colours (blue, red)"),
     ),

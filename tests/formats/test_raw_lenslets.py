@@ -334,11 +334,14 @@ def test_a_white_image_takes_out_falloff(rng):
     lit = found.weights > 0
     assert lit[radius < 4.6].all()
     assert not lit[radius > 6.5].any()
-    np.testing.assert_allclose(found.views[lit], 0.4 * level, rtol=3e-5)  # rounding of sums
+    assert found.valid is not None
+    assert 0.9 < found.valid[lit].mean() < 1
+    assert not found.views[~found.valid].any()
+    np.testing.assert_allclose(found.filled[lit], 0.4 * level, rtol=3e-5)  # rounding of sums
     colour = np.stack([white, 2 * white, 0.5 * white], axis=-1)
     expected = np.broadcast_to(level * np.array([1, 2, 0.5]), (*found.views[lit].shape, 3))
     for flat in (colour, white):
-        balanced = decode_raw(colour, grid, white=flat).views
+        balanced = decode_raw(colour, grid, white=flat).filled
         np.testing.assert_allclose(balanced[lit], expected, rtol=3e-5)
 
 

@@ -94,7 +94,7 @@ def test_scores_of_a_map_with_known_errors():
 
 @pytest.mark.slow
 def test_the_record_has_a_row_for_each_map_and_scene(tmp_path):
-    kinds = {"slanted planes": Kind(planes, views=5)}
+    kinds = {"slanted planes": Kind(planes, views=7)}
     record, shown = measure(tmp_path, tables=(), kinds=kinds, seeds=(1,))
     table = pd.DataFrame(record["rows"])
     assert len(table) == len(METHODS)
