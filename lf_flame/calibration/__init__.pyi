@@ -1,12 +1,7 @@
 from .camera_law import CameraLaw as CameraLaw
-from .camera_law import read_law as read_law
 from .camera_law import read_lens as read_lens
 from .camera_law import thin_lens as thin_lens
-from .corners import find_lattice as find_lattice
 from .fit import LawFit as LawFit
-from .fit import Measurements as Measurements
-from .fit import fit_law as fit_law
 from .fit import fit_targets as fit_targets
-from .targets import LatticeFit as LatticeFit
 from .targets import Target as Target
 from .targets import measure_target as measure_target

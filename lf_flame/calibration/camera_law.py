@@ -1,21 +1,22 @@
 """Measured law of a camera: slope and scale by depth, with the range in which it was measured.
 
-For a thin lens at distance Z from the target, `PlenopticCamera.depth_to_slope` reads
-``slope = B (1 / a0 - 1 / Z)`` with ``B = i0 view_step / pitch``, and a lenslet covers
-``pitch Z / i0``. With depths z from a zero of the user's own, ``Z = z - c``, and these are
+Through a camera of lenses and lenslets, the ray of lenslet x and view v is at the depth z at the
+height ``(A + B z) x + (C + D z) v``. A lenslet therefore covers ``A + B z``, and a point moves from
+view to view by ``-(C + D z) / (A + B z)`` lenslets, whatever the lenses:
 
-    slope(z) = a + b / (z - c)        a = B / a0, b = -B
-    scale(z) = d (z - e)              d = pitch / i0, e = c
+    slope(z) = a + b / (z - c)
+    mm per lenslet(z) = d (z - c)
 
-Any lens whose views meet in its entrance pupil has this form too, with c = e the place of that
-pupil; a lens whose two centres differ keeps both.
+At z = c, the entrance pupil, the views meet. For a thin lens at distance Z = z - c from the target,
+``PlenopticCamera.depth_to_slope`` reads ``slope = B (1 / a0 - 1 / Z)`` with
+``B = i0 view_step / pitch``, and ``a = B / a0, b = -B, d = pitch / i0``.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,7 +38,7 @@ TABLE = "law"
 @strict
 @dataclass(frozen=True, kw_only=True)
 class CameraLaw(Lens):
-    """Slope and scale of a camera as functions of depth, measured by `fit_law`.
+    """Slope and scale of a camera as functions of depth, measured by `fit_targets`.
 
     Parameters
     ----------
@@ -46,12 +47,10 @@ class CameraLaw(Lens):
     slope_mm : float
         Coefficient b of ``1 / (z - c)`` in the slope, in mm times lenslets per view step; of the
         other sign than a.
-    slope_centre_mm : float
+    centre_mm : float
         Depth c of the point in which the views meet: the entrance pupil.
     scale : float
         Change d of the size in mm of a lenslet's image per mm of depth, above 0.
-    scale_centre_mm : float
-        Depth e at which that size would be 0; equal to c for a thin lens.
     depth_range_mm : (float, float)
         Lowest and highest depth for which the law holds.
     views : int
@@ -81,8 +80,8 @@ class CameraLaw(Lens):
 
     >>> from lf_flame.calibration import CameraLaw
     >>> law = CameraLaw(
-    ...     slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
-    ...     scale_centre_mm=-400.0, depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
+    ...     slope_at_infinity=2.0, slope_mm=-800.0, centre_mm=-400.0, scale=0.002,
+    ...     depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
     ... )
     >>> round(law.depth_to_slope(10.0), 4), round(law.slope_to_depth(0.0), 4)
     (0.0488, 0.0)
@@ -92,9 +91,8 @@ class CameraLaw(Lens):
 
     slope_at_infinity: float
     slope_mm: float
-    slope_centre_mm: float
+    centre_mm: float
     scale: float
-    scale_centre_mm: float
     depth_range_mm: tuple[float, float]
     views: int
     lenslets: tuple[int, int]
@@ -105,8 +103,8 @@ class CameraLaw(Lens):
 
     def __post_init__(self):
         low, high = self.depth_range_mm
-        numbers = (self.slope_at_infinity, self.slope_mm, self.slope_centre_mm, self.scale,
-                   self.scale_centre_mm, low, high, self.distortion)  # fmt: skip
+        numbers = (self.slope_at_infinity, self.slope_mm, self.centre_mm, self.scale, low, high,
+                   self.distortion)  # fmt: skip
         if not np.all(np.isfinite(numbers)) or max(map(abs, numbers)) > LONGEST:
             raise InputError(f"The numbers of a law must be finite, up to {LONGEST:g}.")
         if not self.slope_at_infinity * self.slope_mm < 0 or abs(self.slope_mm) < SHORTEST:
@@ -116,10 +114,10 @@ class CameraLaw(Lens):
             )
         if not self.scale > 0:
             raise InputError(f"scale must be above 0, got {self.scale}.")
-        if not max(self.slope_centre_mm, self.scale_centre_mm) < low < high:
+        if not self.centre_mm < low < high:
             raise InputError(
-                f"depth_range_mm must rise, and lie beyond both centres "
-                f"({self.slope_centre_mm:g} and {self.scale_centre_mm:g}), got {low:g}, {high:g}."
+                f"depth_range_mm must rise, and lie beyond centre_mm ({self.centre_mm:g}), got "
+                f"{low:g}, {high:g}."
             )
         diameter = self.aperture_diameter_mm
         if diameter is not None and not SHORTEST <= diameter <= LONGEST:
@@ -129,11 +127,9 @@ class CameraLaw(Lens):
                 f"views and lenslets must be 1 or more, got {self.views} and {self.lenslets}."
             )
         if self.fall_off is not None:
-            size = (self.views, self.views)
-            rows = {len(row) for row in self.fall_off}
-            levels = np.array(self.fall_off if rows == {self.views} else [0.0], float)
-            known = levels.shape == size and np.all((levels >= 0) & (levels < 100)) and levels.any()
-            if not known:
+            square = {len(row) for row in self.fall_off} == {self.views} == {len(self.fall_off)}
+            levels = np.array(self.fall_off if square else [0.0], float)
+            if not (np.all((levels >= 0) & (levels < 100)) and levels.any()):
                 raise InputError(
                     f"fall_off must be {self.views} rows of {self.views} numbers from 0 to 100, "
                     f"not all 0."
@@ -143,9 +139,7 @@ class CameraLaw(Lens):
         """Slope at which a layer is in focus, in lenslets per view step."""
         self.check_depths(depth_mm)
         depth = np.asarray(depth_mm, float)
-        return number_or_array(
-            self.slope_at_infinity + self.slope_mm / (depth - self.slope_centre_mm)
-        )
+        return number_or_array(self.slope_at_infinity + self.slope_mm / (depth - self.centre_mm))
 
     def slope_to_depth(self, slope: Number) -> Number:
         """Depth in mm of the layer in focus at a slope; outside `depth_range_mm` it is refused."""
@@ -160,13 +154,12 @@ class CameraLaw(Lens):
 
     def _depth(self, slope: Number) -> np.ndarray:
         with np.errstate(divide="ignore"):
-            beyond = self.slope_mm / (np.asarray(slope, float) - self.slope_at_infinity)
-        return self.slope_centre_mm + beyond
+            return self.centre_mm + self.slope_mm / (np.asarray(slope) - self.slope_at_infinity)
 
     def mm_per_lenslet(self, depth_mm: Number) -> Number:
         """Size in mm at a depth of what one lenslet covers, at the centre of the image."""
         self.check_depths(depth_mm)
-        return number_or_array(self.scale * (np.asarray(depth_mm, float) - self.scale_centre_mm))
+        return number_or_array(self.scale * (np.asarray(depth_mm, float) - self.centre_mm))
 
     def field_mm(self, depth_mm: float) -> tuple[float, float]:
         """Height and width, in mm, of the field of the central view at a depth."""
@@ -176,7 +169,7 @@ class CameraLaw(Lens):
     @property
     def focal_plane_mm(self) -> float:
         """Depth of the focal plane, where the slope is 0; it may lie outside the range."""
-        return self.slope_centre_mm - self.slope_mm / self.slope_at_infinity
+        return self.centre_mm - self.slope_mm / self.slope_at_infinity
 
     @property
     def focus_distance_mm(self) -> float:
@@ -186,7 +179,7 @@ class CameraLaw(Lens):
     @property
     def lenslet_in_focus_mm(self) -> float:
         """Size in mm of a lenslet's image in the focal plane, which may lie outside the range."""
-        return self.scale * (self.focal_plane_mm - self.scale_centre_mm)
+        return self.scale * (self.focal_plane_mm - self.centre_mm)
 
     @property
     def view_step_mm(self) -> float:
@@ -237,22 +230,16 @@ class CameraLaw(Lens):
                 )
 
     def to_toml(self) -> str:
-        """Give the law as a table of a TOML file, which `read_law` reads."""
+        """Give the law as a table of a TOML file, which `read_lens` reads."""
         lines = [f"[{TABLE}]"]
         for one in fields(self):
             value = getattr(self, one.name)
             if value is not None and not isinstance(value, dict):
-                lines.append(f"{one.name} = {_toml(value)}")
+                lines.append(f"{one.name} = {json.dumps(value)}")
         if self.standard_deviations:
             lines += ["", f"[{TABLE}.standard_deviations]"]
-            lines += [f"{name} = {_toml(x)}" for name, x in self.standard_deviations.items()]
+            lines += [f"{name} = {x!r}" for name, x in self.standard_deviations.items()]
         return "\n".join(lines) + "\n"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return str(value) if isinstance(value, int) else repr(float(value))
 
 
 def _undistorted(light_field: LightField, distortion: float) -> LightField:
@@ -290,32 +277,6 @@ def _undistorted(light_field: LightField, distortion: float) -> LightField:
     return replace(light_field, views=new.reshape(light_field.views.shape), valid=valid)
 
 
-def read_law(path: str | Path) -> CameraLaw:
-    """Read a law from the table ``[law]`` of a TOML file, as `lf-flame calibrate` writes it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has no such table, or a value cannot be used.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from lf_flame.calibration import CameraLaw, read_law
-    >>> law = CameraLaw(
-    ...     slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
-    ...     scale_centre_mm=-400.0, depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
-    ... )
-    >>> _ = Path("calibration.toml").write_text(law.to_toml())
-    >>> read_law("calibration.toml") == law
-    True
-    """
-    values = read_toml(path)
-    if TABLE not in values:
-        raise InputError(f"{path} has no table [{TABLE}]: it is not a calibration.")
-    return build(CameraLaw, values[TABLE], f"{path}: {TABLE}")
-
-
 def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
     """Read a camera from a file: its table ``[law]``, or else its table ``[camera]``.
 
@@ -340,8 +301,8 @@ def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
     >>> read_lens("scene.toml").views
     9
     """
-    if Path(path).suffix != ".json" and TABLE in read_toml(path):
-        return read_law(path)
+    if Path(path).suffix != ".json" and TABLE in (values := read_toml(path)):
+        return build(CameraLaw, values[TABLE], f"{path}: {TABLE}")
     return read_camera(path)
 
 
@@ -356,7 +317,6 @@ def thin_lens(
     Parameters
     ----------
     law : CameraLaw
-        Law with equal centres of slope and scale.
     lenslet_mm : float
         Distance between the centres of neighbouring lenslets, by their maker.
     focal_mm : float, optional
@@ -373,8 +333,8 @@ def thin_lens(
     --------
     >>> from lf_flame.calibration import CameraLaw, thin_lens
     >>> law = CameraLaw(
-    ...     slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
-    ...     scale_centre_mm=-400.0, depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
+    ...     slope_at_infinity=2.0, slope_mm=-800.0, centre_mm=-400.0, scale=0.002,
+    ...     depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
     ... )
     >>> round(thin_lens(law, 0.1).image_distance_mm, 6)
     50.0
@@ -384,8 +344,6 @@ def thin_lens(
             "No thin lens has this law: its slopes fall with depth, so the order of the views is "
             "reversed."
         )
-    if law.scale_centre_mm != law.slope_centre_mm:
-        raise InputError("No thin lens has this law: slope and scale have different centres.")
     width = -law.slope_mm * law.scale * law.views  # of the pupil: B d is the step of a view
     if not width > lenslet_mm:
         raise InputError(
@@ -401,7 +359,6 @@ def thin_lens(
         raise InputError(
             f"No lens of {focal_mm:g} mm has this law: its exit pupil would be behind the array."
         )
-    stated: dict[str, Any] = {} if focal_mm is None else {"exit_pupil_mm": exit_mm}
     return PlenopticCamera(
         main_lens_focal_mm=focus * image / (focus + image),
         focus_distance_mm=focus,
@@ -410,5 +367,5 @@ def thin_lens(
         views=law.views,
         lenslets=law.lenslets,
         aperture_diameter_mm=law.aperture_diameter_mm,
-        **stated,
+        exit_pupil_mm=None if focal_mm is None else exit_mm,
     )

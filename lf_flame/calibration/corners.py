@@ -18,33 +18,8 @@ LEAST_ROWS, LEAST_POINTS = 3, 9
 def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Find the corners of a checkerboard, or dots, and number them by row and column.
 
-    Parameters
-    ----------
-    image : ndarray, shape (t, s)
-        Picture of the target; it may be turned, and cut off by the borders.
-    dots : bool, optional
-        Whether the target is a square grid of round dots, not a checkerboard.
-
-    Returns
-    -------
-    indices : ndarray of int, shape (n, 2)
-        Row and column of each point; the origin is arbitrary.
-    points : ndarray, shape (n, 2)
-        Approximate position of each point in pixels, row and column.
-
-    Raises
-    ------
-    InputError
-        If fewer than 3 x 3 corners or dots form a lattice.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame.calibration import find_lattice
-    >>> y, x = np.indices((48, 56)) // 8
-    >>> indices, points = find_lattice(((y + x) % 2).astype(float))
-    >>> int(np.ptp(indices[:, 0])) + 1, int(np.ptp(indices[:, 1])) + 1
-    (5, 6)
+    Gives row and column of each point, from any origin, and its approximate position in pixels,
+    each of shape (n, 2). The target may be turned, and cut off by the borders.
     """
     image = np.asarray(image, float)
     middle = (np.array(image.shape) - 1) / 2
@@ -63,6 +38,12 @@ def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, 
             if len(grown) > 0.6 * len(found):
                 break
     indices = np.array(list(best), int).reshape(-1, 2)
+    refuse_few(indices, dots=dots)
+    return indices, points[list(best.values())]
+
+
+def refuse_few(indices: np.ndarray, *, dots: bool) -> None:
+    """Refuse a target of which too few corners or dots are found."""
     counts = [len(np.unique(column)) for column in indices.T]
     if len(indices) < LEAST_POINTS or min(counts) < LEAST_ROWS:
         what = "dots" if dots else "corners of squares"
@@ -72,7 +53,6 @@ def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, 
             f"fill more of the picture, lit evenly, or check that it is "
             f"{'a grid of dots' if dots else 'a checkerboard'}."
         )
-    return indices, points[list(best.values())]
 
 
 def lattice_steps(indices: np.ndarray, points: np.ndarray) -> np.ndarray:

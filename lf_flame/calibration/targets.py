@@ -4,14 +4,15 @@ A point of the target moves by its slope, in lenslets, from one view to the next
 the positions of all corners in all views is far more exact than a search for the sharpest slope.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 
 from lf_flame._common.arrays import centred
-from lf_flame.calibration.corners import centres, find_lattice, lattice_steps
+from lf_flame.calibration.corners import centres, find_lattice, lattice_steps, refuse_few
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import align_views
@@ -26,26 +27,13 @@ MOIRE = 0.003
 """Error in lenslets that neighbouring corners share, where sharp squares are seen by pixels that do
 not overlap: measured on pinhole pictures of boards at all angles, root mean square."""
 
-MOST_UNEVEN = 0.15
-"""Largest difference of the motions down and right, and largest rotation in rad."""
 
+class LatticeFit(NamedTuple):
+    """Scale of a lattice at the centre of the image, radial distortion, and standard errors."""
 
-@dataclass(frozen=True)
-class LatticeFit:
-    """Scale of a lattice at the centre of the image, and its radial distortion.
-
-    Attributes
-    ----------
-    scale, scale_error : float
-        Number of squares per lenslet, and its standard error.
-    distortion, distortion_error : float
-        Coefficient k of ``r (1 + k r^2)``, by which a distance r in lenslets from the centre is
-        multiplied to be free of distortion, per lenslet squared, and its standard error.
-    """
-
-    scale: float
+    scale: float  # squares per lenslet
     scale_error: float
-    distortion: float
+    distortion: float  # k of r (1 + k r^2), which is free of distortion, per lenslet squared
     distortion_error: float
 
 
@@ -63,25 +51,19 @@ class Target:
         Slope of each, in lenslets per view step.
     residual : float
         Distance of a corner from the regression over the views, root mean square, in lenslets.
-    anisotropy, rotation_rad : float
-        Relative difference of the slopes down and right, and rotation of the views' directions
-        against the image; both are about 0 where lenslets and pixels are square and aligned. NaN
-        for a target so near the focal plane that they are unknown.
-    lenslets : (int, int)
-        Number of pixels of a view.
     levels : ndarray, shape (v, u)
         Brightness of the target in each view, relative to the central one; NaN of views that are
         left out, and of a picture around a mean of 0.
+    shape : (int, int, int, int)
+        Shape of the views (v, u, t, s).
     """
 
     indices: np.ndarray
     points: np.ndarray
     slopes: np.ndarray
     residual: float
-    anisotropy: float
-    rotation_rad: float
-    lenslets: tuple[int, int]
     levels: np.ndarray
+    shape: tuple[int, int, int, int]
 
     @property
     def slope(self) -> float:
@@ -89,18 +71,12 @@ class Target:
         return self.slope_at_centre()[0]
 
     def slope_at_centre(self, distortion: float = 0.0) -> tuple[float, float, np.ndarray]:
-        """Fit a plane to the slopes of corners, which is exact for a plane in space, tilted or not.
+        """Slope at the centre of the image, its standard error, its gradient per lenslet.
 
+        A plane through the slopes of the corners is exact for a flat target, tilted or not. The
+        error is from the spread over the corners, which includes noise and each corner's own bias.
         Distortion lowers the slope of a corner as it lowers the image's scale there, by
         ``1 / (1 + k r^2)`` across the radius and ``1 / (1 + 3 k r^2)`` along it.
-
-        Returns
-        -------
-        slope, error : float
-            Slope at the centre of the image, and its standard error: from the spread over the
-            corners, which includes noise and each corner's own bias.
-        gradient : ndarray, shape (2,)
-            Change of the slope per lenslet down and right.
         """
         bent = distortion * np.sum(self.points**2, axis=1)
         slopes = self.slopes / (0.5 / (1 + bent) + 0.5 / (1 + 3 * bent))
@@ -137,7 +113,7 @@ class Target:
         error = float(np.sqrt(gradient @ covariance[2:6, 2:6] @ gradient))
         # Moire between squares and pixels moves neighbouring corners alike, which their spread does
         # not show; it averages out where the target moves by pixels from view to view.
-        motion = abs(self.slope) * (min(self.levels.shape) - 1)
+        motion = abs(self.slope) * (min(self.shape[:2]) - 1)
         moire = MOIRE / max(1.0, np.pi * motion) / float(np.std(points))
         return LatticeFit(
             scale,
@@ -195,7 +171,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     (0.5, 0.125)
     """
     views, weights = light_field.grey().filled, light_field.weights
-    v, u, t, s = views.shape
+    v, u, *_ = views.shape
     counted = np.ones((v, u), bool) if weights is None else weights > 0
     if min(v, u) < 3 or counted.sum() < 5:
         raise InputError(
@@ -210,7 +186,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     points = centres(views[middle], points, RADIUS * pitch)
     sound = np.isfinite(points[:, 0])
     indices, points = indices[sound], points[sound]
-    _refuse_few(indices)
+    refuse_few(indices, dots=dots)
 
     def track(chosen: np.ndarray, slope: float) -> np.ndarray:
         """Positions of the corners in views, shape (views, corners, 2); NaN if not found."""
@@ -228,16 +204,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     known = levels[middle] > 0.2 * np.std(views[middle])
     levels = levels / levels[middle] if known else np.full((v, u), np.nan)
     tracks = track(counted, slope)
-    return _target(indices, tracks, offsets[counted], pitch, levels, (t, s))
-
-
-def _refuse_few(indices: np.ndarray) -> None:
-    counts = [len(np.unique(column)) for column in indices.T]
-    if len(indices) < 9 or min(counts) < 3:
-        raise InputError(
-            f"At least 3 x 3 corners or dots must be found in most views, got {counts[0]} x "
-            f"{counts[1]}: let the target fill more of the picture, or use smaller squares."
-        )
+    return _target(indices, tracks, offsets[counted], pitch, dots, levels, views.shape)
 
 
 def _brightness(views, chosen: np.ndarray, slope: float, points: np.ndarray) -> np.ndarray:
@@ -294,12 +261,12 @@ def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
     return solved[:, 0], slopes, np.stack([solved[:, 2, 0], solved[:, 1, 1]], axis=1), residuals
 
 
-def _target(indices, tracks, offsets, pitch: float, levels, lenslets) -> Target:
+def _target(indices, tracks, offsets, pitch: float, dots: bool, levels, shape) -> Target:
     """Regress the tracks, without corners that are seldom found and without outliers."""
     for least in (LEAST_SHARE, LEAST_SHARE / 2):
         often = np.isfinite(tracks[..., 0]).mean(axis=0) >= least
         indices, tracks = indices[often], tracks[:, often]
-        _refuse_few(indices)
+        refuse_few(indices, dots=dots)
         points, slopes, crossed, residuals = _regress(tracks, offsets)
         if least == LEAST_SHARE:
             usual = 1.4826 * np.nanmedian(np.abs(residuals)) + 1e-9
@@ -310,18 +277,16 @@ def _target(indices, tracks, offsets, pitch: float, levels, lenslets) -> Target:
             f"The corners must move evenly from view to view, got residuals of {residual:.2g} "
             f"lenslets: the views are not in order, or the target is not flat."
         )
-    points = points - (np.array(lenslets) - 1) / 2
-    each = slopes.mean(axis=1)
-    target = Target(indices, points, each, residual, np.nan, np.nan, lenslets, levels)
+    points = points - (np.array(shape[2:]) - 1) / 2
+    target = Target(indices, points, slopes.mean(axis=1), residual, levels, shape)
     (down, right), (across_down, across_right) = np.mean(slopes, axis=0), np.mean(crossed, axis=0)
     size = max(abs(down), abs(right), abs(across_down), abs(across_right))
-    if size < 20 * target.slope_at_centre()[1]:  # it hardly moves
-        return target
-    if max(abs(down - right), abs(across_down), abs(across_right)) > MOST_UNEVEN * size:
+    # A real array is turned, or its pitches differ, by far less than 0.15.
+    uneven = max(abs(down - right), abs(across_down), abs(across_right)) > 0.15 * size
+    if uneven and size >= 20 * target.slope_at_centre()[1]:  # else it hardly moves
         raise InputError(
             f"Views must be ordered by row and column, at equal steps: from row to row the corners "
             f"move by ({down:.3g}, {across_right:.3g}) lenslets down and right, from column to "
             f"column by ({across_down:.3g}, {right:.3g})."
         )
-    mean, turn = (down + right) / 2, (across_right - across_down) / 2
-    return replace(target, anisotropy=float((down - right) / mean), rotation_rad=float(turn / mean))
+    return target

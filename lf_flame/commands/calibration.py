@@ -76,7 +76,7 @@ def calibrate(
     from tqdm import tqdm
 
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.calibration import fit_targets, measure_target, output
+    from lf_flame.calibration import fit_targets, measure_target, output, thin_lens
     from lf_flame.calibration.fit import refuse_few_depths
 
     if focal_mm is not None and lenslet_mm is None:
@@ -93,11 +93,16 @@ def calibrate(
             except InputError as error:
                 raise InputError(f"{source}, at {depth:g} mm: {error}") from None
         fit = fit_targets(depths, targets, square_mm=square_mm)
-        camera, why = (None, "")
+        facts = output.target_facts(fit, targets)
+        notes, camera = output.notes(fit, facts), None
         if lenslet_mm is not None:
-            camera, why = output.try_thin_lens(fit, lenslet_mm, focal_mm)
-        sources = [recorded_path(source, folder.folder) for source, _ in placed]
-        output.write_calibration(fit, targets, depths, sources, folder, camera)
+            try:
+                camera = thin_lens(fit.law, lenslet_mm, focal_mm=focal_mm)
+            except InputError as error:
+                notes.append(f"{error} {output.CAMERA} is not written.")
+        for one, (source, _) in zip(facts, placed, strict=True):
+            one["source"] = recorded_path(source, folder.folder)
+        output.write_calibration(fit, facts, folder, camera)
         folder.facts |= {
             "square_mm": square_mm,
             "step_mm": step_mm,
@@ -105,10 +110,11 @@ def calibrate(
             "lenslet_mm": lenslet_mm,
             "focal_mm": focal_mm,
             "reading": reading.given(),
+            "notes": notes,
         }
-    click.echo(output.table(fit, depths, targets))
+    click.echo(output.table(facts))
     click.echo(output.summary(fit))
-    tell_all("Note", [*output.notes(fit, depths, targets), *([why] if why else [])])
+    tell_all("Note", notes)
     say_files(folder)
 
 

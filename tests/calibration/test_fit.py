@@ -7,38 +7,29 @@ import pytest
 from checkerboards import Bench
 from scipy.stats import t
 
-from lf_flame import InputError, LightField, PlenopticCamera
-from lf_flame.calibration import (
-    CameraLaw,
-    Measurements,
-    fit_law,
-    fit_targets,
-    measure_target,
-    read_law,
-    read_lens,
-    thin_lens,
-)
+from lf_flame import InputError, LightField
+from lf_flame.calibration import CameraLaw, fit_targets, measure_target, read_lens, thin_lens
+from lf_flame.calibration.fit import Measurements, fit_law
+from lf_flame.calibration.output import notes
 from lf_flame.scenes import read_camera
 
 ZERO = 410.0
 """Distance from the lens to the zero of depths: anywhere."""
 
 DEPTHS = np.array([-30.0, -14.0, 0.0, 12.0, 30.0])
+FLAT = [{"depth_mm": 0.0, "tilt_deg": 0.1, "tilt_error_deg": 0.1}]
 
 
-def measured(rng=None, *, depths=DEPTHS, centre=0.0, moved=0.0, noise=1.0):
-    """Slopes and scales of a lens that sees from 0 and measures from `centre`, with noise."""
-    bench = Bench()
-    distance = depths + ZERO
-    slope_errors = np.full(len(depths), 2e-4 * noise)
-    scale_errors = np.full(len(depths), 3e-5 * noise)
+def measured(rng=None, *, depths=DEPTHS, moved=0.0):
+    """Slopes and scales of a thin lens, with noise."""
+    distance, errors = depths + ZERO, (2e-4, 3e-5)
     off = np.zeros((2, len(depths))) if rng is None else rng.normal(size=(2, len(depths)))
     return Measurements(
         depths + moved,
-        bench.slope(distance) + off[0] * slope_errors,
-        slope_errors,
-        bench.scale(distance - centre) + off[1] * scale_errors,
-        scale_errors,
+        Bench().slope(distance) + off[0] * errors[0],
+        np.full(len(depths), errors[0]),
+        Bench().scale(distance) + off[1] * errors[1],
+        np.full(len(depths), errors[1]),
     )
 
 
@@ -59,24 +50,24 @@ def test_the_law_of_a_thin_lens_is_found_exactly():
 def test_slopes_that_fall_with_depth_are_those_of_turned_views():
     """With the views turned round a point moves the other way, and its scale stays."""
     upright = measured()
-    turned = fit_law(replace(upright, slopes=-upright.slopes), views=5, lenslets=(44, 52))
-    assert not fit().notes
-    assert "views are stored turned round" in turned.notes[0]
+    turned = fit_law(upright._replace(slopes=-upright.slopes), views=5, lenslets=(44, 52))
+    assert "views are stored turned round" in notes(turned, FLAT)[0]
+    assert not notes(fit(), FLAT)
     assert turned.law.slope_to_depth(-Bench().slope(425.0)) == pytest.approx(425.0 - ZERO, abs=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("depths", [DEPTHS, DEPTHS[::2]])
-def test_stated_errors_of_depth_and_scale_cover_the_truth(depths):
-    """Within the stated number of them in 90 % of 30 draws, and not far too large."""
+@pytest.mark.parametrize(("depths", "moved_mm"), [(DEPTHS, 0), (DEPTHS[::2], 0), (DEPTHS, 0.2)])
+def test_stated_errors_of_depth_and_scale_cover_the_truth(depths, moved_mm):
+    """In 80 to 90 % of 30 draws of noise and of positions, and not by being far too large."""
     away = []
     for seed in range(30):
-        found = fit(np.random.default_rng(seed), depths=depths)
+        rng = np.random.default_rng(seed)
+        found = fit(rng, depths=depths, moved=rng.normal(0, moved_mm, len(depths)))
         depth = found.law.slope_to_depth(Bench().slope(425.0)) - (425.0 - ZERO)
         scale = found.law.mm_per_lenslet(425.0 - ZERO) - Bench().scale(425.0)
         away.append((depth / found.depth_error_mm(15.0), scale / found.scale_error(15.0)))
         assert found.coverage == pytest.approx(t.ppf(0.975, 2 * len(depths) - 4))
-    assert np.all(np.mean(np.abs(away) < found.coverage, axis=0) >= 0.9)
+    assert np.all(np.mean(np.abs(away) < found.coverage, axis=0) >= (0.8 if moved_mm else 0.9))
     assert np.all(np.std(away, axis=0) > 0.6)
 
 
@@ -93,28 +84,17 @@ def test_from_pictures_with_noise_to_a_depth():
         assert abs(depth - (distance - ZERO)) < 4 * found.depth_error_mm(depth)
         size = found.law.mm_per_lenslet(distance - ZERO)
         assert size == pytest.approx(bench.scale(distance), rel=5e-4)
-    assert np.abs(found.left_out_mm).max() < 0.4
-    assert np.abs(found.left_out_scale).max() < 5e-4
+    assert np.abs(found.left_out[0]).max() < 0.4
+    assert np.abs(found.left_out[1]).max() < 5e-4
 
 
 def test_errors_of_the_positions_are_found_and_told():
     moved = np.random.default_rng(5).normal(0, 0.1, 8)
     depths = np.linspace(-30, 30, 8)
     found = fit(np.random.default_rng(1), depths=depths, moved=moved)
-    assert 0.05 < found.position_error_mm < 0.2
-    assert "positions of the targets" in found.notes[0]
-    assert fit(np.random.default_rng(1), depths=depths).position_error_mm < 0.03
-
-
-def test_a_lens_with_two_centres_keeps_both_and_is_no_thin_lens():
-    found = fit(np.random.default_rng(1), centre=60.0, noise=0.03)
-    assert found.law.slope_centre_mm == pytest.approx(-ZERO, abs=3)
-    assert found.law.scale_centre_mm == pytest.approx(60 - ZERO, abs=1)
-    assert found.law.slope_to_depth(Bench().slope(395.0)) == pytest.approx(395 - ZERO, abs=0.01)
-    assert found.law.mm_per_lenslet(0.0) == pytest.approx(Bench().scale(ZERO - 60), rel=1e-4)
-    assert "different centres" in found.notes[-1]
-    with pytest.raises(InputError, match="different centres"):
-        thin_lens(found.law, 0.1)
+    assert 0.05 < found.misfit_mm < 0.2
+    assert "positions of the targets" in notes(found, FLAT)[0]
+    assert fit(np.random.default_rng(1), depths=depths).misfit_mm == 0
 
 
 def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
@@ -127,9 +107,6 @@ def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
     assert camera.lenslet_focal_mm == pytest.approx(image / (8.5 / 0.1 - 1), rel=1e-6)
 
 
-@pytest.mark.skipif(
-    "exit_pupil_mm" not in PlenopticCamera.__dataclass_fields__, reason="no exit pupil in a camera"
-)
 @pytest.mark.parametrize("exit_mm", [40.0, 57.142857, 90.0])
 def test_the_exit_pupil_follows_from_where_the_views_meet(exit_mm):
     """The entrance pupil is the stop's other image, by the lens equation written out here."""
@@ -140,7 +117,7 @@ def test_the_exit_pupil_follows_from_where_the_views_meet(exit_mm):
     distance, seen = focus + entrance, pitch * focus / image
     law = CameraLaw(
         slope_at_infinity=step / seen, slope_mm=-step * distance / seen,
-        slope_centre_mm=-distance, scale=seen / distance, scale_centre_mm=-distance,
+        centre_mm=-distance, scale=seen / distance,
         depth_range_mm=(-50.0, 50.0), views=views, lenslets=(44, 52),
     )  # fmt: skip
     camera = thin_lens(law, pitch, focal_mm=focal)
@@ -170,7 +147,7 @@ def test_outside_its_range_a_law_gives_no_depth():
 def test_a_law_survives_its_file_and_is_not_taken_for_a_camera(tmp_path):
     law, path = fit().law, tmp_path / "calibration.toml"
     path.write_text(law.to_toml())
-    assert read_law(path) == read_lens(path) == law
+    assert read_lens(path) == law
     with pytest.raises(InputError, match="thin-lens camera"):
         read_camera(path)
 
@@ -188,7 +165,7 @@ def test_views_of_unlike_brightness_are_written_and_brought_to_one(tmp_path):
     assert fits[1].law.fall_off is None
     path = tmp_path / "calibration.toml"
     path.write_text(fits[0].law.to_toml())
-    law = read_law(path)
+    law = read_lens(path)
     assert np.array(law.fall_off) == pytest.approx(fall, abs=3e-3)
     even = replace(law, distortion=0.0).corrected(shown[0][1])
     assert even.weights.tolist() == (fall > 0.5).tolist()

@@ -7,7 +7,8 @@ from checkerboards import Bench
 from sentences import each, refusals
 
 from lf_flame import LightField
-from lf_flame.calibration import CameraLaw, Measurements, fit_law, fit_targets, measure_target
+from lf_flame.calibration import CameraLaw, fit_targets, measure_target
+from lf_flame.calibration.fit import Measurements, fit_law
 
 BENCH, SMALL, ZERO = Bench(), Bench(lenslets=(30, 34)), 410.0
 

@@ -7,7 +7,8 @@ import pytest
 from checkerboards import Bench
 
 from lf_flame import LightField
-from lf_flame.calibration import find_lattice, measure_target
+from lf_flame.calibration import measure_target
+from lf_flame.calibration.corners import find_lattice
 
 BENCH = Bench()
 TURNED = Bench(turn=0.01, pitch_error=0.01, pupil=(0.6, -0.9))

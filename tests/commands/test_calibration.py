@@ -11,8 +11,8 @@ from programs import run
 from skimage.io import imread
 
 from lf_flame import write_light_field
-from lf_flame.calibration import fit_targets, measure_target, read_law
-from lf_flame.calibration.output import notes
+from lf_flame.calibration import fit_targets, measure_target, read_lens
+from lf_flame.calibration.output import notes, target_facts
 from lf_flame.scenes import read_camera
 
 BENCH = Bench(views=3, lenslets=(36, 44))
@@ -45,7 +45,7 @@ def test_tilt_is_told_with_the_error_of_lengths_that_it_makes():
     assert fit.law.mm_per_lenslet(0.0) == pytest.approx(
         (1 + too_large) * BENCH.scale(ZERO), rel=1e-3
     )
-    (said,) = (one for one in notes(fit, DEPTHS, targets) if "tilted" in one)
+    (said,) = (one for one in notes(fit, target_facts(fit, targets)) if "tilted" in one)
     degrees, error = re.search(r"by ([0-9.]+) degrees.* are ([0-9.]+) % too large", said).groups()
     assert float(degrees) == pytest.approx(20, abs=1)
     assert float(error) == pytest.approx(100 * too_large, abs=0.3)
@@ -54,7 +54,7 @@ def test_tilt_is_told_with_the_error_of_lengths_that_it_makes():
 @pytest.mark.slow
 def test_files_and_table_of_a_calibration(boards):
     placed, out, said = boards
-    law = read_law(out / "calibration.toml")
+    law = read_lens(out / "calibration.toml")
     assert law.depth_to_slope(0.0) == pytest.approx(BENCH.slope(ZERO), abs=1e-3)
     assert law.mm_per_lenslet(0.0) == pytest.approx(BENCH.scale(ZERO), rel=3e-4)
     camera = read_camera(out / "camera.toml")
@@ -98,11 +98,11 @@ def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
     words = ("--square-mm", 5, "--step-mm", 20, "--out", tmp_path / "out")
     done = run("calibrate", *sorted(folder.iterdir()), *words)
     assert done.exit_code == 0, done.output
-    law = read_law(tmp_path / "out" / "calibration.toml")
-    error = 3 * law.standard_deviations["slope_centre_mm"]
-    assert law.slope_centre_mm == pytest.approx(-380, abs=error)
+    law = read_lens(tmp_path / "out" / "calibration.toml")
+    error = 3 * law.standard_deviations["centre_mm"]
+    assert law.centre_mm == pytest.approx(-380, abs=error)
     assert error < 6
-    assert f"views meet at z = {law.slope_centre_mm:.2f} +-" in done.output
+    assert f"views meet at z = {law.centre_mm:.2f} +-" in done.output
     assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
 
 

@@ -38,8 +38,8 @@ ROUND = AxisymmetricGrid(CAMERA, 0.0, 0.0, 2.0)
 EVEN = LightField(np.ones((7, 7, 54, 60), np.float32))
 COLOURED = LightField(np.ones((7, 7, 54, 60, 3), np.float32))
 LAW = CameraLaw(
-    slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
-    scale_centre_mm=-400.0, depth_range_mm=(-16.0, 8.0), views=7, lenslets=(54, 60),
+    slope_at_infinity=2.0, slope_mm=-800.0, centre_mm=-400.0, scale=0.002,
+    depth_range_mm=(-16.0, 8.0), views=7, lenslets=(54, 60),
 )  # fmt: skip
 THICKNESS = spread_thickness(GRID, 0.5)
 PLANE = np.ones((10, 8))
