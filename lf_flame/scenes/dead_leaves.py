@@ -18,13 +18,6 @@ from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
-COLUMNS = (
-    "y", "x", "slope", "half_height", "half_width", "cosine", "sine", "squareness",
-    "brightness", "contrast", "wave_y", "wave_x", "phase",
-)  # fmt: skip
-"""Names of the numbers that describe a leaf. Lengths are in pixels; (cosine, sine) is the angle of
-its axes; a squareness of 2 makes an ellipse, a larger one a superellipse closer to a rectangle."""
-
 OPAQUE = 1e-3
 """Fraction of light from behind a pixel that is neglected; leaves farther back are then skipped."""
 
@@ -78,32 +71,26 @@ class DeadLeaves:
     def draw(
         self, views: tuple[int, int], image: tuple[int, int], rng: np.random.Generator
     ) -> LightField:
-        """Draw a light field.
-
-        Parameters
-        ----------
-        views, image : (int, int)
-            Number of views along (v, u), and of pixels along (t, s).
-        rng : numpy.random.Generator
-
-        Returns
-        -------
-        LightField
-            Grey light field with values from 0 to 1.
-        """
+        """Draw a grey light field of (v, u) views and (t, s) pixels, with values from 0 to 1."""
         leaves = self._draw_leaves(image, rng)
         out = np.empty((*views, *image), np.float32)
-        render_leaves(leaves, rng.uniform(), out)
+        render_leaves(np.column_stack(list(leaves.values())), rng.uniform(), out)
         return LightField(out)
 
-    def _draw_leaves(self, image: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-        """Draw the parameters of all leaves, nearest first, [leaf, parameter]; see the kernel."""
+    def _draw_leaves(
+        self, image: tuple[int, int], rng: np.random.Generator
+    ) -> dict[str, np.ndarray]:
+        """Draw the numbers of all leaves, nearest first, in the order of the kernel's columns.
+
+        Lengths are in pixels; (cosine, sine) is the angle of a leaf's axes; a squareness of 2 makes
+        an ellipse, a larger one a superellipse closer to a rectangle.
+        """
         n = self.leaves
         angle = rng.uniform(0, 2 * np.pi, n)
         shortest, longest = np.log(self.wavelength)
         period = np.exp(rng.uniform(shortest, longest, n))
         direction = rng.uniform(0, 2 * np.pi, n)
-        columns = {
+        return {
             "y": rng.uniform(0, image[0], n),
             "x": rng.uniform(0, image[1], n),
             "slope": np.sort(rng.uniform(*self.slopes, n)),
@@ -118,7 +105,6 @@ class DeadLeaves:
             "wave_x": 2 * np.pi / period * np.sin(direction),
             "phase": rng.uniform(0, 2 * np.pi, n),
         }
-        return np.column_stack([columns[name] for name in COLUMNS])
 
     def _draw_lengths(self, rng: np.random.Generator) -> np.ndarray:
         """Draw lengths between the smallest and the largest, with density r^-3."""

@@ -102,13 +102,16 @@ class Layer:
         thickness_mm: float = 0.0,
         tilt_deg: Sequence[float] = (0.0, 0.0),
     ):
-        cells = _checked_texture(texture)
+        cells = _checked_cells(texture, "texture", most=BRIGHTEST)
         size, centre = _checked_rectangle(size_mm, centre_mm, cells.shape)
         if not abs(depth_mm) < LARGEST_MM:
             raise InputError(
                 f"depth_mm of a layer must be finite, within {LARGEST_MM:g} mm, got {depth_mm}."
             )
-        covered = None if coverage is None else _checked_coverage(coverage, cells.shape, opaque)
+        if coverage is not None:
+            coverage = _checked_cells(coverage, "coverage", cells.shape, most=1)
+            if not opaque:
+                raise InputError("coverage goes with opaque=True, got opaque=False.")
         tau = _checked_absorption(optical_thickness, thickness_mm, cells.shape, opaque)
         vars(self).update(  # a frozen dataclass refuses `self.texture = cells`
             texture=cells,
@@ -116,7 +119,7 @@ class Layer:
             size_mm=size,
             centre_mm=centre,
             opaque=opaque,
-            coverage=covered,
+            coverage=coverage,
             optical_thickness=tau,
             thickness_mm=thickness_mm,
             tilt_deg=_checked_tilt(tilt_deg),
@@ -156,18 +159,8 @@ class Layer:
         return (float(edges[filled[0]]), float(edges[filled[-1] + 1]))
 
 
-def _checked_texture(values: ArrayLike) -> np.ndarray:
-    cells = _checked_cells(values, "texture")
-    if cells.max() > BRIGHTEST:
-        raise InputError(
-            f"A layer's texture must be at most {BRIGHTEST:g} for float32 images to hold it, "
-            f"got {cells.max():g}."
-        )
-    return cells
-
-
 def _checked_cells(
-    values: ArrayLike, name: str, shape: tuple[int, ...] | None = None
+    values: ArrayLike, name: str, shape: tuple[int, ...] | None = None, most: float = np.inf
 ) -> np.ndarray:
     """Read-only float64 cells from an argument, checked."""
     cells = np.asarray(values)
@@ -181,9 +174,9 @@ def _checked_cells(
             f"A layer's {name} must have the texture's shape {shape}, got {cells.shape}."
         )
     cells = np.array(cells, dtype=np.float64)
-    if not np.all(np.isfinite(cells)) or cells.min() < 0:
+    if not np.all(np.isfinite(cells)) or cells.min() < 0 or cells.max() > most:
         raise InputError(
-            f"A layer's {name} must be finite and not negative, "
+            f"A layer's {name} must be finite and not negative, at most {most:g}, "
             f"got values from {cells.min()} to {cells.max()}."
         )
     cells.flags.writeable = False
@@ -194,10 +187,9 @@ def _checked_rectangle(
     size_mm: Lengths, centre_mm: Lengths, shape: tuple[int, ...]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Size and centre of a layer whose cells differ by more than rounding."""
-    size = _checked_pair(size_mm, "size_mm", above=0.0)
-    centre = _checked_pair(centre_mm, "centre_mm")
+    size, centre = _checked_pair(size_mm, "size_mm"), _checked_pair(centre_mm, "centre_mm")
     for length, place, count in zip(size, centre, shape, strict=True):
-        rounding = 4 * count * (np.spacing(abs(place)) + np.spacing(length))
+        rounding = 4 * count * (np.spacing(abs(place)) + np.spacing(abs(length)))
         if not max(rounding, SMALLEST_MM) < length < LARGEST_MM:
             raise InputError(
                 f"size_mm and centre_mm of a layer must tell its cells apart, {count} along an "
@@ -206,22 +198,12 @@ def _checked_rectangle(
     return size, centre
 
 
-def _checked_coverage(values: ArrayLike, shape: tuple[int, ...], opaque: bool) -> np.ndarray:
-    coverage = _checked_cells(values, "coverage", shape)
-    if not opaque or coverage.max() > 1:
-        raise InputError(
-            f"coverage goes with opaque=True and lies between 0 and 1, "
-            f"got opaque={opaque} and values up to {coverage.max():g}."
-        )
-    return coverage
-
-
 def _checked_absorption(
     optical_thickness: ArrayLike, thickness_mm: float, shape: tuple[int, ...], opaque: bool
 ) -> np.ndarray:
     """Optical thickness of each cell; an opaque layer has neither it nor an extent."""
     if np.ndim(optical_thickness) == 0:
-        optical_thickness = np.broadcast_to(np.asarray(optical_thickness, np.float64), shape)
+        optical_thickness = np.full(shape, optical_thickness, np.float64)
     tau = _checked_cells(optical_thickness, "optical_thickness", shape)
     if not 0 <= thickness_mm < LARGEST_MM:
         raise InputError(
@@ -245,15 +227,11 @@ def _checked_tilt(tilt_deg: Sequence[float]) -> tuple[float, float]:
     return angles[0], angles[1]
 
 
-def _checked_pair(values: Lengths, name: str, above: float = -np.inf) -> tuple[float, float]:
+def _checked_pair(values: Lengths, name: str) -> tuple[float, float]:
     pair = tuple(float(value) for value in values)
-    if len(pair) != 2 or not all(np.isfinite(v) and v > above for v in pair):
-        raise InputError(
-            f"{name} must be two finite lengths (y, x) in mm"
-            f"{' above 0' if above == 0 else ''}, got {values}."
-        )
-    y, x = pair
-    return y, x
+    if len(pair) != 2 or not all(map(math.isfinite, pair)):
+        raise InputError(f"{name} must be two finite lengths (y, x) in mm, got {values}.")
+    return pair[0], pair[1]
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -27,34 +27,12 @@ ROWS = 64
 @strict
 @dataclass(frozen=True)
 class LayerEntry:
-    """One ``[[layers]]`` entry of a scene file.
+    """One ``[[layers]]`` entry of a scene file: the fields of `Layer`, with a shape or an image.
 
-    Parameters
-    ----------
-    depth_mm : float
-        Depth from the focal plane, positive = farther from the main lens.
-    size_mm : (float, float)
-        Height and width, above 0.
-    centre_mm : (float, float), optional
-        Position of the centre, down and right of the optical axis.
-    shape : {"rectangle", "square", "circle", "triangle", "flame"}, optional
-        Name of a shape. Give either shape or image.
-    image : str, optional
-        Image file, relative to the scene file. Colours are averaged to grey, transparent pixels
-        darken, and 8-bit and 16-bit values are scaled to [0, 1].
-    brightness : float, optional
-        Radiance of white, 0 or above.
-    opaque : bool, optional
-        Whether the layer occludes what is behind it, inside the shape or where the image is not
-        transparent.
-    optical_thickness : float, optional
-        Absorption along the line of sight in the brightest cell. In other cells it is proportional
-        to their light, because soot that glows also absorbs.
-    thickness_mm : float, optional
-        Extent along the optical axis.
-    tilt_deg : (float, float), optional
-        Angle by which it leans about the horizontal axis (positive: the top is farther away) or
-        about the vertical one (positive: the right side is).
+    The colours of an image are averaged to grey, transparent pixels darken, and 8-bit and 16-bit
+    values are scaled to [0, 1]; its path is relative to the scene file. The brightness is the
+    radiance of white. The optical thickness is that of the brightest cell; in others it is
+    proportional to their light, because soot that glows also absorbs.
     """
 
     depth_mm: float
@@ -120,16 +98,7 @@ class LayerEntry:
 @strict
 @dataclass(frozen=True)
 class SceneFile:
-    """Content of a whole scene file.
-
-    Parameters
-    ----------
-    layers : list of LayerEntry
-    camera : PlenopticCamera, optional
-        Camera. Default: the paper's.
-    effects : dict of str to bool, optional
-        Effects that are forced on or off.
-    """
+    """Content of a whole scene file; effects are forced on or off by name."""
 
     layers: list[LayerEntry]
     camera: PlenopticCamera = PAPER_CAMERA
@@ -180,10 +149,6 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
         raise InputError(f"{path}: {error}") from None
 
 
-FASTEST = 0.5
-"""F-number of the fastest lens in air, by Abbe's sine condition."""
-
-
 def read_camera(path: str | Path) -> PlenopticCamera:
     """Read a camera from the ``[camera]`` table of a TOML file, or from a simulation's record.
 
@@ -213,15 +178,15 @@ def read_camera(path: str | Path) -> PlenopticCamera:
 
 
 def _check_aperture(camera: PlenopticCamera, path: str | Path) -> None:
-    """Refuse a camera that no lens can have, as one of which a length is not in mm."""
+    """Refuse a camera that no lens can have, such as one with a length that is not in mm."""
     width_mm = camera.aperture_diameter_mm or camera.aperture_mm
     f_number = camera.main_lens_focal_mm / width_mm
-    if f_number < FASTEST:
+    if f_number < 0.5:  # the fastest lens in air, by Abbe's sine condition
         raise InputError(
             f"{path}: camera: an aperture of {width_mm:.4g} mm, "
             f"{'as stated' if camera.aperture_diameter_mm else 'which matches the lenslets'}, is "
             f"f/{f_number:.2g} at a focal length of {camera.main_lens_focal_mm:g} mm, and no lens "
-            f"is faster than f/{FASTEST:g}; all lengths are in mm."
+            f"is faster than f/0.5; all lengths are in mm."
         )
 
 

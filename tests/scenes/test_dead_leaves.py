@@ -4,7 +4,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
-from lf_flame.scenes.dead_leaves import COLUMNS, DeadLeaves
+from lf_flame.scenes.dead_leaves import DeadLeaves
 
 VIEWS, IMAGE = (5, 5), (40, 60)
 
@@ -31,14 +31,14 @@ def test_the_nearer_leaf_hides_the_farther_one():
     class TwoLeaves(DeadLeaves):
         def _draw_leaves(self, image, rng):
             leaves = super()._draw_leaves(image, rng)
-            leaves[:, :2], leaves[:, 3:5], leaves[:, 9] = 20, 15, 0  # places, lengths, contrasts
-            return leaves
+            same = {"y": 20, "x": 20, "half_height": 15, "half_width": 15, "contrast": 0}
+            return leaves | {name: np.full(2, float(x)) for name, x in same.items()}
 
     drawn = TwoLeaves(leaves=2, slopes=(-1, 1))
     leaves = drawn._draw_leaves(IMAGE, np.random.default_rng(5))
     middle = drawn.draw(VIEWS, IMAGE, np.random.default_rng(5)).views[2, 2, 20, 20]
-    assert leaves[0, 2] < leaves[1, 2]
-    assert middle == pytest.approx(leaves[0, 8], abs=1e-6)
+    assert leaves["slope"][0] < leaves["slope"][1]
+    assert middle == pytest.approx(leaves["brightness"][0], abs=1e-6)
 
 
 def test_lengths_are_as_frequent_as_their_inverse_cube(rng):
@@ -51,8 +51,7 @@ def test_lengths_are_as_frequent_as_their_inverse_cube(rng):
 
 def test_leaves_and_their_waves_point_everywhere_alike(rng):
     """Of angles all around, the means of cos, sin, cos 2 and sin 2 vanish, within 5 / sqrt(2 n)."""
-    drawn = DeadLeaves(leaves=50_000, wavelength=(8.0, 8.0))._draw_leaves(IMAGE, rng)
-    of = dict(zip(COLUMNS, drawn.T, strict=True))
+    of = DeadLeaves(leaves=50_000, wavelength=(8.0, 8.0))._draw_leaves(IMAGE, rng)
     np.testing.assert_allclose(of["cosine"] ** 2 + of["sine"] ** 2, 1)
     np.testing.assert_allclose(np.hypot(of["wave_y"], of["wave_x"]), 2 * np.pi / 8)
     for cosine, sine in ((of["cosine"], of["sine"]), (of["wave_y"], of["wave_x"])):

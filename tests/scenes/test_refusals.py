@@ -43,7 +43,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"texture": np.ones(3)}, "texture must be a grey image"),
             ({"texture": [[np.nan]]}, "finite and not negative"),
             ({"texture": [[-1.0]]}, "finite and not negative"),
-            ({"size_mm": (0.0, 1.0)}, "size_mm must be two finite lengths .* above 0"),
+            ({"size_mm": (0.0, 1.0)}, "size_mm and centre_mm of a layer must tell .* above 1e-250"),
             ({"centre_mm": (np.inf, 0)}, "centre_mm must be two finite"),
             ({"depth_mm": np.nan}, "depth_mm of a layer must be finite"),
             ({"size_mm": (1e-308, 1.0)}, "tell its cells apart, 1 along an axis, above 1e-250"),
