@@ -107,17 +107,12 @@ class CameraLaw(Lens):
                    self.distortion)  # fmt: skip
         if not np.all(np.isfinite(numbers)) or max(map(abs, numbers)) > LONGEST:
             raise InputError(f"The numbers of a law must be finite, up to {LONGEST:g}.")
-        if not self.slope_at_infinity * self.slope_mm < 0 or abs(self.slope_mm) < SHORTEST:
+        signs = self.slope_at_infinity * self.slope_mm < 0 < self.scale
+        if not (signs and abs(self.slope_mm) >= SHORTEST and self.centre_mm < low < high):
             raise InputError(
-                f"slope_at_infinity and slope_mm must have different signs, and neither be 0, got "
-                f"{self.slope_at_infinity} and {self.slope_mm}."
-            )
-        if not self.scale > 0:
-            raise InputError(f"scale must be above 0, got {self.scale}.")
-        if not self.centre_mm < low < high:
-            raise InputError(
-                f"depth_range_mm must rise, and lie beyond centre_mm ({self.centre_mm:g}), got "
-                f"{low:g}, {high:g}."
+                f"A law needs slope_at_infinity and slope_mm of different signs, scale above 0, "
+                f"and depth_range_mm rising, beyond centre_mm, got {self.slope_at_infinity}, "
+                f"{self.slope_mm}, {self.scale}, {self.depth_range_mm} and {self.centre_mm}."
             )
         diameter = self.aperture_diameter_mm
         if diameter is not None and not SHORTEST <= diameter <= LONGEST:
