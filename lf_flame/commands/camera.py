@@ -5,8 +5,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside.
 
 import click
 
-from lf_flame._common.printable import printable
-from lf_flame.commands.options import ABOVE_0, FILE, PATH, command, open_lens, option
+from lf_flame.commands.options import ABOVE_0, FILE, command, open_lens, option
 from lf_flame.errors import InputError
 
 
@@ -25,8 +24,7 @@ from lf_flame.errors import InputError
     ABOVE_0,
     rare=True,
 )
-@option("--figure", "PNG to write: the camera's planes, lenses and rays.", PATH)
-def camera(file, depths, periods, thickness_mm, figure) -> None:
+def camera(file, depths, periods, thickness_mm) -> None:
     """Print what follows from a camera: aperture, field, slopes of depths, depth resolution.
 
     FILE is a TOML file with a [camera] table, the calibration.toml of `lf-flame calibrate`, or the
@@ -36,14 +34,10 @@ def camera(file, depths, periods, thickness_mm, figure) -> None:
     over its period divided by that angle, and an even glow has none.
     """
     from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
-    from lf_flame.optics.camera_report import camera_figure, camera_report, depth_table
+    from lf_flame.optics.camera_report import camera_report, depth_table
     from lf_flame.tomography.camera_facts import finest_period, lens_facts, resolution_report
 
     lens = open_lens(file) or PAPER_CAMERA
-    if figure and figure.suffix.lower() != ".png":
-        raise InputError(f"--figure must end in .png, got {figure}.")
-    if figure and not isinstance(lens, PlenopticCamera):
-        raise InputError(f"--figure needs a thin-lens camera, got the calibration {file}.")
     if periods and min(periods) < (finest := finest_period(lens)):
         raise InputError(
             f"--period must be at least {finest:.3g} mm, the finest detail of this camera (two "
@@ -51,17 +45,11 @@ def camera(file, depths, periods, thickness_mm, figure) -> None:
         )
     if file is None:
         click.echo("The paper's camera; name a file for yours.\n")
-    shown = depths or (20.0, 10.0, 0.0, -10.0)
     if isinstance(lens, PlenopticCamera):
-        click.echo(camera_report(lens, shown))
+        click.echo(camera_report(lens, depths or (20.0, 10.0, 0.0, -10.0)))
     else:
         for name, fact in lens_facts(lens).items():
             click.echo(f"{name:<14}{fact}")
         if depths:
             click.echo(f"\n{depth_table(lens, depths)}")
     click.echo(f"\n{resolution_report(lens, periods, thickness_mm)}")
-    if figure and isinstance(lens, PlenopticCamera):
-        from lf_flame._common import figures
-
-        figures.save(camera_figure(lens, shown), figure)
-        click.echo(f"\n{printable(figure)} is written")

@@ -1,8 +1,6 @@
 from .camera import PAPER_CAMERA as PAPER_CAMERA
 from .camera import PlenopticCamera as PlenopticCamera
 from .lens import Lens as Lens
-from .ray_bundle import Footprint as Footprint
-from .ray_bundle import trace_footprint as trace_footprint
 from .ray_transfer import chain as chain
 from .ray_transfer import free_space as free_space
 from .ray_transfer import inverse as inverse
@@ -10,5 +8,4 @@ from .ray_transfer import thin_lens as thin_lens
 from .sensor import Sensor as Sensor
 from .sensor import expose as expose
 from .slope_conventions import CONVENTIONS as CONVENTIONS
-from .slope_conventions import from_slope as from_slope
 from .slope_conventions import to_slope as to_slope

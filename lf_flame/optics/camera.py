@@ -34,22 +34,8 @@ SHORTEST, LONGEST = 1e-50, 1e50
 WIDEST_APERTURE = 4
 """Largest aperture in widths of the matched one; a wider one would light too many lenslets."""
 
-SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.1, 1e4
-"""Range of f-numbers of lenses; other values are mistakes."""
-
-FARTHEST = 1e4
-"""Largest depth in focus distances; anything farther looks as at infinity."""
-
 ROW_SPACING = {"rectangular": 1.0, "hexagonal": math.sqrt(0.75)}
 """Distance of the rows of an array, in pitches, by layout."""
-
-_RANGES = (
-    ("rim_distance_mm", 0.0, LONGEST),
-    ("chromatic_shift", 0.0, 0.2),
-    ("lenslet_rotation_rad", -0.1, 0.1),
-    ("lenslet_pitch_error", -0.1, 0.1),
-)
-"""Lowest and highest value of each imperfection of the camera; others are mistakes."""
 
 
 @strict
@@ -157,7 +143,11 @@ class PlenopticCamera(Lens):
 
     def __post_init__(self, f_number: float | None):
         if f_number is not None:
-            self._set_aperture(f_number)
+            if self.aperture_diameter_mm is not None:
+                raise InputError("f_number and aperture_diameter_mm cannot both be given.")
+            if not 0.1 <= f_number <= 1e4:
+                raise InputError(f"f_number must lie between 0.1 and 10000, got {f_number}.")
+            object.__setattr__(self, "aperture_diameter_mm", self.main_lens_focal_mm / f_number)
         lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
         lengths += ["lenslet_pitch_mm", "pixel_pitch_mm", "aperture_diameter_mm"]
         lengths += ["rim_diameter_mm", "wavelength_nm", "exit_pupil_mm"]
@@ -170,7 +160,12 @@ class PlenopticCamera(Lens):
                     f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
                     f"{SHORTEST:g} to {LONGEST:g}, got {value}."
                 )
-        for name, low, high in _RANGES:
+        for name, low, high in (
+            ("rim_distance_mm", 0.0, LONGEST),
+            ("chromatic_shift", 0.0, 0.2),
+            ("lenslet_rotation_rad", -0.1, 0.1),
+            ("lenslet_pitch_error", -0.1, 0.1),
+        ):
             if not low <= getattr(self, name) <= high:
                 raise InputError(
                     f"{name} must lie between {low:g} and {high:g}, got {getattr(self, name)}."
@@ -200,7 +195,6 @@ class PlenopticCamera(Lens):
                 f"pixel_pitch_mm must be at most {self.micro_image_pitch_mm / self.views:.6g} for "
                 f"{self.views} pixels to fit under a lenslet, got {self.pixel_pitch_mm}."
             )
-
         widest = WIDEST_APERTURE * self.aperture_mm
         if self.aperture_diameter_mm is not None and self.aperture_diameter_mm > widest:
             raise InputError(
@@ -208,27 +202,10 @@ class PlenopticCamera(Lens):
                 f"matches the lenslets, got {self.aperture_diameter_mm}."
             )
 
-    def _set_aperture(self, f_number: float) -> None:
-        """Turn an f-number into the diameter of the aperture."""
-        if self.aperture_diameter_mm is not None:
-            raise InputError("f_number and aperture_diameter_mm cannot both be given.")
-        if not SMALLEST_F_NUMBER <= f_number <= LARGEST_F_NUMBER:
-            raise InputError(
-                f"f_number must lie between {SMALLEST_F_NUMBER:g} and {LARGEST_F_NUMBER:g}, "
-                f"got {f_number}."
-            )
-        object.__setattr__(self, "aperture_diameter_mm", self.main_lens_focal_mm / f_number)
-
     def check_depths(self, depths_mm: ArrayLike) -> None:
-        """Refuse depths behind the main lens, and depths that look as at infinity.
-
-        Raises
-        ------
-        InputError
-            If a depth is not above minus the focus distance, or exceeds 10,000 focus distances.
-        """
+        """Refuse depths behind the main lens or beyond 10,000 focus distances, as at infinity."""
         low = -min(self.focus_distance_mm, self.pupil_distance_mm)
-        high = FARTHEST * self.focus_distance_mm
+        high = 1e4 * self.focus_distance_mm
         for depth in np.ravel(depths_mm):
             if not low < depth <= high:
                 raise InputError(
@@ -330,19 +307,9 @@ class PlenopticCamera(Lens):
         return height, width
 
     def object_to_array(self, depth_mm: float, focal_mm: float | None = None) -> np.ndarray:
-        """Ray transfer matrix from a layer at `depth_mm` to the microlens array.
+        """Ray transfer matrix from a layer to the microlens array.
 
-        Parameters
-        ----------
-        depth_mm : float
-            Depth from the focal plane, above minus the focus distance.
-        focal_mm : float, optional
-            Focal length of the main lens for light of another colour; the array does not move.
-
-        Raises
-        ------
-        InputError
-            If the layer is not in front of the main lens.
+        focal_mm: focal length of the main lens for light of another colour; the array stays.
         """
         distance = self.focus_distance_mm + depth_mm
         if not distance > 0:
@@ -392,15 +359,7 @@ class PlenopticCamera(Lens):
         a0 from where the views meet to the focal plane: finite as z goes to infinity or through the
         focal length. An exit pupil elsewhere than in the lens only moves that point.
 
-        Parameters
-        ----------
-        depth_mm : float or ndarray
-            Depth from the focal plane, above minus the focus distance; infinity is allowed.
-
-        Returns
-        -------
-        float or ndarray
-            Slope in lenslets per view step; positive behind the focal plane.
+        Depths may be infinite, and scalars or arrays; the slope is in lenslets per view step.
         """
         depth, a0 = np.asarray(depth_mm, float), self.pupil_distance_mm
         if not np.all(depth > -a0):

@@ -8,7 +8,6 @@ first dark line.
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts load when they are used
@@ -21,19 +20,13 @@ MOST_ALIASES = 16
 """Number of aliases on each side above which a round aperture is treated along each axis alone."""
 
 BORDER, MOST_BORDER = 200, 2048
-"""Width by which an image is continued at its border, in spreads, and at most in samples."""
+"""Width by which lines are continued at their border, in spreads, and at most in samples."""
+
+VIEW_BORDER = 256
+"""Largest width in pixels by which views are continued at their border."""
 
 FINEST = 1e-5
 """Spread in cells below which diffraction is left out: it would move 3e-5 of the light."""
-
-ROWS_AT_ONCE = 256
-"""Number of rows held as float64 at a time."""
-
-REACH = 32
-"""Number of pixels of a view on each side over which `blur_views` spreads light."""
-
-PARTS = 8
-"""Number of cells along each axis into which a pixel of a view is cut for its kernel."""
 
 
 def blur_cells(
@@ -44,32 +37,14 @@ def blur_cells(
     over: tuple[tuple[int, int], tuple[int, int]],
     dark: tuple[int, int],
 ) -> np.ndarray:
-    """Blur light that is constant over each cell; return the mean over each cell.
+    """Blur light that is constant over each cell of (rows, columns), float64; means over cells.
 
     The light is multiplied by the aperture's transfer function in the frequency domain, so that
     the whole pattern counts, and cells may be large compared with it.
 
-    Parameters
-    ----------
-    cells : ndarray of float64, shape (rows, columns)
-        Radiance of each cell; 0 outside.
-    spread_mm : float
-        Wavelength times distance over the width of the aperture; above 0.
-    cell_mm : (float, float)
-        Height and width of a cell, above 0.
-    round_aperture : bool
-        Whether the aperture is round; otherwise square.
-    over : ((int, int), (int, int))
-        Range of rows and of columns to return, (first, last + 1), counted from the first cell; it
-        may extend beyond the cells.
-    dark : (int, int)
-        Number of dark rows and columns added beside all these, because the transform repeats the
-        light periodically.
-
-    Returns
-    -------
-    ndarray of float64, shape (rows of `over`, columns of `over`)
-        Blurred radiance, 0 or above.
+    over: range of rows and of columns to return, (first, last + 1), counted from the first cell;
+    it may extend beyond the cells. dark: number of dark rows and columns added beside all these,
+    because the transform repeats the light periodically.
     """
     firsts = [min(first, 0) for first, _ in over]
     ends = [max(end, count) for (_, end), count in zip(over, cells.shape, strict=True)]
@@ -79,77 +54,44 @@ def blur_cells(
     ]
     field = np.zeros(counts)
     field[tuple(slice(-f, n - f) for f, n in zip(firsts, cells.shape, strict=True))] = cells
-    response = _round_response if round_aperture else _square_response
-    spectrum = scipy.fft.rfft2(field) * response(counts, spread_mm, cell_mm)
+    spectrum = scipy.fft.rfft2(field) * _response(counts, spread_mm, cell_mm, round_aperture)
     blurred = scipy.fft.irfft2(spectrum, counts)
     wanted = tuple(slice(a - f, b - f) for (a, b), f in zip(over, firsts, strict=True))
     return blurred[wanted].clip(0)
 
 
-def blur_lines(image: np.ndarray, axis: int, spread_mm: float, sample_mm: float) -> np.ndarray:
-    """Blur an image along one axis with the whole pattern of a square aperture.
+def blur_lines(image: np.ndarray, spread_mm: float, sample_mm: float) -> np.ndarray:
+    """Blur an image along its first axis with the whole pattern of a square aperture, in float64.
 
-    Parameters
-    ----------
-    image : ndarray, shape (y, x)
-        Values, constant over each sample; the outermost samples continue beyond the border.
-    axis : int
-    spread_mm, sample_mm : float
-        Wavelength times distance over the aperture's width, 0 or above; width of a sample.
-
-    Returns
-    -------
-    ndarray of float64, shape (y, x)
+    Values are constant over each sample; the outermost samples continue beyond the border.
     """
-    lines = np.moveaxis(image, axis, -1)
-    count, out = lines.shape[1], np.empty(lines.shape)
-    beside = math.ceil(min(BORDER * spread_mm / sample_mm, MOST_BORDER)) + 1
+    count, beside = len(image), math.ceil(min(BORDER * spread_mm / sample_mm, MOST_BORDER)) + 1
     size = scipy.fft.next_fast_len(count + 2 * beside, real=True)
-    border = ((0, 0), (beside, size - count - beside))
+    border = ((beside, size - count - beside), (0, 0))
     (response,) = _along_axes([size], spread_mm, [sample_mm], _triangle)
-    for low in range(0, len(lines), ROWS_AT_ONCE):
-        padded = np.pad(lines[low : low + ROWS_AT_ONCE].astype(np.float64), border, "edge")
-        spectrum = scipy.fft.rfft(padded, axis=1) * response
-        blurred = scipy.fft.irfft(spectrum, size, axis=1)
-        out[low : low + ROWS_AT_ONCE] = blurred[:, beside : beside + count]
-    return np.moveaxis(out, -1, axis)
+    spectrum = scipy.fft.rfft(np.pad(image.astype(np.float64), border, "edge"), axis=0)
+    return scipy.fft.irfft(spectrum * response[:, None], size, axis=0)[beside : beside + count]
 
 
 def blur_views(
     views: np.ndarray, spread_mm: float, pixel_mm: float, round_aperture: bool
 ) -> np.ndarray:
-    """Blur each sub-aperture view; its outermost pixels continue beyond the border.
+    """Blur each sub-aperture view (v, u, t, s); its outermost pixels continue beyond the border.
 
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-    spread_mm, pixel_mm : float
-        Wavelength times distance over the aperture's width; side of a pixel.
-    round_aperture : bool
-        Whether the aperture is round; otherwise square.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, t, s)
+    The spread is wavelength times distance over the aperture's width.
     """
-    kernel, out = _kernel(spread_mm / pixel_mm, round_aperture), np.empty(views.shape, np.float32)
+    beside = math.ceil(min(BORDER * spread_mm / pixel_mm, VIEW_BORDER)) + 1
+    sizes = [scipy.fft.next_fast_len(n + 2 * beside, real=True) for n in views.shape[2:]]
+    border = [(beside, m - n - beside) for m, n in zip(sizes, views.shape[2:], strict=True)]
+    inner = tuple(slice(beside, beside + n) for n in views.shape[2:])
+    passed = _response(sizes, spread_mm, (pixel_mm, pixel_mm), round_aperture)
+    out = np.empty(views.shape, np.float32)
     for view in np.ndindex(views.shape[:2]):
-        padded = np.pad(views[view].astype(np.float64), REACH, "edge")
-        blurred = scipy.signal.oaconvolve(padded, kernel, "valid")
+        spectrum = scipy.fft.rfft2(np.pad(views[view].astype(np.float64), border, "edge"))
+        blurred = scipy.fft.irfft2(spectrum * passed, sizes)[inner]
         # Rounding of the Fourier transform must not make dark pixels negative.
         out[view] = blurred.clip(views[view].min(), views[view].max())
     return out
-
-
-@lru_cache(maxsize=16)
-def _kernel(spread: float, round_aperture: bool) -> np.ndarray:
-    """Weights of a pixel's neighbours for a spread in pixels; their sum is 1."""
-    ends = (-REACH * PARTS, (REACH + 1) * PARTS)
-    dark = math.ceil(min(BORDER * spread * PARTS, MOST_BORDER))
-    cell, pixel = (1 / PARTS, 1 / PARTS), np.ones((PARTS, PARTS))
-    fine = blur_cells(pixel, spread, cell, round_aperture, (ends, ends), (dark, dark))
-    weights = fine.reshape(2 * REACH + 1, PARTS, -1, PARTS).sum(axis=(1, 3))
-    return weights / weights.sum()
 
 
 def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool) -> float:
@@ -171,17 +113,15 @@ def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool)
     return 1 - (2 * scipy.integrate.simpson(passed, x=cycles)) ** 2
 
 
-def _square_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
-    """Transfer factor of `blur_cells` at each frequency of a real transform, square aperture."""
-    rows, columns = _along_axes(counts, spread_mm, cell_mm, _triangle)
-    return _mirrored(rows[:, None] * columns, counts[0])
+def _response(counts, spread_mm: float, cell_mm, round_aperture: bool) -> np.ndarray:
+    """Transfer factor at each frequency of a real transform in two dimensions.
 
-
-def _round_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
-    """Transfer factors for a round aperture; its smooth aliases come from a coarse grid."""
-    if max(_aliases(spread_mm, cell) for cell in cell_mm) > MOST_ALIASES:
-        # Compared with such a pattern cells are large, their edges straight: each axis alone.
-        rows, columns = _along_axes(counts, spread_mm, cell_mm, _round_transfer)
+    The smooth aliases of a round aperture's come from a coarse grid. Compared with a pattern of
+    many aliases cells are large, their edges straight: there it is taken along each axis alone.
+    """
+    if not round_aperture or max(_aliases(spread_mm, x) for x in cell_mm) > MOST_ALIASES:
+        transfer = _round_transfer if round_aperture else _triangle
+        rows, columns = _along_axes(counts, spread_mm, cell_mm, transfer)
         return _mirrored(rows[:, None] * columns, counts[0])
     ratios = [spread_mm / cell for cell in cell_mm]
 

@@ -89,21 +89,11 @@ class Lens:
         return light_field
 
     def for_light_field(self, shape: tuple[int, ...]) -> "Lens":
-        """Give the same camera with as many lenslets as a light field has pixels in a view.
+        """Give the same camera with as many lenslets as views (v, u, t, s) have pixels.
 
         The number of lenslets in a camera file is that of the whole array; a light field may be
-        a part of it, or be decoded without its rim.
-
-        Parameters
-        ----------
-        shape : (int, int, int, int)
-            Shape of the views (v, u, t, s); further entries are ignored.
-
-        Raises
-        ------
-        InputError
-            If the number of views is another one (`check_views`), or the camera has a measured
-            distortion, which is known about the middle of whole views alone.
+        a part of it, or be decoded without its rim. A measured distortion forbids that: it is known
+        about the middle of whole views alone.
         """
         self.check_views(shape)
         size = int(shape[2]), int(shape[3])
@@ -117,18 +107,7 @@ class Lens:
         return replace(self, lenslets=size)  # type: ignore[type-var]
 
     def check_views(self, views: tuple[int, ...]) -> None:
-        """Refuse a light field with another number of views: its slopes mean other depths.
-
-        Parameters
-        ----------
-        views : (int, int)
-            Number of rows and columns of views; further entries are ignored.
-
-        Raises
-        ------
-        InputError
-            If they are not `self.views` each.
-        """
+        """Refuse a light field with another number of views: its slopes mean other depths."""
         if tuple(views[:2]) != (self.views, self.views):
             raise InputError(
                 f"The camera has {self.views} x {self.views} views, but the light field has "

@@ -18,22 +18,12 @@ from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
 
 @dataclass(frozen=True)
 class Footprint:
-    """Ray bundles of all pixels along one axis, on one layer.
+    """Ray bundles of all pixels along one axis, on one layer; widths are signed."""
 
-    Attributes
-    ----------
-    centres_mm : ndarray of float64, shape (views, lenslets)
-        Intersection of the bundle's central ray with the layer, in mm from the axis, upright.
-    lenslet_width_mm, pixel_width_mm : float
-        Widths of the images of the lenslet and of the pixel on the layer, in mm, signed.
-    shift_per_lenslet_shift : float
-        Shift of the bundle on the layer per shift of the lenslet over a pixel that does not move.
-    """
-
-    centres_mm: np.ndarray
-    lenslet_width_mm: float
+    centres_mm: np.ndarray  # (views, lenslets): central ray of each, from the axis, upright
+    lenslet_width_mm: float  # width of the lenslet's image on the layer
     pixel_width_mm: float
-    shift_per_lenslet_shift: float
+    shift_per_lenslet_shift: float  # shift on the layer if a lenslet moves and its pixel does not
 
     @property
     def half_width_mm(self) -> float:
@@ -43,20 +33,12 @@ class Footprint:
 
 @dataclass(frozen=True)
 class ArrayPart:
-    """Equal boxes at equal distances on an array: a part of each lenslet of every other row.
+    """Equal boxes at equal distances, along y and x: a part of each lenslet of every other row."""
 
-    Attributes
-    ----------
-    first_mm, spacing_mm : (float, float)
-        Centre of the first lenslet and distance of the next, along y and x.
-    size_mm, aside_mm : (float, float)
-        Size of a box, and its place from the centre of its lenslet.
-    """
-
-    first_mm: tuple[float, float]
+    first_mm: tuple[float, float]  # centre of the first lenslet
     spacing_mm: tuple[float, float]
     size_mm: tuple[float, float]
-    aside_mm: tuple[float, float]
+    aside_mm: tuple[float, float]  # place of a box from the centre of its lenslet
 
 
 def lenslet_places_mm(
@@ -78,36 +60,11 @@ def trace_footprint(
     neighbour: int = 0,
     part: ArrayPart | None = None,
 ) -> Footprint:
-    """Trace the ray bundles of all pixels along one axis back to a layer.
+    """Trace the ray bundles of all pixels along one axis (0: v, t; 1: u, s) back to a layer.
 
-    The matrices of the camera are composed into one affine map per pixel.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera
-    depth_mm : float
-        Depth of the layer from the focal plane, in mm.
-    axis : int
-        0 for rows (v, t), 1 for columns (u, s).
-    focal_mm : float, optional
-        Focal length of the main lens for light of another colour. Default: the camera's.
-    lenslet_scale : float, optional
-        True lenslet pitch over the nominal pitch, with which the sensor is read.
-    neighbour : int, optional
-        Number of lenslets by which the light's lenslet is displaced from the pixel's own.
-    part : ArrayPart, optional
-        Part of a hexagonal array. Default: all of a rectangular one.
-
-    Returns
-    -------
-    Footprint
-
-    Examples
-    --------
-    >>> from lf_flame import PAPER_CAMERA
-    >>> from lf_flame.optics import trace_footprint
-    >>> trace_footprint(PAPER_CAMERA, 10.0, 0).centres_mm.shape  # views, lenslets
-    (15, 270)
+    focal_mm: focal length of the main lens for light of another colour. lenslet_scale: true lenslet
+    pitch over the nominal one, with which the sensor is read. neighbour: number of lenslets by
+    which the light's lenslet is displaced from the pixel's own. part: part of a hexagonal array.
     """
     return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour, part)
 
@@ -127,11 +84,7 @@ def trace_stop(
     neighbour: int = 0,
     part: ArrayPart | None = None,
 ) -> Footprint:
-    """Trace the ray bundles to a stop `distance_mm` in front of the main lens.
-
-    Distance 0 is the main lens itself; the other parameters are those of
-    `trace_footprint`.
-    """
+    """Trace the ray bundles to a stop at a distance in front of the main lens; 0 is the lens."""
     to_array = camera.plane_to_array(distance_mm, focal_mm)
     return _trace(camera, to_array, axis, lenslet_scale, neighbour, part)
 
@@ -171,22 +124,10 @@ def _trace(camera, to_array, axis: int, lenslet_scale: float, neighbour: int, pa
 def trapezoid_cdf(
     x: np.ndarray, width_a: float | np.ndarray, width_b: float | np.ndarray
 ) -> np.ndarray:
-    """Cumulative distribution of the sum of two centred uniform variables.
+    """Cumulative distribution at x of the sum of two centred uniform variables of these widths.
 
     It is written for ``|x|`` in a linear and a quadratic part, so that nothing cancels and widths
     may be zero: one zero width makes a box, two make a step with the value 1/2 at its centre.
-
-    Parameters
-    ----------
-    x : ndarray
-    width_a, width_b : float
-        Full widths of the two boxes, 0 or above, in the unit of x; or arrays that broadcast to
-        the shape of x.
-
-    Returns
-    -------
-    ndarray of float64
-        Probability, from 0 to 1; 1/2 at x = 0.
     """
     wide, narrow = np.maximum(width_a, width_b), np.minimum(width_a, width_b)
     if np.any(wide == 0):

@@ -1,23 +1,16 @@
 """Ray transfer (ABCD) matrices of paraxial optics.
 
-A ray is the column vector ``(y, theta)``: height in mm and angle in rad at a plane. A matrix maps
-the ray at one plane to the ray at a later plane; every matrix here has determinant 1.
+A ray is the column vector ``(y, theta)``: height in mm and angle in rad at a plane. A matrix, 2 x 2
+in float64, maps the ray at one plane to the ray at a later plane; all have determinant 1.
 """
 
 import numpy as np
 
 
 def free_space(distance_mm: float) -> np.ndarray:
-    """Propagation over a distance: ``[[1, d], [0, 1]]`` (paper, equation 4).
+    """Propagation over a distance along the axis: ``[[1, d], [0, 1]]`` (paper, equation 4).
 
-    Parameters
-    ----------
-    distance_mm : float
-        Distance along the optical axis in mm. A negative one leads back to a virtual plane.
-
-    Returns
-    -------
-    ndarray of float64, shape (2, 2)
+    A negative distance leads back to a virtual plane.
 
     Examples
     --------
@@ -29,16 +22,7 @@ def free_space(distance_mm: float) -> np.ndarray:
 
 
 def thin_lens(focal_mm: float) -> np.ndarray:
-    """Thin lens: ``[[1, 0], [-1/f, 1]]`` (paper, equation 5).
-
-    Parameters
-    ----------
-    focal_mm : float
-        Focal length in mm, positive for a converging lens; infinite for no lens.
-
-    Returns
-    -------
-    ndarray of float64, shape (2, 2)
+    """Thin lens: ``[[1, 0], [-1/f, 1]]`` (paper, equation 5); f > 0 converges, infinity is none.
 
     Examples
     --------
@@ -51,11 +35,6 @@ def thin_lens(focal_mm: float) -> np.ndarray:
 
 def chain(*elements: np.ndarray) -> np.ndarray:
     """Matrix of several elements, given in the order in which light passes them.
-
-    Returns
-    -------
-    ndarray of float64, shape (2, 2)
-        The matrix product, last element leftmost.
 
     Examples
     --------
@@ -76,10 +55,6 @@ def inverse(system: np.ndarray) -> np.ndarray:
     It is not the matrix of the system turned round, ``[[D, B], [C, A]]``, where angles change their
     sign. It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
     (C = 0) and telecentric (A or D = 0) systems.
-
-    Returns
-    -------
-    ndarray of float64, shape (2, 2)
 
     Examples
     --------

@@ -68,9 +68,8 @@ class Sensor:
     read_noise_e: float = 2.0
 
     def __post_init__(self):
-        least = {"exposure_e": 1 / MOST_ELECTRONS, "full_well_e": 1 / MOST_ELECTRONS}
-        for name, low in (least | {"read_noise_e": 0}).items():
-            value = getattr(self, name)
+        for name in ("exposure_e", "full_well_e", "read_noise_e"):
+            value, low = getattr(self, name), 0 if name == "read_noise_e" else 1 / MOST_ELECTRONS
             if not low <= value <= MOST_ELECTRONS:
                 raise InputError(
                     f"{name} must be {low:g} to {MOST_ELECTRONS:g} electrons, got {value}."

@@ -1,4 +1,4 @@
-"""Slope conventions of other programs, and conversion from and to them.
+"""Slope conventions of other programs, and conversion from them.
 
 A slope is the displacement of an image from one view to the next: a point that moves by d lenslets
 per view, rows counted downward and columns rightward as the views are stored, is in focus at
@@ -86,32 +86,14 @@ def to_slope(number: Number, convention: str, views: int | None = None) -> Numbe
     >>> to_slope(-0.4, "plenpy", views=5)  # -number N / (N - 1)
     0.5
     """
-    return number_or_array(np.asarray(number, float) * _slope_of_one(convention, views))
-
-
-def from_slope(slope: Number, convention: str, views: int | None = None) -> Number:
-    """Convert a slope to the refocusing number of another program; the inverse of `to_slope`.
-
-    Parameters and errors are those of `to_slope`.
-
-    Examples
-    --------
-    >>> from lf_flame.optics import from_slope
-    >>> from_slope(0.5, "plenpy", views=5)
-    -0.4
-    """
-    return number_or_array(np.asarray(slope, float) / _slope_of_one(convention, views))
-
-
-def _slope_of_one(name: str, views: int | None) -> float:
-    if name not in CONVENTIONS:
-        raise InputError(f"convention must be one of {', '.join(CONVENTIONS)}, got {name!r}.")
-    formula, slope = CONVENTIONS[name]
-    if not callable(slope):
-        return slope
-    if views is None or views != int(views) or views < 2:
-        raise InputError(
-            f"This number depends on the N views along an axis ({formula}), of which "
-            f"there must be 2 or more, got views={views}."
-        )
-    return slope(views)
+    if convention not in CONVENTIONS:
+        raise InputError(f"convention must be one of {', '.join(CONVENTIONS)}, got {convention!r}.")
+    formula, slope = CONVENTIONS[convention]
+    if callable(slope):
+        if views is None or views != int(views) or views < 2:
+            raise InputError(
+                f"This number depends on the N views along an axis ({formula}), of which "
+                f"there must be 2 or more, got views={views}."
+            )
+        slope = slope(views)
+    return number_or_array(np.asarray(number, float) * slope)

@@ -88,7 +88,7 @@ def blur_on_sensor(
         found = np.empty((lenslets * camera.views, lines.shape[1]), np.float32)
         for low in range(0, lines.shape[1], COLUMNS_AT_ONCE):
             part = np.s_[:, low : low + COLUMNS_AT_ONCE]
-            blurred = diffraction.blur_lines(lines[part], 0, _spread_mm(camera), tiled.pixel_mm)
+            blurred = diffraction.blur_lines(lines[part], _spread_mm(camera), tiled.pixel_mm)
             found[part] = _pixel_means(blurred, tiled, camera, lenslets)
         image = np.moveaxis(found, 0, axis)
     return np.ascontiguousarray(image)

@@ -1,4 +1,4 @@
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,17 +39,13 @@ def test_depth_and_slope_invert_each_other(depth):
     assert abs(back - depth) <= 1e-14 * (distance**2 + 326**2) + 1e-12
 
 
-@given(st.floats(0.05, 20))
-def test_alpha_and_slope_invert_each_other(alpha):
-    assert PAPER_CAMERA.slope_to_alpha(PAPER_CAMERA.alpha_to_slope(alpha)) == pytest.approx(alpha)
-
-
 def test_alpha_is_the_relative_image_distance():
     depth, f = 20.0, PAPER_CAMERA.main_lens_focal_mm
     distance = PAPER_CAMERA.focus_distance_mm + depth
     image = f * distance / (distance - f)
     alpha = PAPER_CAMERA.slope_to_alpha(PAPER_CAMERA.depth_to_slope(depth))
     assert alpha == pytest.approx(image / PAPER_CAMERA.image_distance_mm, rel=1e-12)
+    assert PAPER_CAMERA.alpha_to_slope(alpha) == pytest.approx(PAPER_CAMERA.depth_to_slope(depth))
 
 
 def test_conversions_stay_finite_through_infinity():
@@ -65,11 +61,6 @@ def test_conversions_stay_finite_through_infinity():
 def test_scalars_stay_scalars_and_arrays_keep_their_shape():
     assert isinstance(PAPER_CAMERA.depth_to_slope(20), float)
     assert PAPER_CAMERA.slope_to_depth(np.zeros((2, 3))).shape == (2, 3)
-
-
-def test_camera_cannot_be_changed():
-    with pytest.raises(FrozenInstanceError):
-        PAPER_CAMERA.views = 3
 
 
 @pytest.mark.parametrize(

