@@ -206,12 +206,7 @@ class CameraLaw(Lens):
             light_field = replace(light_field, views=views, weights=weights)
         if not self.distortion:
             return light_field
-        if light_field.views.shape[2:4] != tuple(self.lenslets):
-            raise InputError(
-                f"The calibration undoes the distortion of views of {self.lenslets[0]} x "
-                f"{self.lenslets[1]} pixels about their middle, got views of "
-                f"{light_field.views.shape[2]} x {light_field.views.shape[3]}."
-            )
+        self.for_light_field(light_field.shape)  # refuses views of another size
         return _undistorted(light_field, self.distortion)
 
     def check_depths(self, depths_mm: ArrayLike) -> None:

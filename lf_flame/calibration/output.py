@@ -168,28 +168,18 @@ def _camera_toml(camera: PlenopticCamera, focal_plane_mm: float) -> str:
 
 
 def law_figure(fit: LawFit):
-    """Draw slope and scale by depth, and below the residuals, also of targets left out."""
-    law, measured = fit.law, fit.measured
-    figure, axes = figures.subplots(2, 2, figsize=(10, 6), layout="constrained", sharex=True)
-    fine = np.linspace(*law.depth_range_mm, 200)
-    sizes = law.mm_per_lenslet(fine)
-    depth_errors = [fit.depth_error_mm(z) for z in fine]
-    scale_errors = [fit.scale_error(z) for z in fine] / sizes
-    for column, (curve, points, errors, unit, above, below) in enumerate((
-        (law.depth_to_slope(fine), measured.slopes, depth_errors, 1,
-         "slope in lenslets per view step", "depth error in mm"),
-        (sizes, measured.scales, scale_errors, 100, "mm per lenslet", "scale error in %"),
-    )):  # fmt: skip
-        upper, lower = axes[:, column]
-        upper.plot(fine, curve, color="0.4", label="law")
-        upper.plot(measured.depths, points, "o", label="targets")
-        upper.set_ylabel(above)
-        band = unit * fit.coverage * np.asarray(errors)
-        lower.fill_between(fine, -band, band, color="0.85", label="law, 95 %")
-        lower.plot(measured.depths, unit * fit.residuals[column], "o", label="targets")
-        left_out = unit * fit.left_out[column]
-        lower.plot(measured.depths, left_out, "x", color="C3", label="left out of the fit")
-        lower.set(xlabel="depth in mm", ylabel=below)
-    for axis in axes.flat:
+    """Draw errors of depth and scale by depth, also of targets left out, and the law's own."""
+    figure, axes = figures.subplots(1, 2, figsize=(10, 4), layout="constrained", squeeze=False)
+    fine, placed = np.linspace(*fit.law.depth_range_mm, 200), fit.measured.depths
+    scale_errors = [fit.scale_error(z) / fit.law.mm_per_lenslet(z) for z in fine]
+    for column, (errors, unit, name) in enumerate(
+        (([fit.depth_error_mm(z) for z in fine], 1, "depth error in mm"),
+         (scale_errors, 100, "scale error in %"))
+    ):  # fmt: skip
+        axis, band = axes[0, column], unit * fit.coverage * np.array(errors)
+        axis.fill_between(fine, -band, band, color="0.85", label="law, 95 %")
+        axis.plot(placed, unit * fit.residuals[column], "o", label="targets")
+        axis.plot(placed, unit * fit.left_out[column], "x", color="C3", label="left out of the fit")
+        axis.set(xlabel="depth in mm", ylabel=name)
         axis.legend()
     return figure

@@ -51,6 +51,7 @@ def lenslet_places_mm(
     return part.first_mm[axis] + np.arange(count) * part.spacing_mm[axis]
 
 
+@lru_cache(maxsize=32)  # the scenes of a data set use the same depths
 def trace_footprint(
     camera: PlenopticCamera,
     depth_mm: float,
@@ -66,11 +67,6 @@ def trace_footprint(
     pitch over the nominal one, with which the sensor is read. neighbour: number of lenslets by
     which the light's lenslet is displaced from the pixel's own. part: part of a hexagonal array.
     """
-    return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour, part)
-
-
-@lru_cache(maxsize=32)  # the scenes of a data set use the same depths
-def _trace_to_layer(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part) -> Footprint:
     to_array = camera.object_to_array(depth_mm, focal_mm)
     return _trace(camera, to_array, axis, lenslet_scale, neighbour, part)
 

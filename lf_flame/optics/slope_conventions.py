@@ -19,18 +19,10 @@ from lf_flame.errors import InputError
 
 
 class Convention(NamedTuple):
-    """A number proportional to the slope.
+    """A number proportional to the slope; N is the number of views along an axis."""
 
-    Attributes
-    ----------
-    formula : str
-        Formula of the number in terms of the slope and of N, the number of views along an axis.
-    slope : float or callable
-        Slope for a number of 1; a function of N if it depends on that.
-    """
-
-    formula: str
-    slope: float | Callable[[int], float]
+    formula: str  # number in terms of the slope and of N
+    slope: float | Callable[[int], float]  # for a number of 1; a function of N if it depends on it
 
 
 CONVENTIONS = {

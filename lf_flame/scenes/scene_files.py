@@ -108,17 +108,8 @@ class SceneFile:
 def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool]]:
     """Read a scene, its camera and its effects from a TOML file.
 
-    Parameters
-    ----------
-    path : str or Path
-        File with a table ``[camera]`` and tables ``[[layers]]``.
-
-    Returns
-    -------
-    Scene
-    PlenopticCamera
-    dict
-        Effects that the file forces on (True) or off (False), by name.
+    The file has a table ``[camera]`` and tables ``[[layers]]``. The effects are those that it
+    forces on (True) or off (False), by name.
 
     Raises
     ------

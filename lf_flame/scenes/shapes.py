@@ -11,15 +11,12 @@ MOST_CELLS = 1000
 """Largest number of cells along an axis; a larger shape gets larger cells."""
 
 
-def _inside_circle(y, x):
-    return y**2 + x**2 <= 1
-
-
-def _inside_triangle(y, x):
-    return np.abs(x) <= (y + 1) / 2  # apex up, base along the lower edge
-
-
-SHAPES = {"rectangle": None, "square": None, "circle": _inside_circle, "triangle": _inside_triangle}
+SHAPES = {
+    "rectangle": None,
+    "square": None,
+    "circle": lambda y, x: y**2 + x**2 <= 1,
+    "triangle": lambda y, x: np.abs(x) <= (y + 1) / 2,  # apex up, base along the lower edge
+}
 """Shapes by name, with their tests on coordinates from -1 to 1 over the bounding box."""
 
 

@@ -95,8 +95,8 @@ def test_views_are_blurred_one_by_one(round_aperture):
         quadrant = round_by_frequency(0.3, 9)
     else:
         quadrant = np.multiply.outer(*[square_by_frequency(0.3, 9)] * 2)
-    np.testing.assert_allclose(found[1, 0, 20:29, 21:30], 1e6 * quadrant, rtol=6e-3, atol=5)
-    np.testing.assert_allclose(found[1, 0, 20:11:-1, 21:12:-1], 1e6 * quadrant, rtol=6e-3, atol=5)
+    np.testing.assert_allclose(found[1, 0, 20:29, 21:30], 1e6 * quadrant, rtol=1e-3, atol=5)
+    np.testing.assert_allclose(found[1, 0, 20:11:-1, 21:12:-1], 1e6 * quadrant, rtol=1e-3, atol=5)
 
 
 def test_uniform_views_stay_uniform():
