@@ -50,8 +50,8 @@ class LawFit:
         Slopes and scales of the targets.
     covariance : ndarray, shape (4, 4)
         Covariance of a, b, c and d of the law.
-    misfit : float
-        Chi-square over degrees of freedom; the covariance is multiplied by it where it is above 1.
+    misfit_mm : float
+        Root mean square of the depth residuals in mm; 0 unless it surely exceeds the noise.
     residuals : ndarray, shape (2, n)
         Depth by the law minus the known one in mm, and relative error of the law's scale.
     left_out : ndarray, shape (2, n)
@@ -61,25 +61,14 @@ class LawFit:
     law: CameraLaw
     measured: Measurements
     covariance: np.ndarray
-    misfit: float
+    misfit_mm: float
     residuals: np.ndarray
     left_out: np.ndarray
 
     @property
-    def freedom(self) -> int:
-        """Number of degrees of freedom."""
-        return self.residuals.size - len(NAMES)
-
-    @property
     def coverage(self) -> float:
         """Number of standard deviations within which the truth is with 95 % (Student's t)."""
-        return float(t.ppf(0.975, self.freedom))
-
-    @property
-    def misfit_mm(self) -> float:
-        """Root mean square of the depth residuals in mm; 0 unless it surely exceeds the noise."""
-        sure = self.misfit * self.freedom > chi2.ppf(SURE, self.freedom)
-        return float(np.sqrt(np.mean(self.residuals[0] ** 2))) if sure else 0.0
+        return float(t.ppf(0.975, self.residuals.size - len(NAMES)))
 
     def depth_error_mm(self, depth_mm: float) -> float:
         """Find the standard deviation in mm of the law's depth for a slope known exactly."""
@@ -222,15 +211,19 @@ def fit_law(
     span = high - low
     solved = _solve(measured, _start(measured))
     residuals, centre = _residuals(measured, solved.x), float(solved.x[2])
-    if np.sqrt(np.mean(residuals[0] ** 2)) > WORST_SHARE * span or not centre < low:
+    misfit_mm = float(np.sqrt(np.mean(residuals[0] ** 2)))
+    if misfit_mm > WORST_SHARE * span or not centre < low:
         worst = int(np.argmax(np.abs(residuals[0])))
         raise InputError(
             f"The targets follow no law of a camera: depths by it differ from the given ones by up "
             f"to {abs(residuals[0, worst]):.3g} mm, at {measured.depths[worst]:g} mm; check which "
             f"picture was taken at which depth, and that the camera was not changed between them."
         )
-    misfit = float(2 * solved.cost / (solved.fun.size - len(NAMES)))
-    covariance = max(misfit, 1.0) * inverse(solved.jac.T @ solved.jac)
+    freedom, square = solved.fun.size - len(NAMES), 2 * solved.cost
+    sure = bool(square > chi2.ppf(SURE, freedom))
+    # A wrong position moves the slope and the scale of a target alike, which at most doubles the
+    # variance of errors that are independent.
+    covariance = max(square / freedom * (1 + sure), 1.0) * inverse(solved.jac.T @ solved.jac)
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2
     law = CameraLaw(
         **dict(zip(NAMES, solved.x.tolist(), strict=True)),
@@ -242,7 +235,8 @@ def fit_law(
         fall_off=fall_off,
         standard_deviations=dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
     )
-    return LawFit(law, measured, covariance, misfit, residuals, _left_out(measured, solved.x))
+    left_out = _left_out(measured, solved.x)
+    return LawFit(law, measured, covariance, misfit_mm * sure, residuals, left_out)
 
 
 def _start(measured: Measurements) -> np.ndarray:

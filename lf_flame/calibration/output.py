@@ -151,7 +151,7 @@ def write_calibration(
         "law": {**vars(fit.law)},
         "covariance": fit.covariance.tolist(),
         "standard_deviations_for_95_percent": fit.coverage,
-        "misfit": fit.misfit,
+        "misfit_mm": fit.misfit_mm,
     }
 
 

@@ -56,19 +56,20 @@ def test_slopes_that_fall_with_depth_are_those_of_turned_views():
     assert turned.law.slope_to_depth(-Bench().slope(425.0)) == pytest.approx(425.0 - ZERO, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depths", "moved_mm"), [(DEPTHS, 0), (DEPTHS[::2], 0), (DEPTHS, 0.2)])
 def test_stated_errors_of_depth_and_scale_cover_the_truth(depths, moved_mm):
-    """In 80 to 90 % of 30 draws of noise and of positions, and not by being far too large."""
+    """In 85 to 90 % of 100 draws of noise and of positions, and not by being far too large."""
     away = []
-    for seed in range(30):
+    for seed in range(100):
         rng = np.random.default_rng(seed)
         found = fit(rng, depths=depths, moved=rng.normal(0, moved_mm, len(depths)))
         depth = found.law.slope_to_depth(Bench().slope(425.0)) - (425.0 - ZERO)
         scale = found.law.mm_per_lenslet(425.0 - ZERO) - Bench().scale(425.0)
         away.append((depth / found.depth_error_mm(15.0), scale / found.scale_error(15.0)))
         assert found.coverage == pytest.approx(t.ppf(0.975, 2 * len(depths) - 4))
-    assert np.all(np.mean(np.abs(away) < found.coverage, axis=0) >= (0.8 if moved_mm else 0.9))
-    assert np.all(np.std(away, axis=0) > 0.6)
+    assert np.all(np.mean(np.abs(away) < found.coverage, axis=0) >= (0.85 if moved_mm else 0.9))
+    assert np.all(np.std(away, axis=0) > 0.5)
 
 
 @pytest.mark.slow
