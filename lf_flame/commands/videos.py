@@ -41,7 +41,7 @@ TIMES = cloup.option_group(
     "When the frames were taken",
     option("--frames-per-second", "Frames a second.",
            FiniteRange(1e-9, 1e15), metavar="RATE"),
-    option("--timestamps", "Times in s: a number a line, or a column time_s.", FILE),
+    option("--timestamps", "Times in s: a number on each line.", FILE),
 )  # fmt: skip
 
 SHAPE = (
@@ -89,10 +89,10 @@ def flicker(
     sources, frames_per_second, timestamps, slope, depth_mm, camera, level, pixel_mm, burner_row,
     out, overwrite, **options,
 ) -> None:  # fmt: skip
-    """Follow a flame through a video: height, contour and flicker frequency.
+    """Follow a flame through a video: height and flicker frequency.
 
-    SOURCE are pictures, or light fields with the options of `lf-flame refocus`: files, one folder
-    of them, or one pattern in quotes; or the folder of `lf-flame process`.
+    SOURCE are pictures, or light fields with the options of `lf-flame refocus`: files, or one
+    folder of them; or the folder of `lf-flame process`.
 
     \b
       lf-flame flicker video --frames-per-second 100 --pixel-mm 0.13
@@ -102,10 +102,10 @@ def flicker(
 
     The numbers in the names give the order, and a missing number is a gap in time. Pictures must be
     linear in light and black at 0. A light field is measured in its central view, or in the image
-    that is refocused by --slope or --depth-mm. The flame is the region above a share of the peak
-    (--level) that includes the brightest pixel; its height is from the bottom edge to its tip.
-    flicker.json holds the frequencies, their resolution (1 / duration) and the probability that
-    noise alone has such a peak; if it is above 1 %, no frequency is reported.
+    that is refocused by --slope or --depth-mm. The flame is the largest region above a share of the
+    peak (--level); its height is from the bottom edge to its tip. flicker.json holds the frequency,
+    its resolution (1 / duration) and the probability that noise alone has such a peak; if it is
+    above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.flame_video import find_steps
@@ -131,7 +131,7 @@ def flicker(
         raise InputError("--depth-mm and --camera need each other.")
     lens = open_lens(camera)
     place = f"{slope!r}" if depth_mm is None else f"{depth_mm!r}mm"
-    names = "height,contour" if slope is depth_mm is None else f"refocus@{place},height,contour"
+    names = "height" if slope is depth_mm is None else f"refocus@{place},height"
     measures = {"level": level, "pixel_mm": pixel_mm, "burner_row": burner_row}
     steps = find_steps(names, camera=lens, **measures)
     paths = sources if done else find_frames(sources, reading.files)
@@ -152,7 +152,7 @@ def flicker(
             when = (frames_per_second, timestamps)
             _, notes = _process(paths, reading, lens, steps, when, made, Crew(workers=1))
             series = output.read_series(made)
-        found, warnings = output.write_flicker(series, folder, times_stated=timestamps is not None)
+        found, warnings = output.write_flicker(series, folder)
         folder.facts |= {
             "frames_per_second": frames_per_second,
             "timestamps": None if timestamps is None else str(timestamps),
@@ -184,29 +184,29 @@ def process(
 ) -> None:  # fmt: skip
     """Process every frame of a video of light fields; resumes an interrupted run.
 
-    FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, one folder
-    of them, or one pattern in quotes. Steps are decode, refocus@10mm (or refocus@0.5, a slope),
-    emission, temperature, height and contour.
+    FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, or one
+    folder of them. Steps are decode, refocus@10mm (or refocus@0.5, a slope), emission, temperature
+    and height.
 
     \b
       lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
-          --steps decode,refocus@0mm,height,contour,emission --out flame.zarr
+          --steps decode,refocus@0mm,height,emission --out flame.zarr
     \f
 
     \b
       lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
           --steps decode,refocus@0.5,height
 
-    temperature is that of soot, from the emission before it; height and contour measure the image
-    refocused before them, or the central view. With --strength, a fit starts from that of the frame
-    before, in a third of the time. A missing number in the names, a damaged frame, and one of
-    another size or exposure than the first are named, counted, and stay gaps (NaN). The result is
-    one Zarr group with named axes, for xarray and others. The workers of a cluster must have this
-    package and see all files under the same names; the bytes do not depend on the workers.
+    temperature is that of soot, from the emission before it; height, with contour, width, area and
+    brightness, measures the image refocused before it, or the central view. With --strength, a fit
+    starts from that of the frame before, in a third of the time. A missing number in the names, a
+    damaged frame, and one of another size or exposure than the first are named, counted, and stay
+    gaps (NaN). The result is one Zarr group with named axes, for xarray and others. The workers of
+    a cluster must have this package and see all files under the same names; the bytes do not depend
+    on the workers.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.flame_video import find_steps, look_at
+    from lf_flame.flame_video import find_steps
     from lf_flame.flame_video.frames import find_frames
-    from lf_flame.flame_video.processing import is_video
     from lf_flame.tomography.frustum_grid import planes_between
 
     crew, reading = pick(Crew, options), pick(Reading, options)
@@ -218,8 +218,6 @@ def process(
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
-    if is_video(out):
-        tell(look_at(out).describe())
     made, _ = _process(paths, reading, lens, chosen, (frames_per_second, timestamps), out, crew)
     click.echo(f"{made.describe()}; in {printable(out)}")
 
@@ -227,24 +225,21 @@ def process(
 def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
-    from lf_flame.flame_video.frames import FrameReader, find_times, with_gaps
-    from lf_flame.flame_video.processing import TRIED
+    from lf_flame.flame_video.frames import FrameReader, find_times
     from lf_flame.formats.coding import notes_on_coding
 
     frames_per_second, timestamps = when
     paths = [path.absolute() for path in paths]
-    times, notes = find_times(paths, frames_per_second, timestamps)
-    rows: list[Path | None] = list(paths)
-    if timestamps is None:
-        rows, times = with_gaps(paths, times, frames_per_second or 1.0)
+    rows, times, notes = find_times(paths, frames_per_second, timestamps)
     is_timed = timestamps is not None or frames_per_second is not None
     notes = [*notes_on_coding(paths[0]), *(notes if is_timed else [])]
     tell_all("Note", notes)
     reading = reading.for_camera(paths[0], lens)
     with progress.stage(f"Reading {printable(paths[0])}"):
-        reader, said = FrameReader.by_first_sound(paths[:TRIED], reading.stated), Said()
+        reader, said = FrameReader(paths[0], reading.stated), Said()
+        found = reader.notes
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
-    for line in (*reader.notes, *on_camera):
+    for line in (*found, *on_camera):
         tell(printable(line, 600))
     with crew.executor() as executor:
         made = process_frames(

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from lf_flame.calibration import read_lens
 from lf_flame.commands.cli import commands
-from lf_flame.flame_video import find_steps, look_at
+from lf_flame.flame_video import find_steps
 from lf_flame.tomography import ColourCalibration, SpectralResponses
 
 ROWS, COLUMNS, NOISE = 24, 20, 0.002
@@ -82,7 +82,7 @@ def test_temperatures_of_two_planes_come_back_and_faint_cells_have_none(folder):
             assert 0.3 < np.sqrt(np.mean(apart**2)) < 2
             assert np.isnan(kelvin[number, plane, :3]).mean() > 0.9
     assert np.isnan(kelvin[1]).all()
-    assert look_at(out).describe() == "3 frames: 3 whole"
+    assert "3 frames: 3 whole" in done.output
     other = run("process", folder / "video", *steps, "--soot-exponent", 1.2, *words)
     assert "was made with other steps" in str(other.exception)
 
