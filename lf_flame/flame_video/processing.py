@@ -36,7 +36,7 @@ from lf_flame._common.zarr_files import (
     refuse_missing_chunks,
 )
 from lf_flame.errors import InputError
-from lf_flame.flame_video.steps import Frame, Step, Values
+from lf_flame.flame_video.steps import Frame, Step, Values, take_steps
 from lf_flame.formats.exposure import read_exposure
 from lf_flame.formats.reading import read_light_field
 from lf_flame.lightfield import LightField
@@ -161,8 +161,11 @@ def process_frames(
         place = out if out.is_symlink() or out.exists() else part
         if not place.exists():
             with progress.stage("Processing the first frame"):
-                shape, values = _try_out(first, steps, read, camera)
-            facts = {**request, "shape": shape, "kind": KIND}
+                light_field = read(first)
+                if camera is not None:
+                    camera.check_views(light_field.shape)
+                values = take_steps(Frame(light_field), steps)
+            facts = {**request, "shape": list(light_field.shape), "kind": KIND}
             _lay_out(part, facts, Values(times, ("time",), {"units": time_unit}), values)
         group = open_video(place)
         _refuse_other(group, request, times, place)
@@ -183,18 +186,6 @@ def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Pa
             f"{place} was made with other {', '.join(other or ['frames'])}; remove it, or choose "
             f"another folder."
         )
-
-
-def _try_out(path: Path, steps: tuple[Step, ...], read, camera: Lens | None):
-    """Process the first frame: its shape, by which others are judged, and its values."""
-    light_field = read(path)
-    if camera is not None:
-        camera.check_views(light_field.shape)
-    frame = Frame(light_field)
-    values: dict[str, Values] = {}
-    for step in steps:
-        values |= step(frame)
-    return list(light_field.shape), values
 
 
 def _together(frames: int) -> int:
@@ -271,7 +262,6 @@ class Job:
         """Process a frame: its state, the values that were found, and sentences."""
         if path is None:
             return MISSING, {}, ()
-        values: dict[str, Values] = {}
         try:
             light_field, exposure = self.read(path), read_exposure(path)
             if light_field.shape != self.shape:
@@ -280,8 +270,7 @@ class Job:
             if exposure and self.exposure and not 0.99 < exposure / self.exposure < 1.01:
                 raise InputError(f"its exposure is {exposure:g} s, the first {self.exposure:g} s")
             frame = Frame(light_field, self.before)
-            for step in self.steps:
-                values |= step(frame)
+            values = take_steps(frame, self.steps)
         except (InputError, OSError) as error:
             return UNUSABLE, {}, (f"{path.name}: {error}",)
         return WHOLE, values, tuple(f"{path.name}: {said}" for said in frame.warnings)

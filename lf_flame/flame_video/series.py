@@ -46,11 +46,6 @@ class FlameSeries:
         """Unit of lengths."""
         return "px" if self.pixel_mm is None else "mm"
 
-    @property
-    def heights(self) -> np.ndarray:
-        """Heights of the frames."""
-        return self.measures[:, 0]
-
     def warnings(self) -> list[str]:
         """Sentences on what is doubtful, each with the number of frames."""
         frames: dict[str, list[str]] = {}
@@ -68,9 +63,8 @@ def read_series(path: Path, frames_per_second: float | None = None) -> FlameSeri
         raise InputError(f"{path} holds no heights: process it with the step height.")
     if processing.count_frames(group, path).counts["to_do"]:  # refuses lost files, too
         raise InputError(f"{path} is not finished: repeat the command that makes it.")
-    columns = [processing.read_array(group, name, path) for name in MEASURES]
-    others = ("state", "doubts", "time")
-    state, bits, times = (processing.read_array(group, name, path) for name in others)
+    names = (*MEASURES, "state", "doubts", "time")
+    *columns, state, bits, times = (processing.read_array(group, name, path) for name in names)
     counted = group["time"].attrs.get("units") != "s"
     if counted != (frames_per_second is not None):
         raise InputError(
@@ -78,13 +72,12 @@ def read_series(path: Path, frames_per_second: float | None = None) -> FlameSeri
             if counted
             else f"{path} holds the times of its frames: leave out --frames-per-second."
         )
-    times = times / (frames_per_second or 1.0)
     frames, options = dict[str, Any](group.attrs)["frames"], dict[str, Any](group["height"].attrs)
     doubts = [[x for k, x in enumerate(DOUBTS.values()) if bit >> k & 1] for bit in bits]
     for number in np.flatnonzero(state == processing.UNUSABLE):
         doubts[number].append("The frame is unusable.")
     return FlameSeries(
-        times,
+        times / (frames_per_second or 1.0),
         [name or f"frame {number}" for number, name in enumerate(frames)],
         options.get("pixel_mm"),
         options.get("level", 0.5),
@@ -117,7 +110,7 @@ def write_flicker(series: FlameSeries, folder: OutputFolder) -> tuple[Flicker | 
 
     The flicker is None if too few frames have a height.
     """
-    heights, side, found = series.heights, series.pixel_mm or 1.0, None
+    heights, side, found = series.measures[:, 0], series.pixel_mm or 1.0, None
     outliers = find_outliers(heights, side)
     for number in np.flatnonzero(outliers):
         series.doubts[number].append(OUTLIER)
@@ -159,7 +152,7 @@ def _write_table(series: FlameSeries, path: Path) -> None:
 def _figure(series: FlameSeries, found: Flicker | None, outliers: np.ndarray):
     """Height against time, and its spectrum with the level of a false alarm."""
     figure, (top, below) = figures.subplots(2, 1, figsize=(9, 6.5), layout="constrained")
-    times_s, heights = series.times_s, series.heights
+    times_s, heights = series.times_s, series.measures[:, 0]
     top.plot(times_s, heights, "." * (len(heights) < 300) + "-", linewidth=0.8, markersize=4)
     top.plot(times_s[outliers], heights[outliers], "C3x", label="outliers, left out")
     top.set(xlabel="time (s)", ylabel=f"height ({series.unit})")

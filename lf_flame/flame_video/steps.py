@@ -3,9 +3,9 @@
 Tomography is imported where it is used, as it doubles the time that other steps take to start.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -53,6 +53,14 @@ class Frame:
     def __post_init__(self):
         v, u = self.light_field.views.shape[:2]
         self.image = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
+
+
+def take_steps(frame: Frame, steps: Sequence[Step]) -> dict[str, Values]:
+    """Give the arrays of all steps."""
+    values: dict[str, Values] = {}
+    for step in steps:
+        values |= step(frame)
+    return values
 
 
 @dataclass(frozen=True)
@@ -130,7 +138,7 @@ def _even_points(contour: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(places, along, line) for line in contour.T], axis=1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # hashed as an object, as a camera may hold tables
 class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
@@ -147,34 +155,14 @@ class Emission:
     background: str = "fit"
     colours: tuple[str, ...] = ()
 
-    def __getstate__(self):
-        # Each process makes its own plan, which is large.
-        return {name: value for name, value in vars(self).items() if name != "_plans"}
-
-    @cached_property
-    def _plans(self) -> "dict[tuple[int, ...], ReconstructionPlan]":
-        return {}
-
-    def _plan(self, shape: tuple[int, ...]) -> "ReconstructionPlan":
-        """Plan for light fields of a shape: their own number of lenslets counts."""
-        from lf_flame.tomography import FrustumGrid, ReconstructionPlan
-
-        if shape not in self._plans:
-            grid = FrustumGrid(self.camera.for_light_field(shape), self.depths_mm, self.block)
-            self._plans[shape] = ReconstructionPlan(
-                grid, noise=self.noise, strength=self.strength, background=self.background
-            )
-        return self._plans[shape]
-
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
         from lf_flame.tomography.soot import split_colours
 
-        plan, colours = self._plan(frame.light_field.shape), self.colours
+        plan, colours = _plan(self, frame.light_field.shape), self.colours
         lights = split_colours(frame.light_field, colours) if colours else [frame.light_field]
         starts = frame.before.get("emission", [None] * len(lights))
-        both = zip(lights, starts, strict=True)
-        found = [plan.reconstruct(light, start=start) for light, start in both]
+        found = [plan.reconstruct(light, start=x) for light, x in zip(lights, starts, strict=True)]
         strengths = [one.strength for one in found]
         if min(strengths) < max(strengths):
             plan = plan.absorbing(None, strength=max(strengths))
@@ -196,6 +184,17 @@ class Emission:
             "emission_noise": Values(noise, axes, known),
             "emission_warnings": Values(np.uint8(count)),
         }
+
+
+@lru_cache(maxsize=2)
+def _plan(step: Emission, shape: tuple[int, ...]) -> "ReconstructionPlan":
+    """Plan for light fields of a shape, once in each process, because plans are large."""
+    from lf_flame.tomography import FrustumGrid, ReconstructionPlan
+
+    grid = FrustumGrid(step.camera.for_light_field(shape), step.depths_mm, step.block)
+    return ReconstructionPlan(
+        grid, noise=step.noise, strength=step.strength, background=step.background
+    )
 
 
 @dataclass(frozen=True)
@@ -231,9 +230,11 @@ class Temperature:
             gains=self.calibration.gains,
             soot_exponent=self.soot_exponent,
         )
-        axes, unit = ("depth", "y", "x"), {"units": "K"}
-        both = {"temperature": found.kelvin, "temperature_sigma": found.sigma}
-        return {name: Values(np.float32(x), axes, unit) for name, x in both.items()}
+        kelvin, sigma = (
+            Values(np.float32(x), ("depth", "y", "x"), {"units": "K"})
+            for x in (found.kelvin, found.sigma)
+        )
+        return {"temperature": kelvin, "temperature_sigma": sigma}
 
 
 def find_steps(
