@@ -16,7 +16,6 @@ from lf_flame._common.printable import printable
 from lf_flame.commands.emission import DEPTHS, fitting
 from lf_flame.commands.options import (
     ABOVE_0,
-    FILE,
     FOLDER,
     PATH,
     FiniteRange,
@@ -37,12 +36,7 @@ from lf_flame.errors import InputError
 NAMED = 10
 """Number of frames whose warnings are printed at once; the others are counted at the end."""
 
-TIMES = cloup.option_group(
-    "When the frames were taken",
-    option("--frames-per-second", "Frames a second.",
-           FiniteRange(1e-9, 1e15), metavar="RATE"),
-    option("--timestamps", "Times in s: a number on each line.", FILE),
-)  # fmt: skip
+RATE = option("--frames-per-second", "Frames a second.", FiniteRange(1e-9, 1e15), metavar="RATE")
 
 SHAPE = (
     option(
@@ -81,12 +75,12 @@ STEPS = cloup.option_group(
 
 @command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
-@TIMES
+@RATE
 @MEASURES
 @READING
 @out_options("flicker/NAME")
 def flicker(
-    sources, frames_per_second, timestamps, slope, depth_mm, camera, level, pixel_mm, burner_row,
+    sources, frames_per_second, slope, depth_mm, camera, level, pixel_mm, burner_row,
     out, overwrite, **options,
 ) -> None:  # fmt: skip
     """Follow a flame through a video: height and flicker frequency.
@@ -97,7 +91,7 @@ def flicker(
     \b
       lf-flame flicker video --frames-per-second 100 --pixel-mm 0.13
       lf-flame flicker flame.zarr
-      lf-flame flicker video --timestamps times.csv --views 15 --camera camera.toml --depth-mm 10
+      lf-flame flicker video --frames-per-second 100 --views 15 --camera camera.toml --depth-mm 10
     \f
 
     The numbers in the names give the order, and a missing number is a gap in time. Pictures must be
@@ -115,16 +109,14 @@ def flicker(
     from lf_flame.flame_video.processing import is_video
 
     reading, done = Reading(**options), len(sources) == 1 and is_video(sources[0])
-    given = [slope, depth_mm, camera, pixel_mm, burner_row, timestamps, *reading.given()]
+    given = [slope, depth_mm, camera, pixel_mm, burner_row, *reading.given()]
     if done and (level != 0.5 or any(x is not None for x in given)):
         raise InputError(
             f"{sources[0]} is processed already: of all options, only --frames-per-second, --out "
             f"and --overwrite apply to it."
         )
-    if not done and (frames_per_second is None) == (timestamps is None):
-        raise InputError(
-            "Say when the frames were taken: either --frames-per-second or --timestamps FILE."
-        )
+    if not done and frames_per_second is None:
+        raise InputError("Say when the frames were taken: --frames-per-second.")
     if slope is not None and depth_mm is not None:
         raise InputError("Say where to focus: either --slope or --depth-mm.")
     if (camera is None) != (depth_mm is None):
@@ -149,13 +141,12 @@ def flicker(
             series = output.read_series(sources[0], frames_per_second)
         else:
             made = Path(beside) / "frames.zarr"
-            when = (frames_per_second, timestamps)
-            _, notes = _process(paths, reading, lens, steps, when, made, Crew(workers=1))
+            one = Crew(workers=1)
+            _, notes = _process(paths, reading, lens, steps, frames_per_second, made, one)
             series = output.read_series(made)
         found, warnings = output.write_flicker(series, folder)
         folder.facts |= {
             "frames_per_second": frames_per_second,
-            "timestamps": None if timestamps is None else str(timestamps),
             "notes": notes,
             "slope": slope,
             "depth_mm": depth_mm,
@@ -173,13 +164,13 @@ def flicker(
 @command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="FRAMES...")
 @STEPS
-@TIMES
+@RATE
 @DEPTHS
 @READING
 @WORKERS
 @option("--out", "Folder of the Zarr group to make.", FOLDER, required=True)
 def process(
-    sources, steps, camera, colours, frames_per_second, timestamps, depths, planes, out,
+    sources, steps, camera, colours, frames_per_second, depths, planes, out,
     **options,
 ) -> None:  # fmt: skip
     """Process every frame of a video of light fields; resumes an interrupted run.
@@ -218,21 +209,19 @@ def process(
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
-    made, _ = _process(paths, reading, lens, chosen, (frames_per_second, timestamps), out, crew)
+    made, _ = _process(paths, reading, lens, chosen, frames_per_second, out, crew)
     click.echo(f"{made.describe()}; in {printable(out)}")
 
 
-def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
+def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path, crew: Crew):
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
     from lf_flame.flame_video.frames import FrameReader, find_times
     from lf_flame.formats.coding import notes_on_coding
 
-    frames_per_second, timestamps = when
     paths = [path.absolute() for path in paths]
-    rows, times, notes = find_times(paths, frames_per_second, timestamps)
-    is_timed = timestamps is not None or frames_per_second is not None
-    notes = [*notes_on_coding(paths[0]), *(notes if is_timed else [])]
+    rows, times, notes = find_times(paths, rate or 1.0)
+    notes = [*notes_on_coding(paths[0]), *(notes if rate else [])]
     tell_all("Note", notes)
     reading = reading.for_camera(paths[0], lens)
     with progress.stage(f"Reading {printable(paths[0])}"):
@@ -243,7 +232,7 @@ def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
         tell(printable(line, 600))
     with crew.executor() as executor:
         made = process_frames(
-            rows, out, steps, times_s=times, time_unit="s" if is_timed else "frame", read=reader,
+            rows, out, steps, times_s=times, time_unit="s" if rate else "frame", read=reader,
             camera=lens, workers=crew.processes, executor=executor, tell=said,
         )  # fmt: skip
     said.end()

@@ -183,15 +183,6 @@ def _find_peak(times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
     return found, shown or fit
 
 
-def check_times(times_s: np.ndarray, source: str = "of frames") -> None:
-    """Refuse times that do not rise by 1e-15 s or more, or are beyond 1e12 s."""
-    if not (np.all(np.abs(times_s) <= 1e12) and np.all(np.diff(times_s) >= 1e-15)):
-        raise InputError(
-            f"The times {source} must rise from frame to frame, by 1e-15 s or more, and be at most "
-            f"1e+12 s."
-        )
-
-
 def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     times, values = (np.asarray(one, np.float64) for one in (times_s, heights))
     if times.ndim != 1 or times.shape != values.shape:
@@ -205,7 +196,11 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
             f"A frequency needs {LEAST_FRAMES} frames with a height at least, got "
             f"{np.count_nonzero(known)}."
         )
-    check_times(times)
+    if not (np.all(np.abs(times) <= 1e12) and np.all(np.diff(times) >= 1e-15)):
+        raise InputError(
+            "The times of frames must rise from frame to frame, by 1e-15 s or more, and be at most "
+            "1e+12 s."
+        )
     return times[known], values[known]
 
 

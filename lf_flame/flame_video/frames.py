@@ -11,9 +11,7 @@ import numpy as np
 
 from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.images import TIFF_SUFFIXES
-from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
-from lf_flame.flame_video.flicker import check_times
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
 from lf_flame.formats.reading import Found, find_light_field
@@ -66,24 +64,18 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
 
 
 def find_times(
-    paths: Sequence[Path], frames_per_second: float | None, timestamps: Path | None
+    paths: Sequence[Path], frames_per_second: float = 1.0
 ) -> tuple[list[Path | None], np.ndarray, list[str]]:
-    """Find the times of frames, in s, or in frames if neither rate nor timestamps are given.
+    """Find the times of frames in s by their names: the frames, their times, and notes.
 
-    The one number that differs from name to name counts the frames: a missing one is a frame None.
-    Gives the frames, their times, and notes.
+    The one number that differs from name to name counts them: a missing one is a frame None.
     """
-    if timestamps is not None:
-        if frames_per_second is not None:
-            raise InputError("Say when the frames were taken: --frames-per-second or --timestamps.")
-        return list(paths), read_timestamps(timestamps, len(paths)), []
     counts, notes = _counts(paths), []
     if counts is None:
         counts = np.arange(len(paths))
         notes.append(
             "The names of the frames do not hold one number that counts them: they are taken for "
-            "evenly spaced, without gaps; if their times are others, state them by --timestamps "
-            "FILE."
+            "evenly spaced, without gaps."
         )
     rows: list[Path | None] = [None] * (counts[-1] + 1)
     for path, count in zip(paths, counts, strict=True):
@@ -93,7 +85,7 @@ def find_times(
             f"By the numbers in the names of the frames, {missing} are missing between the first "
             f"and the last; their time is left free."
         )
-    return rows, np.arange(len(rows)) / (frames_per_second or 1.0), notes
+    return rows, np.arange(len(rows)) / frames_per_second, notes
 
 
 def _counts(paths: Sequence[Path]) -> np.ndarray | None:
@@ -110,21 +102,6 @@ def _counts(paths: Sequence[Path]) -> np.ndarray | None:
     if min(np.diff(counts)) < 1 or counts[-1] + 1 > 2 * len(counts):
         return None
     return counts.astype(int)
-
-
-def read_timestamps(path: Path, frames: int) -> np.ndarray:
-    """Read the time of each frame, a number in s on each line."""
-    lines = [line for line in read_text(path, 1 << 26).splitlines() if line.strip()]
-    try:
-        seconds = np.array([float(line) for line in lines])
-    except ValueError as error:
-        raise InputError(f"{path} must hold a time in s on each line: {error}.") from None
-    if len(seconds) != frames:
-        raise InputError(
-            f"{path} must hold a time for each of the {frames} frames, got {len(seconds)}."
-        )
-    check_times(seconds, f"in {path}")
-    return seconds
 
 
 @dataclass

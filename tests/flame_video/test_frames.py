@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skimage.io import imsave
 
-from lf_flame.flame_video.frames import FrameReader, find_frames, find_times, read_timestamps
+from lf_flame.flame_video.frames import FrameReader, find_frames, find_times
 from lf_flame.formats import read_light_field
 
 
@@ -27,7 +27,7 @@ def test_frames_come_in_the_order_of_their_numbers(tmp_path, names):
 
 def times_of(*names):
     """Frames by name, None where one is missing, and notes; 100 frames a second."""
-    rows, times, notes = find_times([Path(f"{name}.npy") for name in names], 100, None)
+    rows, times, notes = find_times([Path(f"{name}.npy") for name in names], 100)
     assert times == pytest.approx(np.arange(len(rows)) / 100)
     return [row and row.stem for row in rows], notes
 
@@ -53,12 +53,6 @@ def test_numbers_that_count_no_frames_get_a_note(names):
     found, notes = times_of(*names)
     assert found == names
     assert "do not hold one number" in notes[0]
-
-
-@pytest.mark.parametrize("text", ["1.5\n2\n\n4e0\n", "\ufeff1.5\r\n2\r\n4\r\n"])
-def test_times_from_a_file(tmp_path, text):
-    (tmp_path / "times.csv").write_text(text, encoding="utf-8")
-    assert read_timestamps(tmp_path / "times.csv", 3).tolist() == [1.5, 2, 4]
 
 
 def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
