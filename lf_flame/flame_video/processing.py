@@ -164,9 +164,10 @@ def process_frames(
                 light_field = read(first)
                 if camera is not None:
                     camera.check_views(light_field.shape)
-                values = take_steps(Frame(light_field), steps)
+                when = {"time": Values(times, ("time",), {"units": time_unit})}
+                values = when | take_steps(Frame(light_field), steps)
             facts = {**request, "shape": list(light_field.shape), "kind": KIND}
-            _lay_out(part, facts, Values(times, ("time",), {"units": time_unit}), values)
+            _lay_out(part, facts, values, len(times))
         group = open_video(place)
         _refuse_other(group, request, times, place)
         if place == out:
@@ -193,14 +194,14 @@ def _together(frames: int) -> int:
     return max(LEAST_TOGETHER, math.ceil(frames / MOST_TASKS))
 
 
-def _lay_out(part: Path, facts: dict[str, Any], times: Values, values: dict[str, Values]) -> None:
+def _lay_out(part: Path, facts: dict[str, Any], values: dict[str, Values], frames: int) -> None:
     """Create the group with empty arrays; it appears as a whole."""
     flags = {"flag_values": list(range(len(STATES))), "flag_meanings": " ".join(STATES)}
-    state, frames = Values(np.uint8(TO_DO), (), flags), len(times.values)
+    values = values | {"state": Values(np.uint8(TO_DO), (), flags)}
     remove_leftovers(part)
     with atomic_folder(part) as aside:
         group = zarr.open_group(aside, mode="w", zarr_format=3)
-        for name, found in {"time": times, **values, "state": state}.items():
+        for name, found in values.items():
             one, fixed = np.asarray(found.values), found.axes == (name,)
             # Numbers and contours share chunks.
             together = _together(frames) if one.size <= 1024 else 1
