@@ -11,6 +11,7 @@ The significance of a peak is the bound of Baluev (2008) on its false-alarm prob
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import exp, lgamma, pi, sqrt
 
 import numpy as np
@@ -146,10 +147,17 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
     frequencies = _frequencies(times)
     times = times - times.mean()
     (peak, amplitude, alarm), fit = _find_peak(times, values, frequencies)
-    level = brentq(lambda power: fit.false_alarm(power, frequencies) - FALSE_ALARM, 1e-9, 1 - 1e-9)
-    power = fit.power(frequencies)
+    level = brentq(lambda power: fit.false_alarm(power) - FALSE_ALARM, 1e-9, 1 - 1e-9)
     return Flicker(
-        peak, amplitude, alarm, 1 / np.ptp(times), resolvable, frequencies, power, level, fit.noise
+        peak,
+        amplitude,
+        alarm,
+        1 / np.ptp(times),
+        resolvable,
+        frequencies,
+        fit.power,
+        level,
+        fit.noise,
     )
 
 
@@ -163,17 +171,17 @@ def _find_peak(times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
     negligible = 0.02**2 * float(np.sum((values - values.mean()) ** 2))
     found, shown = (np.nan, np.nan, 1.0), None
     for _ in range(3):
-        fit = _SineFit(times, values, base, WHITE)
+        fit = _SineFit(times, values, base, WHITE, frequencies)
         if fit.scatter <= negligible:
             break
-        fit = _SineFit(times, values, base, _fit_noise(times, values, base))
+        fit = _SineFit(times, values, base, _fit_noise(times, values, base), frequencies)
         # A strong sine must not be taken for noise.
-        beside = np.column_stack([base, *_sines(times, fit.highest(frequencies))])
-        fit = _SineFit(times, values, base, _fit_noise(times, values, beside))
-        peak = fit.highest(frequencies)
+        beside = np.column_stack([base, *_sines(times, fit.highest()[0])])
+        fit = _SineFit(times, values, base, _fit_noise(times, values, beside), frequencies)
+        peak, power = fit.highest()
         beside = np.column_stack([base, *_sines(times, peak)])
         amplitude = float(np.hypot(*np.linalg.lstsq(beside, values, rcond=None)[0][-2:]))
-        alarm = fit.false_alarm(float(fit.power(np.array([peak]))[0]), frequencies)
+        alarm = fit.false_alarm(power)
         is_swing = peak * np.ptp(times) < LEAST_PERIODS
         if shown is None or (alarm < FALSE_ALARM and not is_swing):
             found, shown = (peak, amplitude, alarm), fit
@@ -285,8 +293,8 @@ class _SineFit:
     `scatter` is the sum of the squares about the base model; 0 if it is only rounding.
     """
 
-    def __init__(self, times: np.ndarray, values: np.ndarray, base: np.ndarray, noise: Noise):
-        self.times, self.noise = times, noise
+    def __init__(self, times, values, base, noise: Noise, frequencies: np.ndarray):
+        self.times, self.noise, self.frequencies = times, noise, frequencies
         self._base = np.linalg.qr(noise.whiten(times, base)[0])[0]
         self._rest = self._without_base(noise.whiten(times, values[:, None])[0])[:, 0]
         scatter = float(self._rest @ self._rest)
@@ -296,10 +304,11 @@ class _SineFit:
     def _without_base(self, columns: np.ndarray) -> np.ndarray:
         return columns - self._base @ (self._base.T @ columns)
 
-    def power(self, frequencies: np.ndarray) -> np.ndarray:
+    @cached_property
+    def power(self) -> np.ndarray:
         """Fraction of the scatter about the base model that a sine of each frequency explains."""
-        parts = np.array_split(frequencies, 1 + len(self.times) * len(frequencies) // 2**18)
-        return np.concatenate([self._explained(part) for part in parts])  # bounds the memory
+        count = 1 + len(self.times) * len(self.frequencies) // 2**18  # bounds the memory
+        return np.concatenate([self._explained(x) for x in np.array_split(self.frequencies, count)])
 
     def _explained(self, frequencies: np.ndarray) -> np.ndarray:
         if self.scatter == 0:
@@ -318,24 +327,24 @@ class _SineFit:
         explained = (ss * cy**2 - 2 * cs * cy * sy + cc * sy**2) / determinant
         return np.clip(explained / self.scatter, 0, 1)
 
-    def highest(self, frequencies: np.ndarray) -> float:
-        """Frequency of highest power, refined between its neighbours."""
-        top = int(self.power(frequencies).argmax())
-        ends = frequencies[max(top - 1, 0)], frequencies[min(top + 1, len(frequencies) - 1)]
+    def highest(self) -> tuple[float, float]:
+        """Frequency of highest power, refined between its neighbours, and the power."""
+        top = int(self.power.argmax())
+        ends = self.frequencies[max(top - 1, 0)], self.frequencies[top : top + 2][-1]
         found = minimize_scalar(
             lambda frequency: -self._explained(np.array([frequency]))[0],
             bounds=ends, method="bounded", options={"xatol": 1e-4 * (ends[1] - ends[0])},
         )  # fmt: skip
-        return float(found.x)
+        return float(found.x), float(-found.fun)
 
-    def false_alarm(self, power: float, frequencies: np.ndarray) -> float:
+    def false_alarm(self, power: float) -> float:
         """Bound the probability that noise has a peak of a power anywhere in the spectrum.
 
         Baluev, MNRAS 385, 1279 (2008), for a power relative to the scatter about a base model.
         """
         left, free = 1 - power, len(self.times) - self._base.shape[1]
         single = left ** ((free - 2) / 2)
-        width = np.ptp(frequencies) * sqrt(4 * pi * float(np.mean(self.times**2)))
+        width = np.ptp(self.frequencies) * sqrt(4 * pi * float(np.mean(self.times**2)))
         gamma = sqrt(2 / free) * exp(lgamma(free / 2) - lgamma((free - 1) / 2))
         crossings = gamma * width * left ** ((free - 3) / 2) * sqrt(free * power / 2)
         # Written so that tiny probabilities are not lost in rounding.
