@@ -16,7 +16,6 @@ from lf_flame._common.printable import printable
 from lf_flame.commands.emission import DEPTHS, fitting
 from lf_flame.commands.options import (
     ABOVE_0,
-    FILE,
     FOLDER,
     PATH,
     FiniteRange,
@@ -37,12 +36,7 @@ from lf_flame.errors import InputError
 NAMED = 10
 """Number of frames whose warnings are printed at once; the others are counted at the end."""
 
-TIMES = cloup.option_group(
-    "When the frames were taken",
-    option("--frames-per-second", "Frames a second.",
-           FiniteRange(1e-9, 1e15), metavar="RATE"),
-    option("--timestamps", "Times in s: a number a line, or a column time_s.", FILE),
-)  # fmt: skip
+RATE = option("--frames-per-second", "Frames a second.", FiniteRange(1e-9, 1e15), metavar="RATE")
 
 SHAPE = (
     option(
@@ -81,31 +75,31 @@ STEPS = cloup.option_group(
 
 @command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
-@TIMES
+@RATE
 @MEASURES
 @READING
 @out_options("flicker/NAME")
 def flicker(
-    sources, frames_per_second, timestamps, slope, depth_mm, camera, level, pixel_mm, burner_row,
+    sources, frames_per_second, slope, depth_mm, camera, level, pixel_mm, burner_row,
     out, overwrite, **options,
 ) -> None:  # fmt: skip
-    """Follow a flame through a video: height, contour and flicker frequency.
+    """Follow a flame through a video: height and flicker frequency.
 
-    SOURCE are pictures, or light fields with the options of `lf-flame refocus`: files, one folder
-    of them, or one pattern in quotes; or the folder of `lf-flame process`.
+    SOURCE are pictures, or light fields with the options of `lf-flame refocus`: files, or one
+    folder of them; or the folder of `lf-flame process`.
 
     \b
       lf-flame flicker video --frames-per-second 100 --pixel-mm 0.13
       lf-flame flicker flame.zarr
-      lf-flame flicker video --timestamps times.csv --views 15 --camera camera.toml --depth-mm 10
+      lf-flame flicker video --frames-per-second 100 --views 15 --camera camera.toml --depth-mm 10
     \f
 
     The numbers in the names give the order, and a missing number is a gap in time. Pictures must be
     linear in light and black at 0. A light field is measured in its central view, or in the image
-    that is refocused by --slope or --depth-mm. The flame is the region above a share of the peak
-    (--level) that includes the brightest pixel; its height is from the bottom edge to its tip.
-    flicker.json holds the frequencies, their resolution (1 / duration) and the probability that
-    noise alone has such a peak; if it is above 1 %, no frequency is reported.
+    that is refocused by --slope or --depth-mm. The flame is the largest region above a share of the
+    peak (--level); its height is from the bottom edge to its tip. flicker.json holds the frequency,
+    its resolution (1 / duration) and the probability that noise alone has such a peak; if it is
+    above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.flame_video import find_steps
@@ -115,23 +109,21 @@ def flicker(
     from lf_flame.flame_video.processing import is_video
 
     reading, done = Reading(**options), len(sources) == 1 and is_video(sources[0])
-    given = [slope, depth_mm, camera, pixel_mm, burner_row, timestamps, *reading.given()]
+    given = [slope, depth_mm, camera, pixel_mm, burner_row, *reading.given()]
     if done and (level != 0.5 or any(x is not None for x in given)):
         raise InputError(
             f"{sources[0]} is processed already: of all options, only --frames-per-second, --out "
             f"and --overwrite apply to it."
         )
-    if not done and (frames_per_second is None) == (timestamps is None):
-        raise InputError(
-            "Say when the frames were taken: either --frames-per-second or --timestamps FILE."
-        )
+    if not done and frames_per_second is None:
+        raise InputError("Say when the frames were taken: --frames-per-second.")
     if slope is not None and depth_mm is not None:
         raise InputError("Say where to focus: either --slope or --depth-mm.")
     if (camera is None) != (depth_mm is None):
         raise InputError("--depth-mm and --camera need each other.")
     lens = open_lens(camera)
     place = f"{slope!r}" if depth_mm is None else f"{depth_mm!r}mm"
-    names = "height,contour" if slope is depth_mm is None else f"refocus@{place},height,contour"
+    names = "height" if slope is depth_mm is None else f"refocus@{place},height"
     measures = {"level": level, "pixel_mm": pixel_mm, "burner_row": burner_row}
     steps = find_steps(names, camera=lens, **measures)
     paths = sources if done else find_frames(sources, reading.files)
@@ -149,13 +141,12 @@ def flicker(
             series = output.read_series(sources[0], frames_per_second)
         else:
             made = Path(beside) / "frames.zarr"
-            when = (frames_per_second, timestamps)
-            _, notes = _process(paths, reading, lens, steps, when, made, Crew(workers=1))
+            one = Crew(workers=1)
+            _, notes = _process(paths, reading, lens, steps, frames_per_second, made, one)
             series = output.read_series(made)
-        found, warnings = output.write_flicker(series, folder, times_stated=timestamps is not None)
+        found, warnings = output.write_flicker(series, folder)
         folder.facts |= {
             "frames_per_second": frames_per_second,
-            "timestamps": None if timestamps is None else str(timestamps),
             "notes": notes,
             "slope": slope,
             "depth_mm": depth_mm,
@@ -173,40 +164,40 @@ def flicker(
 @command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="FRAMES...")
 @STEPS
-@TIMES
+@RATE
 @DEPTHS
 @READING
 @WORKERS
 @option("--out", "Folder of the Zarr group to make.", FOLDER, required=True)
 def process(
-    sources, steps, camera, colours, frames_per_second, timestamps, depths, planes, out,
+    sources, steps, camera, colours, frames_per_second, depths, planes, out,
     **options,
 ) -> None:  # fmt: skip
     """Process every frame of a video of light fields; resumes an interrupted run.
 
-    FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, one folder
-    of them, or one pattern in quotes. Steps are decode, refocus@10mm (or refocus@0.5, a slope),
-    emission, temperature, height and contour.
+    FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, or one
+    folder of them. Steps are decode, refocus@10mm (or refocus@0.5, a slope), emission, temperature
+    and height.
 
     \b
       lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
-          --steps decode,refocus@0mm,height,contour,emission --out flame.zarr
+          --steps decode,refocus@0mm,height,emission --out flame.zarr
     \f
 
     \b
       lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
           --steps decode,refocus@0.5,height
 
-    temperature is that of soot, from the emission before it; height and contour measure the image
-    refocused before them, or the central view. With --strength, a fit starts from that of the frame
-    before, in a third of the time. A missing number in the names, a damaged frame, and one of
-    another size or exposure than the first are named, counted, and stay gaps (NaN). The result is
-    one Zarr group with named axes, for xarray and others. The workers of a cluster must have this
-    package and see all files under the same names; the bytes do not depend on the workers.
+    temperature is that of soot, from the emission before it; height, with contour, width, area and
+    brightness, measures the image refocused before it, or the central view. With --strength, a fit
+    starts from that of the frame before, in a third of the time. A missing number in the names, a
+    damaged frame, and one of another size or exposure than the first are named, counted, and stay
+    gaps (NaN). The result is one Zarr group with named axes, for xarray and others. The workers of
+    a cluster must have this package and see all files under the same names; the bytes do not depend
+    on the workers.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.flame_video import find_steps, look_at
+    from lf_flame.flame_video import find_steps
     from lf_flame.flame_video.frames import find_frames
-    from lf_flame.flame_video.processing import is_video
     from lf_flame.tomography.frustum_grid import planes_between
 
     crew, reading = pick(Crew, options), pick(Reading, options)
@@ -218,37 +209,30 @@ def process(
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
-    if is_video(out):
-        tell(look_at(out).describe())
-    made, _ = _process(paths, reading, lens, chosen, (frames_per_second, timestamps), out, crew)
+    made, _ = _process(paths, reading, lens, chosen, frames_per_second, out, crew)
     click.echo(f"{made.describe()}; in {printable(out)}")
 
 
-def _process(paths, reading: Reading, lens, steps, when, out: Path, crew: Crew):
+def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path, crew: Crew):
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
-    from lf_flame.flame_video.frames import FrameReader, find_times, with_gaps
-    from lf_flame.flame_video.processing import TRIED
+    from lf_flame.flame_video.frames import FrameReader, find_times
     from lf_flame.formats.coding import notes_on_coding
 
-    frames_per_second, timestamps = when
     paths = [path.absolute() for path in paths]
-    times, notes = find_times(paths, frames_per_second, timestamps)
-    rows: list[Path | None] = list(paths)
-    if timestamps is None:
-        rows, times = with_gaps(paths, times, frames_per_second or 1.0)
-    is_timed = timestamps is not None or frames_per_second is not None
-    notes = [*notes_on_coding(paths[0]), *(notes if is_timed else [])]
+    rows, times, notes = find_times(paths, rate or 1.0)
+    notes = [*notes_on_coding(paths[0]), *(notes if rate else [])]
     tell_all("Note", notes)
     reading = reading.for_camera(paths[0], lens)
     with progress.stage(f"Reading {printable(paths[0])}"):
-        reader, said = FrameReader.by_first_sound(paths[:TRIED], reading.stated), Said()
+        reader, said = FrameReader(paths[0], reading.stated), Said()
+        found = reader.notes
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
-    for line in (*reader.notes, *on_camera):
+    for line in (*found, *on_camera):
         tell(printable(line, 600))
     with crew.executor() as executor:
         made = process_frames(
-            rows, out, steps, times_s=times, time_unit="s" if is_timed else "frame", read=reader,
+            rows, out, steps, times_s=times, time_unit="s" if rate else "frame", read=reader,
             camera=lens, workers=crew.processes, executor=executor, tell=said,
         )  # fmt: skip
     said.end()

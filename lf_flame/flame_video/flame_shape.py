@@ -1,9 +1,7 @@
 """Shape of a flame in an image: height, tip, width and contour.
 
-A flame is the region that is brighter than a fraction of the image's peak and connected to the
-peak. A peak is a level that several connected pixels reach: single hot pixels do not count, nor do
-sparks, which are far smaller than the flame and may be brighter. The contour runs between pixels
-where linear interpolation reaches that level.
+A flame is the largest connected region that is brighter than a fraction of the image's peak. The
+contour runs between pixels where linear interpolation reaches that level.
 
 Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the first row of pixels;
 the lower edge of an image of n rows is at n - 1/2.
@@ -25,26 +23,13 @@ LEAST_SIGNAL = 8.0
 """Number of standard deviations of noise by which a flame's peak must exceed the image's median.
 The brightest of a million pixels without light exceeds it by five."""
 
-LEAST_SIDE = 5
-"""Smallest number of pixels along each axis of an image, needed to measure the noise."""
-
-LEAST_PIXELS = 4
-"""Smallest number of pixels of a flame; fewer are a hot pixel, which refocusing spreads over its
-neighbours."""
-
-SPARK_PIXELS, SPARK_RATIO = 25, 10
-"""Largest number of pixels of a spark, and area of the flame relative to it."""
-
 DOUBTS = {
-    "dark": "Nothing is above the noise: there is no flame.",
-    "speck": f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame.",
+    "dark": "Nothing but single pixels is above the noise: there is no flame.",
     "cut": "The flame reaches the top or a side of the picture: it is cut off, and larger than "
     "measured.",
     "ceiling": "Much of the flame has exactly the same, brightest value: the picture is saturated, "
     "and the contour too wide.",
-    "apart": "Other places are as bright and not joined to the brightest: they are left out.",
-    "spark": "A small spot apart from the flame is brighter, a spark or hot pixels: it is left "
-    "out.",
+    "apart": "Other places are as bright and not joined to the flame: they are left out.",
     "bright_dark": "The dark around the flame is not at 0: subtract the dark frame, or the light "
     "behind the flame; contour and height are wrong.",
 }
@@ -64,7 +49,7 @@ class FlameShape:
     tip_row : float
         Row of the contour's highest point, in pixels of the image.
     width : float
-        Width of the contour in its widest row.
+        Distance between the contour's leftmost and rightmost points, along the rows.
     area : float
         Area inside the contour, holes included.
     brightness : float
@@ -74,9 +59,6 @@ class FlameShape:
         first.
     doubts : tuple of str
         Names in `DOUBTS` of what makes the measurements doubtful.
-    dark_share : float
-        Brightness of the dark around the flame, relative to the peak: the median along the darkest
-        of the top and the sides of the image.
     """
 
     height: float = np.nan
@@ -86,7 +68,6 @@ class FlameShape:
     brightness: float = np.nan
     contour: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     doubts: tuple[str, ...] = ()
-    dark_share: float = np.nan
 
     @property
     def is_found(self) -> bool:
@@ -140,41 +121,32 @@ def measure_flame(
     """
     picture = _checked_image(image)
     check_measures(level, pixel_mm)
-    burner = lowest = len(picture) - 0.5
-    if burner_row is not None:
-        burner = float(burner_row)
-        if not -0.5 <= burner <= lowest:
-            raise InputError(
-                f"burner_row must lie within the picture, -0.5 to {lowest}, got {burner_row}."
-            )
-    noise = _noise(picture)
-    faint = max(0.0, np.median(picture) + LEAST_SIGNAL * noise)
-    if picture.max() <= faint:
+    lowest = len(picture) - 0.5
+    burner = lowest if burner_row is None else float(burner_row)
+    if not -0.5 <= burner <= lowest:
+        raise InputError(
+            f"burner_row must lie within the picture, -0.5 to {lowest}, got {burner_row}."
+        )
+    noise, peak = _noise(picture), _peak(picture)
+    if peak <= max(0.0, np.median(picture) + LEAST_SIGNAL * noise):
         return FlameShape(doubts=("dark",))
-    peak, place = _find_peak(picture)
-    if peak <= faint:
-        return FlameShape(doubts=("speck",))
-    region, spark = _region_of(picture, level * peak, place), False
-    larger = _larger_flame(picture, region)
-    if larger is not None and larger[0] > faint:
-        (peak, place), spark = larger, True
-        region = _region_of(picture, level * peak, place)
-    if np.count_nonzero(region) < LEAST_PIXELS:
-        return FlameShape(doubts=("speck",))
     picture, threshold = np.minimum(picture, peak), level * peak
+    labels, _ = ndimage.label(picture > threshold)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    region = labels == sizes.argmax()
     contour = _outer_contour(picture, region, threshold)
-    # The burner is at the bottom; a flame may reach some of the other sides.
-    dark = min(float(np.median(side)) for side in (picture[0], picture[:, 0], picture[:, -1]))
-    tip = float(contour[:, 0].min())
+    rows, columns = contour.T
+    tip = float(rows.min())
     return FlameShape(
         height=(burner - tip) * pixel_mm,
         tip_row=tip,
-        width=_greatest_width(contour) * pixel_mm,
-        area=_enclosed_area(contour) * pixel_mm**2,
+        width=float(np.ptp(columns)) * pixel_mm,
+        # Shoelace formula.
+        area=abs(float(rows[:-1] @ columns[1:] - rows[1:] @ columns[:-1])) / 2 * pixel_mm**2,
         brightness=float(picture[region].mean()),
         contour=contour,
-        doubts=_doubts(picture, region, threshold, spark, dark > _dark_limit(picture, noise, peak)),
-        dark_share=dark / peak,
+        doubts=_doubts(picture, region, np.sort(sizes)[::-1], noise),
     )
 
 
@@ -211,10 +183,10 @@ def check_measures(level: float, pixel_mm: float) -> None:
 
 def _checked_image(image: ArrayLike) -> np.ndarray:
     image = np.asarray(image)
-    if image.ndim != 2 or min(image.shape) < LEAST_SIDE or image.dtype.kind not in "biuf":
+    if image.ndim != 2 or min(image.shape) < 5 or image.dtype.kind not in "biuf":
         raise InputError(
-            f"A flame is measured in a grey image of {LEAST_SIDE} x {LEAST_SIDE} pixels or more, "
-            f"got an array of shape {image.shape} and type {image.dtype}."
+            f"A flame is measured in a grey image of 5 x 5 pixels or more, got an array of shape "
+            f"{image.shape} and type {image.dtype}."
         )
     image = image.astype(np.float64)
     if not np.all(np.isfinite(image)):
@@ -233,77 +205,15 @@ def _noise(image: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
 
 
-def _dark_limit(image: np.ndarray, noise: float, peak: float) -> float:
-    """Largest brightness of the dark without a warning: 3 % of the peak, and four errors of it.
+def _peak(image: np.ndarray) -> float:
+    """Find the brightest value that is no hot pixel.
 
-    A dark of 10 % moves the tip of a flame that is 4 rows sharp by half a row. A median of n pixels
-    has a standard deviation of 1.25 / sqrt(n) times that of a pixel.
+    A hot pixel, or four, exceed by a quarter what a median of 3 x 3 pixels leaves; the tip of a
+    flame some pixels wide does not.
     """
-    return 0.03 * peak + 4 * 1.25 * noise / np.sqrt(min(image.shape))
-
-
-def _find_peak(image: np.ndarray) -> tuple[float, tuple[int, int]]:
-    """Find the brightest place that is no hot pixel: its radiance, and one of its pixels.
-
-    A hot pixel exceeds the level that some connected pixels reach by a quarter; the tip of a flame
-    some pixels wide does not.
-    """
-    place, reached = _joined_pixels(image, LEAST_PIXELS)
     brightest = float(image.max())
-    if brightest <= 1.25 * reached:
-        return brightest, _place(image.argmax(), image)
-    return reached, place
-
-
-def _joined_pixels(image: np.ndarray, count: int) -> tuple[tuple[int, int], float]:
-    """Find the highest radiance that `count` connected pixels reach, and one of their places."""
-    falling = np.sort(image, axis=None)[::-1]
-    low, high = count - 1, min(2 * count, image.size) - 1
-    while high < image.size - 1 and _largest(image >= falling[high])[1] < count:
-        low, high = high, min(2 * high, image.size - 1)
-    while low < high:
-        middle = (low + high) // 2
-        if _largest(image >= falling[middle])[1] >= count:
-            high = middle
-        else:
-            low = middle + 1
-    return _place(_largest(image >= falling[low])[0], image), float(falling[low])
-
-
-def _largest(above: np.ndarray) -> tuple[int, int]:
-    """Find a pixel of the largest region, as a flat index, and the region's size."""
-    labels, found = ndimage.label(above)
-    if not found:
-        return 0, 0
-    sizes = np.bincount(labels.ravel())[1:]
-    largest = int(sizes.argmax()) + 1
-    return int((labels.ravel() == largest).argmax()), int(sizes[largest - 1])
-
-
-def _place(index, image: np.ndarray) -> tuple[int, int]:
-    row, column = np.unravel_index(int(index), image.shape)
-    return int(row), int(column)
-
-
-def _region_of(image: np.ndarray, threshold: float, place: tuple[int, int]) -> np.ndarray:
-    """Mark the pixels above a threshold that are connected to a place, by their sides."""
-    labels = ndimage.label(image > threshold)[0]
-    return labels == labels[place] if labels[place] else np.zeros(image.shape, bool)
-
-
-def _larger_flame(image: np.ndarray, spot: np.ndarray) -> tuple[float, tuple[int, int]] | None:
-    """Find the peak of a flame much larger than a bright spot and apart from it, which is a spark.
-
-    None if the spot is the flame itself.
-    """
-    area = int(np.count_nonzero(spot))
-    if area > SPARK_PIXELS or SPARK_RATIO * area > image.size:
-        return None
-    place, reached = _joined_pixels(image, SPARK_RATIO * area)
-    flame = _region_of(image, np.nextafter(reached, -np.inf), place)
-    if (flame & ndimage.binary_dilation(spot, iterations=2)).any():
-        return None
-    return _find_peak(np.where(flame, image, image.min()))
+    steady = float(ndimage.median_filter(image, 3, mode="nearest").max())
+    return brightest if brightest <= 1.25 * steady else steady
 
 
 def _outer_contour(image: np.ndarray, region: np.ndarray, threshold: float) -> np.ndarray:
@@ -318,36 +228,20 @@ def _outer_contour(image: np.ndarray, region: np.ndarray, threshold: float) -> n
     return min(found, key=lambda contour: contour[:, 0].min()) - 1
 
 
-def _greatest_width(contour: np.ndarray) -> float:
-    """Find the widest row, from its first crossing of the contour to its last."""
-    crossings = contour[contour[:, 0] % 1 == 0]
-    rows = crossings[:, 0].astype(int)
-    left, right = np.full(rows.max() + 1, np.inf), np.full(rows.max() + 1, -np.inf)
-    np.minimum.at(left, rows, crossings[:, 1])
-    np.maximum.at(right, rows, crossings[:, 1])
-    return float((right - left).max())
-
-
-def _enclosed_area(contour: np.ndarray) -> float:
-    """Compute the area of a polygon, by the shoelace formula."""
-    rows, columns = contour.T
-    return float(abs(np.sum(rows[:-1] * columns[1:] - rows[1:] * columns[:-1])) / 2)
-
-
-def _doubts(image, region, threshold: float, spark: bool, bright_dark: bool) -> tuple[str, ...]:
-    """Names of what is doubtful about a flame that was found."""
-    size = np.count_nonzero(region)
+def _doubts(image: np.ndarray, region: np.ndarray, sizes: np.ndarray, noise: float):
+    """Names of what is doubtful about a flame; `sizes` are those of all bright regions, falling."""
     # Equal values may differ in their last digits after summation. A Gaussian clipped over 5 % of
-    # its area has a peak 4 % higher.
-    flame = image[region]
-    ceiling = np.count_nonzero(flame >= flame.max() * (1 - 1e-6))
-    # Noise leaves single pixels apart.
-    apart = _largest((image > threshold) & ~region)[1]
+    # its area has a peak 4 % higher. Noise leaves single pixels apart.
+    some, peak = max(4, 0.05 * sizes[0]), image[region].max()
+    # The burner is at the bottom; a flame may reach some of the other sides. A dark of 10 % moves
+    # the tip of a flame that is 4 rows sharp by half a row: 3 %, and four standard deviations of
+    # the median, are no doubt.
+    dark = min(float(np.median(side)) for side in (image[0], image[:, 0], image[:, -1]))
+    limit = 0.03 * peak + 4 * 1.25 * noise / np.sqrt(min(image.shape))
     found = {
         "cut": region[0].any() or region[:, [0, -1]].any(),
-        "ceiling": ceiling >= max(LEAST_PIXELS, 0.05 * size),
-        "spark": spark,
-        "apart": not spark and apart >= max(LEAST_PIXELS, 0.05 * size),
-        "bright_dark": bright_dark,
+        "ceiling": np.count_nonzero(image[region] >= peak * (1 - 1e-6)) >= some,
+        "apart": sizes[1] >= some,
+        "bright_dark": dark > limit,
     }
     return tuple(name for name, is_so in found.items() if is_so)

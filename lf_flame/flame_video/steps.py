@@ -3,15 +3,15 @@
 Tomography is imported where it is used, as it doubles the time that other steps take to start.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.flame_video.flame_shape import DOUBTS, FlameShape, check_measures, measure_flame
+from lf_flame.flame_video.flame_shape import DOUBTS, check_measures, measure_flame
 from lf_flame.lightfield import AXES, LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import farthest_slope, shift_and_sum
@@ -19,9 +19,6 @@ from lf_flame.refocus import farthest_slope, shift_and_sum
 if TYPE_CHECKING:
     from lf_flame.tomography import ColourCalibration, ReconstructionPlan
     from lf_flame.tomography import Emission as Reconstruction
-
-POINTS = 256
-"""Number of points of a stored contour, at equal distances along it."""
 
 
 class Values(NamedTuple):
@@ -44,9 +41,8 @@ states all its options."""
 class Frame:
     """A light field on its way through the steps.
 
-    `before` holds what steps keep of the frame before in the same task, `image` is that in which
-    the flame is measured: the central view, or the last refocused image; `warnings` says what
-    makes results doubtful, and `emissions` are those of this frame in each colour, once found.
+    `before` is what steps keep of the frame before in the same task, `image` that in which the
+    flame is measured, `emissions` are those of this frame in each colour, once found.
     """
 
     light_field: LightField
@@ -57,20 +53,14 @@ class Frame:
     def __post_init__(self):
         v, u = self.light_field.views.shape[:2]
         self.image = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
-        self._shapes: dict[tuple, FlameShape] = {}
 
-    @property
-    def grey(self) -> np.ndarray:
-        """Mean of the image's channels, float64."""
-        image = np.asarray(self.image, np.float64)
-        return image.mean(axis=2) if image.ndim == 3 else image
 
-    def shape(self, level: float, burner_row: float | None) -> FlameShape:
-        """Measure the flame in pixels, once for each image and options."""
-        key = (id(self.image), level, burner_row)
-        if key not in self._shapes:
-            self._shapes[key] = measure_flame(self.grey, level=level, burner_row=burner_row)
-        return self._shapes[key]
+def take_steps(frame: Frame, steps: Sequence[Step]) -> dict[str, Values]:
+    """Give the arrays of all steps."""
+    values: dict[str, Values] = {}
+    for step in steps:
+        values |= step(frame)
+    return values
 
 
 @dataclass(frozen=True)
@@ -85,7 +75,7 @@ class Views:
 
 @dataclass(frozen=True)
 class Refocus:
-    """Refocus at a slope, that of a depth if there is one; later steps measure in this image."""
+    """Refocus at a slope, that of a depth if there is one; later steps measure this image."""
 
     slope: float
     depth_mm: float | None = None
@@ -109,7 +99,7 @@ class Refocus:
 
 @dataclass(frozen=True)
 class Height:
-    """Measure height, row of the tip, width, area and brightness, as `measure_flame` does."""
+    """Measure height, tip, width, area, brightness and contour, as `measure_flame` does."""
 
     level: float = 0.5
     pixel_mm: float | None = None
@@ -120,42 +110,35 @@ class Height:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give the measures, NaN without a flame, and a bit for each doubt."""
-        shape = frame.shape(self.level, self.burner_row)
+        image = np.asarray(frame.image, np.float64)
+        grey = image.mean(axis=2) if image.ndim == 3 else image
+        shape = measure_flame(grey, level=self.level, burner_row=self.burner_row)
         side, unit = (1.0, "px") if self.pixel_mm is None else (self.pixel_mm, "mm")
-        masks = [1 << k for k in range(len(DOUBTS))]
-        bits = sum(mask for mask, name in zip(masks, DOUBTS, strict=True) if name in shape.doubts)
-        known = {"flag_masks": masks, "flag_meanings": " ".join(DOUBTS)}
+        masks = {name: 1 << k for k, name in enumerate(DOUBTS)}
+        known = {"flag_masks": list(masks.values()), "flag_meanings": " ".join(masks)}
         options = {"units": unit, "level": self.level, "pixel_mm": self.pixel_mm}
+        points = _even_points(shape.contour).astype(np.float32)
         return {
             "height": Values(np.float64(shape.height * side), (), options),
             "tip_row": Values(np.float64(shape.tip_row)),
             "width": Values(np.float64(shape.width * side), (), {"units": unit}),
             "area": Values(np.float64(shape.area * side**2), (), {"units": f"{unit}2"}),
             "brightness": Values(np.float64(shape.brightness)),
-            "doubts": Values(np.uint8(bits), (), known),
+            "contour": Values(points, ("point", "row_column"), {"units": "px"}),
+            "doubts": Values(np.uint8(sum(masks[name] for name in shape.doubts)), (), known),
         }
 
 
-@dataclass(frozen=True)
-class Contour:
-    """Trace the contour of the flame: rows and columns of `POINTS` points at equal distances."""
-
-    level: float = 0.5
-    burner_row: float | None = None
-
-    def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give the contour in pixels, NaN without a flame; the last point equals the first."""
-        shape = frame.shape(self.level, self.burner_row)
-        points = np.full((POINTS, 2), np.nan)
-        if shape.is_found:
-            steps = np.linalg.norm(np.diff(shape.contour, axis=0), axis=1)
-            along = np.concatenate([[0.0], np.cumsum(steps)])
-            places = np.linspace(0, along[-1], POINTS)
-            points = np.stack([np.interp(places, along, line) for line in shape.contour.T], axis=1)
-        return {"contour": Values(points.astype(np.float32), ("point", "row_column"))}
+def _even_points(contour: np.ndarray) -> np.ndarray:
+    """Take 256 points of a contour at equal distances along it; NaN if there is none."""
+    if not len(contour):
+        return np.full((256, 2), np.nan)
+    along = np.append(0, np.cumsum(np.linalg.norm(np.diff(contour, axis=0), axis=1)))
+    places = np.linspace(0, along[-1], 256)
+    return np.stack([np.interp(places, along, line) for line in contour.T], axis=1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # hashed as an object, as a camera may hold tables
 class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
@@ -172,34 +155,14 @@ class Emission:
     background: str = "fit"
     colours: tuple[str, ...] = ()
 
-    def __getstate__(self):
-        # Each process makes its own plan, which is large.
-        return {name: value for name, value in vars(self).items() if name != "_plans"}
-
-    @cached_property
-    def _plans(self) -> "dict[tuple[int, ...], ReconstructionPlan]":
-        return {}
-
-    def _plan(self, shape: tuple[int, ...]) -> "ReconstructionPlan":
-        """Plan for light fields of a shape: their own number of lenslets counts."""
-        from lf_flame.tomography import FrustumGrid, ReconstructionPlan
-
-        if shape not in self._plans:
-            grid = FrustumGrid(self.camera.for_light_field(shape), self.depths_mm, self.block)
-            self._plans[shape] = ReconstructionPlan(
-                grid, noise=self.noise, strength=self.strength, background=self.background
-            )
-        return self._plans[shape]
-
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
         from lf_flame.tomography.soot import split_colours
 
-        plan, colours = self._plan(frame.light_field.shape), self.colours
+        plan, colours = _plan(self, frame.light_field.shape), self.colours
         lights = split_colours(frame.light_field, colours) if colours else [frame.light_field]
         starts = frame.before.get("emission", [None] * len(lights))
-        both = zip(lights, starts, strict=True)
-        found = [plan.reconstruct(light, start=start) for light, start in both]
+        found = [plan.reconstruct(light, start=x) for light, x in zip(lights, starts, strict=True)]
         strengths = [one.strength for one in found]
         if min(strengths) < max(strengths):
             plan = plan.absorbing(None, strength=max(strengths))
@@ -221,6 +184,17 @@ class Emission:
             "emission_noise": Values(noise, axes, known),
             "emission_warnings": Values(np.uint8(count)),
         }
+
+
+@lru_cache(maxsize=2)
+def _plan(step: Emission, shape: tuple[int, ...]) -> "ReconstructionPlan":
+    """Plan for light fields of a shape, once in each process, because plans are large."""
+    from lf_flame.tomography import FrustumGrid, ReconstructionPlan
+
+    grid = FrustumGrid(step.camera.for_light_field(shape), step.depths_mm, step.block)
+    return ReconstructionPlan(
+        grid, noise=step.noise, strength=step.strength, background=step.background
+    )
 
 
 @dataclass(frozen=True)
@@ -248,8 +222,6 @@ class Temperature:
         from lf_flame.tomography import soot_temperature
 
         colours = frame.emissions
-        if not colours:  # refused, with a sentence
-            return {}
         shape = colours[0].emission.shape
         found = soot_temperature(
             [one.emission for one in colours],
@@ -258,9 +230,11 @@ class Temperature:
             gains=self.calibration.gains,
             soot_exponent=self.soot_exponent,
         )
-        axes, unit = ("depth", "y", "x"), {"units": "K"}
-        both = {"temperature": found.kelvin, "temperature_sigma": found.sigma}
-        return {name: Values(np.float32(x), axes, unit) for name, x in both.items()}
+        kelvin, sigma = (
+            Values(np.float32(x), ("depth", "y", "x"), {"units": "K"})
+            for x in (found.kelvin, found.sigma)
+        )
+        return {"temperature": kelvin, "temperature_sigma": sigma}
 
 
 def find_steps(
@@ -285,8 +259,8 @@ def find_steps(
     names : str
         Names with commas between them: ``decode`` (frames are decoded anyway; alone, it keeps the
         views), ``refocus@10mm`` (a depth) or ``refocus@0.5`` (a slope), ``emission``,
-        ``temperature`` (of the emission before it), ``height`` and ``contour``. The last two
-        measure the image of the last refocusing before them, or the central view.
+        ``temperature`` (of the emission before it), and ``height`` (with contour, width, area and
+        brightness), of the image of the last refocusing before it, or the central view.
     camera : Lens, optional
         Camera; needed for depths.
     depths_mm : tuple of float, optional
@@ -299,7 +273,7 @@ def find_steps(
     soot_exponent : float, optional
         Exponent a of soot's absorption for ``temperature``, ``wavelength^-a``, from -1 to 5.
     level, pixel_mm, burner_row
-        Options of ``height`` and ``contour``, as for `measure_flame`. Default of `pixel_mm`: by the
+        Options of ``height``, as for `measure_flame`. Default of `pixel_mm`: by the
         camera at the depth of the refocusing before it; without one, lengths are in pixels.
 
     Returns
@@ -318,42 +292,38 @@ def find_steps(
     (Refocus(slope=0.5, depth_mm=None), Height(level=0.5, pixel_mm=None, burner_row=None))
     """
     words = [word.strip() for word in names.split(",")]
+    if len(set(words)) < len(words) or "decode" in words[1:]:
+        raise InputError(f"Each step may be named once, and decode only first, got {names!r}.")
+    if "emission" in words and (camera is None or not depths_mm):
+        raise InputError("The step emission needs the camera, and depths of its planes.")
+    before = words[: words.index("temperature")] if "temperature" in words else ["emission"]
+    if "emission" not in before or ("temperature" in words and colours is None):
+        raise InputError(
+            "The step temperature needs the step emission before it, and a calibration of the "
+            "colours."
+        )
     steps: list[Step] = []
     side = pixel_mm
-    for number, word in enumerate(words):
-        if word in words[:number]:
-            raise InputError(f"Each step may be named once, got {word!r} twice.")
+    for word in words:
         if word == "decode":
-            if number:
-                raise InputError("decode must be the first step.")
             steps += [Views()] if len(words) == 1 else []
         elif word.startswith("refocus@"):
             focus = find_focus(word.removeprefix("refocus@"), camera)
             steps.append(focus)
             if pixel_mm is None and camera is not None and focus.depth_mm is not None:
                 side = camera.field_mm(focus.depth_mm)[0] / camera.lenslets[0]
-        elif word == "emission":
-            if camera is None or not depths_mm:
-                raise InputError("The step emission needs the camera, and depths of its planes.")
+        elif word == "emission" and camera is not None:
             channels = () if colours is None else colours.responses.names
             fit = (tuple(depths_mm), block, noise, strength, background, channels)
             steps.append(Emission(camera, *fit))
-        elif word == "temperature":
-            if colours is None or "emission" not in words[:number]:
-                raise InputError(
-                    "The step temperature needs the step emission before it, and a calibration of "
-                    "the colours."
-                )
+        elif word == "temperature" and colours is not None:
             steps.append(Temperature(colours, soot_exponent))
         elif word == "height":
             steps.append(Height(level, side, burner_row))
-        elif word == "contour":
-            check_measures(level, 1.0)
-            steps.append(Contour(level, burner_row))
         else:
             raise InputError(
                 f"Steps must be of decode, refocus@10mm, refocus@0.5, emission, temperature, "
-                f"height, contour, got {word!r}."
+                f"height, got {word!r}."
             )
     return tuple(steps)
 

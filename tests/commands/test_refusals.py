@@ -3,7 +3,6 @@
 import json
 import shlex
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 import click
@@ -18,7 +17,7 @@ from PIL import Image
 from lf_flame import PAPER_CAMERA, InputError, LightField, write_light_field
 from lf_flame.calibration import CameraLaw
 from lf_flame.commands.cli import commands
-from lf_flame.flame_video.frames import FrameReader, find_frames, read_timestamps, times_by_names
+from lf_flame.flame_video.frames import FrameReader, find_frames
 from lf_flame.formats import write_movie
 from lf_flame.tomography import ColourCalibration, SpectralResponses
 
@@ -36,11 +35,6 @@ COLOURS = ColourCalibration(
 RESPONSES = (
     "wavelength_nm,blue,red\n478,0,0\n479,0,0\n480,1,0\n481,0,0\n639,0,0\n640,0,1\n641,0,0\n"
 )
-TIMES = {
-    "two": "1\n2\n", "still": "1\n2\n2\n", "nan": "1\nnan\n3\n", "late": "1\n1e305\n2e305\n",
-    "word": "1\ntwo\n3\n", "columns": "1,2\n2,3\n3,4\n", "gap": "time_s,x\n1,2\n,3\n3,4\n",
-    "empty": "", "sixteen": "\n".join(map(str, range(16))),
-}  # fmt: skip
 BROKEN_PLANES = {
     "low": ("draws.tif", PLANES[:, :3]), "double": ("emission.tif", np.stack([PLANES] * 2)),
     "one": ("draws.tif", PLANES[:1]), "row": ("emission.tif", PLANES[0, 0]),
@@ -103,7 +97,6 @@ def write_cameras():
         .replace("640,0", "640,2"),
         "other.xml": "<scene/>",
         "text.txt": "text",
-        **{f"{name}.csv": text for name, text in TIMES.items()},
     }.items():  # fmt: skip
         Path(name).write_text(text)
     Path("paper.json").write_text(json.dumps({"camera": asdict(PAPER_CAMERA)}))
@@ -236,9 +229,8 @@ REFUSED = [
         ("--camera nine.toml --depth-mm 0", "has 9 x 9 views"),
         ("--level nan", "'nan' is no finite number"),
         ("--pixel-mm nan", "'nan' is no finite number"),
-        ("--timestamps sixteen.csv", "either --frames-per-second or --timestamps"),
     ),
-    ("flicker still", "either --frames-per-second or --timestamps"),
+    ("flicker still", "Say when the frames were taken"),
     *(
         (f"{command} still --frames-per-second {rate}", said)
         for command in ("flicker", "process --steps height --out out.zarr")
@@ -372,40 +364,16 @@ REFUSED = [
         ("--camera paper.json", "The camera has 15 x 15 views"),
         ("--port 700000", "is not in the range"),
     ),
-    *(
-        (lambda name=name: read_timestamps(Path(f"{name}.csv"), 3), said)
-        for name, said in {
-            "two": "each of the 3 frames, got 2",
-            "still": "rise from frame to frame",
-            "nan": "rise from frame to frame",
-            "late": "at most 1e+12 s",
-            "word": "a time in s on each line",
-            "columns": "one column of times",
-            "gap": "a time in s on each line",
-            "empty": "got 0",
-        }.items()
-    ),
-    (
-        partial(times_by_names, [Path(f"{x}.npy") for x in ("f1", "f01", "f2")], 9),
-        "the same number",
-    ),
-    (
-        partial(times_by_names, [Path(f"t_0.0{x}.npy") for x in ("00", "11", "18", "31")], 9),
-        "which count nothing",
-    ),
     (lambda: find_frames([Path("kinds")]), "several kinds (2 x .npy, 1 x .png)"),
-    (lambda: find_frames([Path("*.mat")]), "pattern"),
     (lambda: find_frames([Path("ball.npy"), Path("9.npy")]), "no such file"),
     (lambda: find_frames([Path("ball.npy"), Path("ball.npy")]), "more than once"),
     (lambda: find_frames([Path("empty")]), "holds no frames"),
     (
-        lambda: FrameReader.by_first_sound([Path("ball.npy")], {"bayer": "rggb"}),
+        lambda: FrameReader(Path("ball.npy"), {"bayer": "rggb"}).shape,
         "--bayer does not apply to",
     ),
     (
-        partial(
-            FrameReader.by_first_sound, [Path("ball.npy")], {"pitch": 9.0, "order": "col,row"}
-        ),
+        lambda: FrameReader(Path("ball.npy"), {"pitch": 9.0, "order": "col,row"}).shape,
         "--pitch does not apply",
     ),
     (lambda: write_movie(Path("sweep.avi"), PLANES), "written as .gif, got sweep.avi"),

@@ -7,7 +7,6 @@ from click.testing import CliRunner
 
 from lf_flame.calibration import read_lens
 from lf_flame.commands.cli import commands
-from lf_flame.flame_video import find_steps, look_at
 from lf_flame.tomography import ColourCalibration, SpectralResponses
 
 ROWS, COLUMNS, NOISE = 24, 20, 0.002
@@ -82,8 +81,10 @@ def test_temperatures_of_two_planes_come_back_and_faint_cells_have_none(folder):
             assert 0.3 < np.sqrt(np.mean(apart**2)) < 2
             assert np.isnan(kelvin[number, plane, :3]).mean() > 0.9
     assert np.isnan(kelvin[1]).all()
-    assert look_at(out).describe() == "3 frames: 3 whole"
-    other = run("process", folder / "video", *steps, "--soot-exponent", 1.2, *words)
+    assert "3 frames: 3 whole" in done.output
+    gains = ColourCalibration(COLOURS.responses, GAINS * 1.001, np.zeros(2), (1200.0, 2000.0))
+    (folder / "colours.toml").write_text(gains.to_toml())
+    other = run("process", folder / "video", *steps, *words)
     assert "was made with other steps" in str(other.exception)
 
 
@@ -96,13 +97,3 @@ def test_a_calibration_goes_with_emission_and_channels(folder):
     steps = ["--steps", "emission", "--depth-mm", 0]
     done = run("process", folder / "grey.npy", *steps, *words[:-1], folder / "a" / "out.zarr")
     assert "must have a channel for each of the calibration's 2 colours" in str(done.exception)
-
-
-def test_another_gain_is_another_step(folder):
-    camera = read_lens(folder / "camera.toml")
-    words = {"camera": camera, "depths_mm": (0.0,)}
-    gains = GAINS * [1, 1.001]
-    other = ColourCalibration(COLOURS.responses, gains, np.zeros(2), (1200.0, 2000.0))
-    one, two = (find_steps("emission,temperature", colours=c, **words) for c in (COLOURS, other))
-    assert repr(one[0]) == repr(two[0])
-    assert repr(one[1]) != repr(two[1])

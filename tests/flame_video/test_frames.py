@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skimage.io import imsave
 
-from lf_flame.flame_video.frames import FrameReader, find_frames, read_timestamps, times_by_names
+from lf_flame.flame_video.frames import FrameReader, find_frames, find_times
 from lf_flame.formats import read_light_field
 
 
@@ -25,38 +25,34 @@ def test_frames_come_in_the_order_of_their_numbers(tmp_path, names):
     assert [path.stem for path in find_frames([tmp_path])] == names
 
 
-def seconds(*names, rate=100):
-    return times_by_names([Path(f"{name}.npy") for name in names], rate)
+def times_of(*names):
+    """Frames by name, None where one is missing, and notes; 100 frames a second."""
+    rows, times, notes = find_times([Path(f"{name}.npy") for name in names], 100)
+    assert times == pytest.approx(np.arange(len(rows)) / 100)
+    return [row and row.stem for row in rows], notes
 
 
 def test_where_numbers_are_missing_time_passes():
-    found, notes = seconds("f0", "f2", "f3", "f4", "f7")
-    assert found == pytest.approx([0, 0.02, 0.03, 0.04, 0.07])
-    assert "3 are missing" in notes[0]
-    assert seconds("f08", "f09", "f10", "f11")[1] == []
-    assert seconds("a-1", "a0", "a2")[0] == pytest.approx([0, 0.01, 0.03])
+    found, notes = times_of("f0", "f2", "f3", "f4", "f6")
+    assert found == ["f0", None, "f2", "f3", "f4", None, "f6"]
+    assert "2 are missing" in notes[0]
+    assert times_of("f08", "f09", "f10", "f11") == (["f08", "f09", "f10", "f11"], [])
+    assert times_of("a-1", "a0", "a2")[0] == ["a-1", "a0", None, "a2"]
     # One number that never changes counts nothing.
-    assert seconds("run7_1", "run7_2", "run7_4")[0] == pytest.approx([0, 0.01, 0.03])
-
-
-def test_numbers_that_may_be_no_counts_get_a_note():
-    found, notes = seconds("f0", "f10", "f30")
-    assert found == pytest.approx([0, 0.1, 0.3])
-    assert "rise by 10 or multiples" in notes[0]
-    assert "1 are missing" in notes[1]
-    for names in (["a", "b", "c"], ["r1_1", "r1_2", "r2_4"], ["f1", "g2", "h4"]):
-        found, notes = seconds(*names)
-        assert found == pytest.approx([0, 0.01, 0.02])
-        assert "do not hold one number" in notes[0]
+    assert times_of("run7_1", "run7_2", "run7_4")[0] == ["run7_1", "run7_2", None, "run7_4"]
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["1.5\n2\n\n4e0\n", "\ufeffseconds\r\n1.5\r\n2\r\n4\r\n", "frame,time_s\n7,1.5\n8,2\n9,4"],
-)
-def test_times_from_a_file(tmp_path, text):
-    (tmp_path / "times.csv").write_text(text, encoding="utf-8")
-    assert read_timestamps(tmp_path / "times.csv", 3).tolist() == [1.5, 2, 4]
+    "names",
+    [
+        ["a", "b", "c"], ["r1_1", "r1_2", "r2_4"], ["f1", "g2", "h4"], ["f0", "f10", "f30"],
+        ["f1", "f01", "f2"], ["f20261126", "f20261127", "f20270101"], ["t_0.00", "t_0.11"],
+    ],
+)  # fmt: skip
+def test_numbers_that_count_no_frames_get_a_note(names):
+    found, notes = times_of(*names)
+    assert found == names
+    assert "do not hold one number" in notes[0]
 
 
 def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
@@ -64,7 +60,6 @@ def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):
         (tmp_path / name).touch()
     found = find_frames([tmp_path], [tmp_path / "3.png"])
     assert [path.name for path in found] == ["1.npy", "2.npy"]
-    assert find_frames([tmp_path / "[12].npy"]) == found
 
 
 def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
@@ -77,6 +72,6 @@ def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
         raw = (60000 * raw).astype(np.uint16)
         imsave(tmp_path / f"raw{number}.tif", raw, check_contrast=False)
     options = {"white": tmp_path / "white.tif", "pitch": 9.0}
-    paths = find_frames([tmp_path / "raw*.tif"])
+    paths = find_frames([tmp_path], [tmp_path / "white.tif"])
     for path, frame in zip(paths, map(FrameReader(paths[0], options), paths), strict=True):
         assert frame.views == pytest.approx(read_light_field(path, **options).views, abs=1e-6)
