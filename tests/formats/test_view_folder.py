@@ -1,6 +1,7 @@
 """Folders of views: names, grids, order, what is refused, and the way back."""
 
 from dataclasses import replace
+from decimal import Decimal
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -19,6 +20,7 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame import write_light_field as write
 from lf_flame.formats import scan_view_folder
+from lf_flame.formats.view_files.names import split_numbers
 from lf_flame.formats.view_files.orders import ORDERS, arranged, find_order, fold
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
@@ -81,6 +83,39 @@ def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
         np.testing.assert_array_equal(light_field.views, views / np.float32(255))
 
 
+@pytest.mark.parametrize(
+    ("names", "numbers"),
+    [
+        (["frame2", "frame10"], [(2,), (10,)]),
+        (["pos_-40_-0.5", "pos_-8_16"], [(-40, -0.5), (-8, 16)]),
+        (["y-4", "y0", "y4"], [(-4,), (0,), (4,)]),
+        (["y-5x-2", "y-4x+2"], [(-5, -2), (-4, 2)]),
+        (["view-01-02", "view-11-12"], [(1, 2), (11, 12)]),
+        (["2024-01-05", "2024-02-15"], [(2024, 1, 5), (2024, 2, 15)]),
+        (["0", "0.5", "12.25"], [(0,), (0.5,), (12.25,)]),
+        (["0", "0.50", "12.25"], [(0,), (0.5,), (12.25,)]),
+        (["1.9", "1.10"], [(1, 9), (1, 10)]),
+        (["a.1.02.03", "a.1.02.10"], [(1, 2, 3), (1, 2, 10)]),
+        (["frame.0002", "frame.0010"], [(2,), (10,)]),
+        ([f"{10**19}", f"{10**19 + 1}"], [(10**19,), (10**19 + 1,)]),
+    ],
+    ids=lambda value: str(value[0]),
+)
+def test_numbers_in_names_are_read_and_sort(names, numbers):
+    found = split_numbers(names)
+    assert [part[1::2] for part in found] == [tuple(map(Decimal, map(str, n))) for n in numbers]
+    assert sorted(names, key=dict(zip(names, found, strict=True)).get) == [
+        name for _, name in sorted(zip(numbers, names, strict=True))
+    ]
+
+
+def test_names_of_several_kinds_sort_together():
+    names = ["b1", "a10", "a9", "a", "3", "a9-2", "a-1 b_-2c"]
+    parts = dict(zip(names, split_numbers(names), strict=True))
+    assert sorted(names, key=parts.get) == ["3", "a", "a9", "a9-2", "a10", "a-1 b_-2c", "b1"]
+    assert parts["a-1 b_-2c"] == ("a-", Decimal(1), " b_", Decimal(-2), "c")
+
+
 def test_stanford_names_take_the_grid_and_not_the_positions(tmp_path, rng):
     views = levels(rng, (4, 4, 5, 6))
     places = [(-381.91 + 154.7 * v, 1103.38 - 55.1 * u) for v, u in np.ndindex(4, 4)]
@@ -103,14 +138,11 @@ INNER = [at for at in EVERY if at not in CORNERS]
     [
         ("input_Cam{2:03}.png", 0, STAR, {}),
         ("input_Cam{2:03}.png", 0, EVERY[1:], {}),
-        ("input_Cam{2:03}.png", 0, EVERY[:-1], {}),
         ("input_Cam{2:03}.png", 0, INNER, {}),
-        ("input_Cam{2:03}.png", 0, EVERY[:40] + EVERY[41:], {}),
         ("img{2}.png", 1, EVERY[1:], {}),
         ("img{2}.png", 1, INNER, {"first": 1}),
         ("img{2}.png", 500, INNER, {"first": 500}),
         ("view_{0:02}_{1:02}.png", 1, EVERY[9:], {}),
-        ("view_{0}_{1}.png", 0, EVERY[9:], {}),
         ("view_{0}_{1}.png", 0, EVERY[:-9], {}),
         ("view_{0}_{1}.png", 0, INNER, {}),
     ],
@@ -206,14 +238,13 @@ test_numbers_without_one_step_are_refused = refusals(
     [
         (uneven(MM, 1.37, 2.74), f"are 1.37 apart by the first .* and 2.74 by .*{ONE_STEP}"),
         (uneven(MM, 2.74, 1.37), f"are 2.74 apart by the first .* and 1.37 by .*{ONE_STEP}"),
-        (uneven(MM, 1.37, 2.74, order="col,-row"), ONE_STEP),
-        (uneven(MM, 1.37, 1.39), ONE_STEP),
+        (uneven(MM, 1.37, 1.39, order="col,-row"), ONE_STEP),
         (uneven("{}_{}.png", 1, 2), f"1 apart by the first .* 2 by the second.*{ONE_STEP}"),
         (uneven("{}_{}.png", 2, 1), f"2 apart by the first .* 1 by the second.*{ONE_STEP}"),
         (pictures(*numbered((0, 1.0, 2.5), (0, 1.0), MM)), f"{OFF}, 0.00, 1.00, 2.50 by"),
         (pictures(*numbered((0, 1.0), (0, 1.0, 2.5), MM)), f"{OFF}, 0.00, 1.00, 2.50 by"),
-        (pictures(*(f"{y:.2f}_{x:.2f}.png" for y, x in ((0, 0), (1.1, 0.2), (0.1, 1.3)))), OFF),
-        (pictures("x0.00.png", "x1.00.png", "x2.50.png", "x4.00.png"), OFF),
+        (pictures(*(f"{y:.2f}_{x:.2f}.png" for y, x in ((0, 0), (1.1, 0.2), (0.1, 1.3)))), "gaps"),
+        (pictures("x0.00.png", "x1.00.png", "x2.50.png", "x4.00.png"), ONE_STEP),
         (pictures(*(f"{n}.png" for n in (0, 1, 2, 4))), "numbered from 0 to 4 with gaps"),
         (
             partial(pictures(*(f"{9 * v + u:02}.png" for v, u in STAR)), grid="3x11"),

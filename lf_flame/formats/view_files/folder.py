@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -45,22 +44,23 @@ class ViewFolder:
     Attributes
     ----------
     path : Path
-        The folder.
     files : ndarray of Path or PackedFile, shape (v, u)
         Files of the views; None for a missing view.
     found : FoundOrder
         Order in which the file names count the views, and how it was found.
     left_out : int
         Number of other files in the folder.
-    missing : tuple of str
-        Numbers of the missing views, as the names count them.
     """
 
     path: Path
     files: np.ndarray
     found: FoundOrder
     left_out: int
-    missing: tuple[str, ...] = ()
+
+    @property
+    def missing(self) -> list[str]:
+        """Rows and columns of the missing views, such as ``0_3``."""
+        return [f"{v}_{u}" for v, u in np.ndindex(self.files.shape) if self.files[v, u] is None]
 
     def describe(self) -> str:
         """Describe the views and their order in a few lines."""
@@ -73,9 +73,9 @@ class ViewFolder:
             f"{printable(self.path)}: {v} x {u} views, top left {first}, bottom right {last}",
             *self.found.describe(),
         ]
-        if self.missing:
-            named = ", ".join(self.missing[:3]) + (" ..." if len(self.missing) > 3 else "")
-            lines.append(f"missing views, with weight 0: {len(self.missing)} ({named})")
+        if gaps := self.missing:
+            named = ", ".join(gaps[:3]) + (" ..." if len(gaps) > 3 else "")
+            lines.append(f"missing views, with weight 0: {len(gaps)} ({named})")
         if self.left_out:
             lines.append(f"other files left out: {self.left_out}")
         return "\n".join(lines)
@@ -104,8 +104,8 @@ class ViewFolder:
             image = read_image(paths[k])
             if image.shape != first.shape:
                 raise InputError(
-                    f"All views must be alike: {paths[k]} is {_kind(image)}, {paths[0].name} is "
-                    f"{_kind(first)}."
+                    f"All views must be alike: {paths[k]} has shape {image.shape}, "
+                    f"{paths[0].name} {first.shape}."
                 )
             views[places[k]] = image
 
@@ -115,7 +115,7 @@ class ViewFolder:
                 pass
         shape = self.files.shape
         weights = None if there.all() else there.reshape(shape)
-        return LightField(views.reshape(*shape, *first.shape), weights=weights)
+        return LightField(views.reshape(shape + first.shape), weights=weights)
 
 
 def check_view_memory(files: list[File], folder: Path, places: int) -> None:
@@ -136,10 +136,6 @@ def _readers(files: list[File]) -> int:
     return min(len(files), os.cpu_count() or 1)
 
 
-def _kind(image: np.ndarray) -> str:
-    return f"{image.shape[0]} x {image.shape[1]} {'grey' if image.ndim == 2 else 'colour'}"
-
-
 def is_view_folder(path: str | Path) -> bool:
     """Whether a path is read as one file for each view: a folder or an archive."""
     if Path(path).suffix.lower() == ".zarr" and is_zarr(path):
@@ -158,13 +154,13 @@ def _images(path: Path, names: str | None) -> tuple[list, int]:
     if not path.is_dir() and path.suffix.lower() != ARCHIVE:
         raise InputError(f"The views cannot be read: {path} is no folder.")
     every = list(path.iterdir() if path.is_dir() else list_zip(path))
-    every = [one for one in every if "__MACOSX" not in one.parts]
+    every = sorted(one for one in every if "__MACOSX" not in one.parts)
     images = [
         one
-        for one in sorted(every)
+        for one in every
         if one.suffix.lower() in IMAGE_SUFFIXES
         and not one.name.startswith(".")
-        and (names is None or fnmatch(one.name, names))
+        and fnmatch(one.name, names or "*")
     ]
     return images, len(every)
 
@@ -172,26 +168,25 @@ def _images(path: Path, names: str | None) -> tuple[list, int]:
 def _find_files(path: Path, names: str | None) -> tuple[list[File], int]:
     """Find the images whose names differ only in numbers, and the number of other files."""
     images, count = _images(path, names)
-    like = {one: re.sub(r"[-+]?\d+(\.\d+)?", "#", one.stem) for one in images}
-    kinds = Counter(
-        str(one.with_name(f"{kind}{one.suffix.lower()}"))
-        for one, kind in like.items()
-        if "#" in kind
-    )
-    found = [one for one in images if "#" in like[one]]
+    kinds: dict[str, list] = {}
+    for one in images:
+        kind = re.sub(r"[-+]?\d+(\.\d+)?", "#", one.stem) + one.suffix.lower()
+        if "#" in kind:
+            kinds.setdefault(str(one.with_name(kind)), []).append(one)
+    found = max(kinds.values(), key=len, default=[])
     if len(kinds) > 1:
-        some = ", ".join(f"{count} of {Path(kind).name}" for kind, count in kinds.most_common(3))
+        several = sorted(kinds, key=lambda kind: -len(kinds[kind]))[:3]
         raise InputError(
-            f"{path} holds several sets of images, {some}: choose the views by --names, such as "
-            f"--names '{Path(kinds.most_common(1)[0][0]).name.replace('#', '*')}'."
+            f"{path} holds several sets of images, "
+            f"{', '.join(f'{len(kinds[kind])} of {Path(kind).name}' for kind in several)}: choose "
+            f"the views by --names, such as --names '{Path(several[0]).name.replace('#', '*')}'."
         )
     if len(found) < 2:
         raise InputError(
             f"{path} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
             f"numbers only{'' if names is None else f' and are like {names}'}."
         )
-    files = found if path.is_dir() else list(read_zip(path, found))
-    return files, count - len(files)
+    return found if path.is_dir() else list(read_zip(path, found)), count - len(found)
 
 
 def scan_view_folder(
@@ -259,7 +254,7 @@ def scan_view_folder(
     path, shape = Path(path), None if grid is None else read_grid(grid)
     order = None if order is None else stated_order(order).order
     files, left_out = _find_files(path, names)
-    numbered, missing = number_grid(files, Stated(path, shape, order, first))
+    numbered = number_grid(files, Stated(path, shape, order, first))
     check_view_memory(files, path, numbered.size)
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)
@@ -267,7 +262,7 @@ def scan_view_folder(
         found = find_order(numbered, read_image) if order is None else stated_order(order)
     ordered = arranged(numbered, found.order)
     check_grid(shape, ordered.shape, path)
-    return ViewFolder(path, ordered, found, left_out, missing)
+    return ViewFolder(path, ordered, found, left_out)
 
 
 def write_view_folder(

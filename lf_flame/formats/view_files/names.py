@@ -1,7 +1,6 @@
 """Rows and columns of views, by the numbers in the names of their files."""
 
 import re
-from collections import defaultdict
 from collections.abc import Sequence
 from decimal import Decimal
 from itertools import pairwise
@@ -14,17 +13,14 @@ from lf_flame._common.input_files import File, Source
 from lf_flame.errors import InputError
 from lf_flame.formats.view_files.orders import Grid, by_columns
 
-NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
-"""Pattern of an optional sign or hyphen, then digits that points may divide."""
+DIGITS, DECIMAL = "[0-9]{1,99}", r"(?<![0-9.])[0-9]{1,99}\.[0-9]{1,99}(?!\.?[0-9])"
+"""Patterns of a whole and of a decimal number, beside which there is no other point or digit."""
 
-Parts = tuple[str | Decimal, ...]
-"""Text and numbers of a name in turn; text, perhaps empty, comes first and last."""
+SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
+"""Patterns of an optional sign, that after neither a letter nor a digit, and of any."""
 
 Column = tuple[Decimal, ...]
 """Number at one place of the name of each file."""
-
-LARGEST_GRID = 10_000
-"""Largest number of places in a grid of which more than half are missing."""
 
 
 class Stated(NamedTuple):
@@ -37,124 +33,81 @@ class Stated(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Places 0, 1 ... of numbers along an axis.
-
-    `step` is the distance between places, 0 for a single number; `error` its largest error by
-    rounding in the names.
-    """
+    """Place of each number, count of places, step between them, and its error by rounding."""
 
     places: dict[Decimal, int]
     size: int
-    step: Decimal
-    error: Decimal
-
-    def number(self, place: int) -> Decimal:
-        """Give the number that a place has in the names."""
-        one, at = next(iter(self.places.items()))
-        return one + (place - at) * self.step
+    step: float
+    error: float
 
 
-def number_grid(files: list[File], stated: Stated) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Arrange files, whose names differ only in numbers, by these.
+def number_grid(files: list[File], stated: Stated) -> np.ndarray:
+    """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
-    The last two numbers that vary and lie on a grid are places along its axes. Where one number
-    varies it counts all views, unless a constant 0 or 1 of as many digits stands beside it: then
-    they are a single row or column.
-
-    Returns
-    -------
-    files : ndarray of Path, shape (first number, second number) or (running number,)
-        None for a missing view.
-    missing : tuple of str
-        Numbers of the missing views.
-
-    Raises
-    ------
-    InputError
-        If the numbers make no grid of equal steps, or do not fit the stated one.
+    The last two numbers that vary and lie on a grid are places along its axes: (first number,
+    second number). Where only one varies it counts all views, (running number,), unless it is one
+    of the last two of as many digits, and the other always 0 or 1: a single row or column.
     """
-    words = [re.findall(r"[0-9]+", file.stem) for file in files]
-    digits = _columns([[Decimal(word) for word in one] for one in words])
-    columns = _columns([part[1::2] for part in split_numbers([file.stem for file in files])])
-    pairs = list(pairwise(_varying(columns)))[::-1]
-    if columns == digits and not pairs:
-        pairs = _lone_lines(columns, words)
+    names = [file.stem for file in files]
+    (varying, line), (split, _) = (_columns(names, decimals=given) for given in (True, False))
+    if len(varying) == 1 and varying[0] in line and _is_line(line, names):
+        return _arranged(files, line, stated)
     try:
-        return _arranged(files, columns, pairs, stated)
-    except InputError as fault:
-        pair = _varying(digits)
-        if len(_varying(columns)) == 1 and len(pair) == 2:
-            try:  # 01.02.png is a row and a column, and no decimal number
-                return _arranged(files, digits, [pair], stated)
-            except InputError:
-                raise fault from None
-        raise
+        return _arranged(files, varying, stated)
+    except InputError:
+        if len(varying) != 1 or len(split) != 2:
+            raise
+    return _arranged(files, split, stated)  # 01.02.png is a row and a column, and no decimal number
 
 
-def _columns(numbers: Sequence[Sequence]) -> list[Column]:
-    """Numbers that all names have, by their place in the name."""
-    shared = min(map(len, numbers))
-    return list(zip(*(one[:shared] for one in numbers), strict=True))
+def _columns(names: list[str], *, decimals: bool) -> tuple[list[Column], list[Column]]:
+    """Columns of numbers that vary, and the last two of all."""
+    parts = split_numbers(names, decimals=decimals)
+    columns = list(zip(*(one[1::2] for one in parts), strict=False))
+    return [column for column in columns if len(set(column)) > 1], columns[-2:]
 
 
-def _varying(columns: list[Column]) -> list[Column]:
-    return [column for column in columns if len(set(column)) > 1]
+def _is_line(columns: list[Column], names: list[str]) -> bool:
+    """Whether the last two whole numbers have as many digits, and one is always 0 or 1."""
+    words = [re.findall(r"[0-9]+", name)[-2:] for name in names]
+    widths = [min(map(len, column)) for column in zip(*words, strict=True)]
+    whole = all(number % 1 == 0 for column in columns for number in column)
+    constant = any(set(column) in ({0}, {1}) for column in columns)
+    return len(columns) == 2 and whole and constant and widths[0] == widths[1]
 
 
-def _lone_lines(columns: list[Column], words: list[list[str]]) -> list[tuple[Column, Column]]:
-    """Pairs of neighbours of which one varies, and the other is a 0 or 1 of as many digits."""
-    widths = [min(len(one[k]) for one in words) for k in range(len(columns))]
-    return [
-        (columns[k], columns[k + 1])
-        for k in range(len(columns) - 1)
-        for one, other in ((k, k + 1), (k + 1, k))
-        if set(columns[one]) in ({0}, {1})
-        and len(set(columns[other])) > 1
-        and widths[one] == widths[other]
-    ]
-
-
-def _arranged(
-    files: list[File], columns: list[Column], pairs: Sequence[Sequence[Column]], stated: Stated
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Arrange files by the first pair of numbers with the smallest grid, or by a running number."""
+def _arranged(files: list[File], columns: list[Column], stated: Stated) -> np.ndarray:
+    """Arrange files by the last pair of numbers with the smallest grid, or by a running number."""
     faults, found = [], []
-    for pair in filter(_counts_two_axes, pairs):
-        try:
-            found.append((_two_axes(pair, stated), pair))
-        except InputError as fault:
-            faults.append(fault)
-    if found:
-        axes, pair = min(found, key=lambda one: prod(axis.size for axis in one[0]))
-    elif faults:
+    for pair in list(pairwise(columns))[::-1]:
+        alone = len(set(zip(*pair, strict=True))) == len(files)
+        shared = min(len(set(column)) for column in pair) < len(files)
+        if alone and shared:  # each view has a place; some share a row or a column
+            try:
+                found.append((_two_axes(pair, stated), pair))
+            except InputError as fault:  # positions beside the numbers of rows and columns
+                faults.append(fault)
+    if faults and not found:
         raise faults[0]
-    else:
-        axes, pair = _running_number(files, columns, stated)
-    if prod(axis.size for axis in axes) > max(2 * len(files), LARGEST_GRID):
-        sizes = " x ".join(str(axis.size) for axis in axes)
-        raise InputError(f"{stated.source}: {len(files)} views cannot fill a grid of {sizes}.")
-    grid = np.full([axis.size for axis in axes], None, object)
-    for file, *numbers in zip(files, *pair, strict=True):
-        grid[tuple(axis.places[one] for axis, one in zip(axes, numbers, strict=True))] = file
-    gaps = [at for at in np.ndindex(grid.shape) if grid[at] is None]
-    return grid, tuple(
-        "_".join(str(a.number(n)) for a, n in zip(axes, at, strict=True)) for at in gaps
-    )
-
-
-def _counts_two_axes(pair: Sequence[Column]) -> bool:
-    """Whether each view has a place of its own: two decimals, or some share a row or a column."""
-    count = len(pair[0])
-    decimals = all(any(number % 1 for number in column) for column in pair)
-    shared = any(len(set(column)) < count for column in pair)
-    return len(set(zip(*pair, strict=True))) == count and (shared or decimals)
+    found = found or [_running_number(files, columns, stated)]
+    axes, numbers = min(found, key=lambda one: prod(axis.size for axis in one[0]))
+    sizes = [axis.size for axis in axes]
+    if prod(sizes) > max(2 * len(files), 10_000):
+        raise InputError(
+            f"{stated.source}: {len(files)} views cannot fill a grid of "
+            f"{' x '.join(map(str, sizes))}."
+        )
+    grid = np.full(sizes, None, object)
+    for file, *place in zip(files, *numbers, strict=True):
+        grid[tuple(axis.places[one] for axis, one in zip(axes, place, strict=True))] = file
+    return grid
 
 
 def _running_number(
     files: list[File], columns: list[Column], stated: Stated
-) -> tuple[list[Axis], list[Column]]:
+) -> tuple[list[Axis], Sequence[Column]]:
     """Find the number that counts all views; gaps need a stated grid."""
-    unique = [column for column in columns if len(set(column)) == len(files)]
+    unique = [column for column in columns if len(set(column)) == len(files)][:1]
     if not unique:
         raise InputError(
             f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
@@ -167,25 +120,19 @@ def _running_number(
             f"{min(unique[0])} to {max(unique[0])} with gaps: state the grid that they do not "
             f"fill, --grid ROWSxCOLUMNS."
         )
-    return [axis], unique[:1]
+    return [axis], unique
 
 
 def _two_axes(pair: Sequence[Column], stated: Stated) -> list[Axis]:
     """Find the places of two numbers; refuse steps that differ, as slopes would have no unit."""
     sizes = stated.grid or (None, None)
     sizes = sizes[::-1] if stated.order and by_columns(stated.order) else sizes
-    try:
-        one, other = (_axis(*along, stated) for along in zip(pair, sizes, strict=True))
-    except InputError:
-        if stated.order or stated.grid is None:
-            raise
-        # The names may count columns before rows, as the parallax then has to show.
-        one, other = (_axis(*along, stated) for along in zip(pair, sizes[::-1], strict=True))
+    one, other = (_axis(*along, stated) for along in zip(pair, sizes, strict=True))
     if one.step and other.step and abs(one.step - other.step) > one.error + other.error:
         raise InputError(
-            f"The views of {stated.source} are {float(one.step):.4g} apart by the first number in "
-            f"their names, and {float(other.step):.4g} by the second, but views need equal steps "
-            f"along both axes; where these numbers only count, rename the files with 0, 1, 2 ..."
+            f"The views of {stated.source} are {one.step:.4g} apart by the first number in their "
+            f"names, and {other.step:.4g} by the second, but views need equal steps along both "
+            f"axes; where these numbers only count, rename the files with 0, 1, 2 ..."
         )
     return [one, other]
 
@@ -198,43 +145,42 @@ def _axis(numbers: Column, size: int | None, stated: Stated) -> Axis:
     """
     found = sorted(set(numbers))
     few = ", ".join(map(str, found[:4])) + (f" ... {found[-1]}" if len(found) > 4 else "")
-    decimals = -min(0, *(int(number.as_tuple().exponent) for number in found))
-    error = Decimal(1).scaleb(-decimals) if decimals else Decimal(0)
-    axis = Axis({found[0]: 0}, 1, Decimal(0), error)
+    unit = 10.0 ** min(int(number.as_tuple().exponent) for number in found)
+    rounding = unit if unit < 1 else 0.0
+    away = np.array([float(number - found[0]) for number in found])
+    places, last, step = np.zeros(1, int), 0, 0.0
     if len(found) > 1:
-        steps = [after - before for before, after in pairwise(found)]
-        span = found[-1] - found[0]
-        last = round(span / (min(steps) if decimals else gcd(*map(int, steps))))
-        step = span / last  # less rounded than a single one
-        places = {number: round((number - found[0]) / step) for number in found}
-        away = max(abs(number - found[0] - place * step) for number, place in places.items())
-        if away > error or len(set(places.values())) < len(found):
+        least = np.diff(away).min() if rounding else gcd(*(int(one) for one in np.diff(away)))
+        last = round(away[-1] / least)
+        step = float(away[-1] / last)  # less rounded than a single one
+        places = np.rint(away / step).astype(int)
+        if abs(away - places * step).max() > rounding or len(set(places)) < len(found):
             raise InputError(
                 f"The views of {stated.source} are at places off a regular grid, {few} by the "
                 f"numbers in their names; only multiples of one step can be used."
             )
-        axis = Axis(places, last + 1, step, error / last)
-    if size is None or (size == axis.size and stated.first is None):
-        return axis
+    if size is None or (size == last + 1 and stated.first is None):
+        pairs = zip(found, places.tolist(), strict=True)
+        return Axis(dict(pairs), last + 1, step, rounding / max(last, 1))
     start = int(found[-1] == size) if stated.first is None else stated.first
-    if decimals or not start <= found[0] <= found[-1] < start + size:
+    if rounding or not start <= found[0] <= found[-1] < start + size:
         raise InputError(
             f"The numbers in the names of {stated.source}, {few}, do not count {size} places from "
-            f"{start}: state another --grid, or the number of the first place (`lf-flame convert "
-            f"--first`)."
+            f"{start}: state another --grid, the --order of the numbers, or the number of the "
+            f"first place (`lf-flame convert --first`)."
         )
-    return Axis({number: int(number) - start for number in found}, size, Decimal(1), error)
+    return Axis({number: int(number) - start for number in found}, size, 1.0, 0.0)
 
 
-def split_numbers(names: Sequence[str]) -> list[Parts]:
-    """Split names into text and numbers, so that they sort in natural order.
+def split_numbers(
+    names: Sequence[str], *, decimals: bool = True
+) -> list[tuple[str | Decimal, ...]]:
+    """Split names into text and numbers in turn, so that they sort in natural order.
 
-    Names that differ only in their numbers are read together, because this shows what hyphens and
-    points mean. A hyphen is a minus sign if it follows neither a letter nor a digit (``pos_-40``,
-    unlike ``view-40`` and ``2024-01-05``), if other names have no hyphen at the same place (``y-4,
-    y0, y4``), or if a name has a plus sign (``y-5x+2``). A point is a decimal point if it is the
-    only one of a number, and if all numbers have the same count of decimals or none ends in 0
-    (``5.48``, unlike ``1.9, 1.10``).
+    A hyphen is a minus sign if it follows neither a letter nor a digit (``pos_-40``, unlike
+    ``view-40`` and ``2024-01-05``), or if only some names have it there (``y-4, y0, y4``). A point
+    is a decimal point if it is the only one of a number, and if all numbers have the same count of
+    decimals or none ends in 0 (``5.48``, unlike ``1.9, 1.10``); without `decimals` none is.
 
     Returns
     -------
@@ -242,37 +188,11 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
         Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by these,
         ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the exact numbers.
     """
-    pieces = [NUMBER.split(name) for name in names]
-    alike: dict[tuple[str, ...], list[list[str]]] = defaultdict(list)
-    for one in pieces:
-        alike[tuple(one[::3])].append(one)
-    marks = {kind: _meanings(some) for kind, some in alike.items()}
-    return [_parts(one, marks[tuple(one[::3])]) for one in pieces]
-
-
-def _meanings(pieces: list[list[str]]) -> list[tuple[bool, bool]]:
-    """For each number: whether hyphens before it separate, and whether points are decimal ones."""
-    signed = any("+" in one[1::3] for one in pieces)
-    found = []
-    for k in range(1, len(pieces[0]), 3):
-        before, words = pieces[0][k - 1], [one[k + 1] for one in pieces]
-        joined = before[-1:].isalnum() or (k > 1 and not before)
-        separates = joined and not signed and {one[k] for one in pieces} == {"-"}
-        decimals = [word.partition(".")[2] for word in words]
-        single = not any("." in one for one in decimals)
-        alike = len({len(one) for one in decimals if one}) <= 1
-        found.append((separates, single and (alike or not any(w.endswith("0") for w in decimals))))
-    return found
-
-
-def _parts(piece: list[str], meanings: list[tuple[bool, bool]]) -> Parts:
-    parts: list[str | Decimal] = [piece[0]]
-    for k, (separates, decimal) in zip(range(1, len(piece), 3), meanings, strict=True):
-        mark, word, after = piece[k : k + 3]
-        numbers = [word] if decimal else word.split(".")
-        parts[-1] = f"{parts[-1]}{mark if separates else ''}"
-        parts.append(Decimal(numbers[0] if separates else mark + numbers[0]))
-        for number in numbers[1:]:
-            parts += [".", Decimal(number)]
-        parts.append(after)
-    return tuple(parts)
+    ends = re.findall(r"[0-9]\.([0-9]+)", " ".join(names))
+    alike = len(set(map(len, ends))) <= 1 or not any(end.endswith("0") for end in ends)
+    number = DIGITS if not (decimals and alike) else f"(?:{DECIMAL}|{DIGITS})"
+    pieces = min(
+        ([re.split(f"({sign}{number})", name) for name in names] for sign in SIGNS),
+        key=lambda some: len({tuple(one[::2]) for one in some}),  # texts between the numbers
+    )
+    return [tuple(Decimal(part) if k % 2 else part for k, part in enumerate(one)) for one in pieces]

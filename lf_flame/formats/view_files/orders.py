@@ -52,11 +52,9 @@ def arranged_light_field(light_field: LightField, order: str | None) -> LightFie
     """Reorder the views of a light field, their weights and known pixels, from an order, if any."""
     if order is None:
         return light_field
-    beside = {"weights": light_field.weights, "valid": light_field.valid}
-    return LightField(
-        arranged(light_field.views, order),
-        **{name: None if one is None else arranged(one, order) for name, one in beside.items()},
-    )
+    held = (light_field.views, light_field.weights, light_field.valid)
+    views, weights, valid = (None if one is None else arranged(one, order) for one in held)
+    return LightField(views, weights=weights, valid=valid)
 
 
 def half_turned(order: str) -> str:
@@ -66,9 +64,8 @@ def half_turned(order: str) -> str:
 
 def read_grid(grid: Grid | str, name: str = "grid") -> Grid:
     """Read rows and columns of views from two numbers, or from text such as ``1x9``."""
-    words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
     try:
-        rows, columns = (int(word) for word in words)
+        rows, columns = map(int, grid.lower().split("x") if isinstance(grid, str) else grid)
     except (TypeError, ValueError):
         rows = columns = 0
     if rows < 1 or columns < 1:
@@ -79,7 +76,7 @@ def read_grid(grid: Grid | str, name: str = "grid") -> Grid:
 
 
 def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
-    """Refuse a stated number of rows and columns, if there is one, that a source does not hold."""
+    """Refuse a stated number of rows and columns that a source does not hold."""
     if stated not in (None, found):
         raise InputError(
             f"A grid of {stated[0]} x {stated[1]} views does not fit {source}, of {found[0]} x "
@@ -89,17 +86,10 @@ def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
 
 @dataclass(frozen=True)
 class FoundOrder:
-    """Order of the views, and the evidence for it.
+    """Order of the views, one of `ORDERS`, and words for users on how it was found.
 
-    Attributes
-    ----------
-    order : str
-        One of `ORDERS`.
-    reason : str
-        Words for users on how the order was found.
-    slopes : (float, float), optional
-        Approximate range of the scene's slopes in this order, in pixels per view step: 5th and 95th
-        percentile of the patches. None where the parallax does not show an order.
+    `slopes` is the approximate range of the scene's slopes in this order, in pixels per view step
+    (5th and 95th percentile of the patches); None where the parallax does not show an order.
     """
 
     order: str
@@ -196,16 +186,14 @@ def find_order(
     In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
     by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and
     Wang 1992). Each order pairs the changes with the gradients differently; the one that explains
-    most of the change, with one d for each patch, is chosen if it leads by `LEAST_MARGIN`. No
-    parallax shows a half-turn, which only changes the sign of all slopes: where rows and columns
-    disagree, the columns are assumed to run from left to right. Four views alone agree with some
-    order by chance if they are shuffled; therefore a patch must have the same slope in the centre
-    and near the corners.
+    most of the change, with one d for each patch in the centre and near the corners (four shuffled
+    views agree with some order by chance), is chosen if it leads by `LEAST_MARGIN`; otherwise
+    ``row,col``. No parallax shows a half-turn, which only changes the sign of all slopes: where
+    rows and columns disagree, the columns are assumed to run from left to right.
 
     `grid`, of shape (first number, second number, ...), holds views or arguments of `read`, None
     for a missing view. Views with one running number, of the origin `folded`, are refused if they
-    move as those of a single row or column do. The order is ``row,col`` if the views are too few,
-    too small, too similar or too different.
+    move as those of a single row or column do.
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder(ORDERS[0], "as the numbers are: there is only one row or column")
@@ -235,8 +223,8 @@ def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
     The outer ones lie in the corners of a square that fits into a round aperture. They are the
     nearest blocks without missing views, each once.
     """
-    there = np.array([one is not None for one in grid.reshape(-1, *grid.shape[2:])])
-    there = there.reshape(grid.shape[:2])
+    there = [one is not None for one in grid.reshape(-1, *grid.shape[2:])]
+    there = np.reshape(there, grid.shape[:2])
     whole = np.argwhere(there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:])
     if not len(whole):
         return
@@ -261,8 +249,7 @@ def _sum_changes(grid: np.ndarray, read: Callable) -> tuple[dict[int, np.ndarray
         if shapes != {shape}:
             continue
         times = grey[0][1]
-        block = np.array([view for view, _ in grey]).reshape(2, 2, *shape)
-        del grey  # as much memory as the block takes
+        block = np.reshape([view for view, _ in grey], (2, 2, *shape))
         for scale in SCALES:
             if min(shape) // scale >= PATCH + 2 * BORDER:
                 sums[scale] = sums.get(scale, 0.0) + _measure(block, scale)
