@@ -406,33 +406,6 @@ def test_colour_mosaics_are_refused_and_grey_images_are_not(pitch, layout, rng):
             decode_raw(as_mosaic(grey, order), grid)
 
 
-@pytest.mark.parametrize("pitch", [10.3, 14])
-@pytest.mark.parametrize(
-    ("levels", "stated", "said"),
-    [
-        ((0.52, 1.0, 0.61), "gbrg", "nothing"),
-        ((0.52, 1.0, 0.61), "grbg", "nothing"),  # which red is, a white image does not tell
-        ((0.45, 1.0, 0.62), "rggb", "cannot be in the order rggb.*; state grbg or gbrg"),
-        ((0.52, 1.0, 0.56), "bggr", "may not be in the order bggr.*; they may be grbg or gbrg"),
-        ((1.0, 0.2, 0.05), "gbrg", "nothing"),  # of a red lamp
-        ((1.0, 0.05, 0.03), "gbrg", "nothing"),  # of one whose green is darker than both together
-        ((1.0, 0.05, 0.03), "rggb", "may not be in the order rggb"),
-        ((1.0, 1.0, 1.0), "rggb", "nothing"),  # in infrared filters pass alike
-    ],
-)
-def test_stated_colours_are_held_against_the_white_image(pitch, levels, stated, said, rng, caplog):
-    grid = LensletGrid(20.25, 30.5, pitch)
-    y, x = np.indices((200, 240))
-    colours = np.array([levels["rgb".index(letter)] for letter in "gbrg"])[2 * (y % 2) + x % 2]
-    white = colours * white_image(grid, y.shape, rng, noise=0.002)
-    try:
-        decode_raw(0.5 * white, grid, white=white, bayer=stated)
-        told = caplog.text
-    except InputError as error:
-        told = str(error)
-    assert re.search(said, told) if said != "nothing" else "in the order" not in told
-
-
 def test_mosaics_are_refused_above_a_black_level_and_as_lenslet_images(tmp_path, rng):
     grid, shape = grid_from_pitch((180, 180), 9), (180, 180)
     lit = as_mosaic(white_image(grid, shape, rng))

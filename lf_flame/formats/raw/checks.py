@@ -13,117 +13,64 @@ from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.sensor_images import PATTERNS
 
-SPREAD, LEAST_EVEN, LEAST_CONTRAST, LEAST_SMALL_CONTRAST = 0.01, 0.03, 0.15, 0.6
+LEAST_EVEN, LEAST_CONTRAST, LEAST_SMALL_CONTRAST = 0.03, 0.15, 0.6
 """Smallest logarithm of (red blue / green^2) of a mosaic: it is 1.4 in daylight, 0.9 in lamp light.
-Round grey micro-images reach 0.12 if their pixels repeat like those of a mosaic, and 0.54 below a
-pitch of 10 pixels. Where centres lie evenly on all four pixels of a mosaic, the mean over lenslets
-of exp(i pi (x + y)) being below SPREAD, a grey image has none beyond differences of amplifiers."""
+Round grey micro-images reach 0.12 if their pixels repeat like those of a mosaic, 0.54 below a pitch
+of 10 pixels, and only differences of amplifiers where centres lie evenly on the four pixels."""
 
-GROUPS, DEVIATIONS = 8, 8.0
-"""Groups of lenslets with separate contrasts, and number of their standard errors that a contrast
-must exceed, so that texture is not taken for colour."""
-
-DOUBTFUL, WRONG, MOVED, CLEAR = 0.4, 0.6, 0.4, 1 / 3
+DOUBTFUL, WRONG = 0.4, 0.6
 """Light between the white image's micro-images relative to that in them, from which there is a
 warning (0.01 to 0.37 where both fit, most with a flame beside the picture; 0.52 for a white image
-that is moved by 0.22 of a pitch) and a refusal (0.78 for 0.35 of a pitch). A refusal also needs a
-gain in correlation by moving the white image, and a share of the raw image that shows gaps at all:
-a smaller aperture leaves gaps in place."""
-
-SPOT = 0.25
-"""Largest share of the views that is lit in a calibration with a closed aperture. An aperture that
-fills the micro-images lights 0.7 or more; spots of 5 pixels in 10 light 0.2."""
+that is moved by 0.22 of a pitch) and a refusal (0.78 for 0.35 of a pitch)."""
 
 
 def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has.
 
-    image: (rows, columns[, channels]), without its black level; one in colour is no mosaic.
+    image: (rows, columns[, channels]), without its black level; one in colour is no mosaic. The
+    pattern is that of the light around the centres of eight groups of lenslets, whose mean must
+    exceed 8 standard errors: texture is then not taken for colour.
     """
     image = np.atleast_3d(image)
     if image.shape[2] != 1 or min(image.shape[:2]) < 2 * grid.pitch:
         return
-    sums, least = _phase_sums(image[..., 0], grid)
-    if not np.all(sums > 0):  # too few lenslets, or no light
-        return
-    logs = np.log(sums)
-    contrast = _certain(logs[:, 0, 0] + logs[:, 1, 1] - logs[:, 0, 1] - logs[:, 1, 0], least)
-    if contrast != 0:
-        raise InputError(
-            f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
-            f"have mean levels in the ratio {_ratio(sums)}; decode it as a raw image and state the "
-            f"colours of the upper left four pixels, row by row, as the camera's maker gives them: "
-            f"--bayer {_with_greens(contrast > 0)}, as the brighter diagonal is green in most "
-            f"light."
-        )
-
-
-def check_pattern(white: np.ndarray, grid: LensletGrid, bayer: str) -> str:
-    """Refuse a pattern whose greens are not green in the white image; say where that is likely."""
-    sums, least = _phase_sums(white[..., 0], grid)
-    least = max(least, LEAST_CONTRAST)
-    if not np.all(sums > 0):
-        return ""
-    # The diagonal that is stated to be green first, then the other.
-    logs = np.log(sums[:, [0, 1, 0, 1], [0, 1, 1, 0]]).reshape(-1, 2, 2)
-    greens, others = np.moveaxis(logs if bayer[0] == "g" else logs[:, ::-1], 1, 0)
-    pairs = (pair[:, 0] - pair[:, 1] for pair in (greens, others))
-    one, other = (pair * np.sign(pair.mean()) for pair in pairs)
-    unequal = _certain(one - other, least)
-    darker = _certain(others.sum(axis=1) - greens.sum(axis=1), least)
-    if unequal < 0 or (unequal == 0 and darker <= 0):
-        return ""
-    found = (
-        f"in the white image the four pixels of each 2 x 2 have mean levels in the ratio "
-        f"{_ratio(sums)}, by which the greens are on the other diagonal"
-    )
-    left = f"{_with_greens(bayer[0] != 'g')}, as the camera's maker gives them"
-    if unequal > 0 and darker > 0:
-        raise InputError(f"The colours cannot be in the order {bayer}: {found}; state {left}.")
-    return f"The colours may not be in the order {bayer}: {found}; they may be {left}."
-
-
-def _phase_sums(image: np.ndarray, grid: LensletGrid) -> tuple[np.ndarray, float]:
-    """Light around centres on even and odd rows and columns, (GROUPS, 2, 2), and least contrast.
-
-    The weights have equal totals on even and odd pixels, for light that is constant or cubic.
-    """
     centres = grid.centres(image.shape).reshape(-1, 2)
-    spread = abs(np.exp(1j * math.pi * centres.sum(axis=1)).mean())
+    is_even = abs(np.exp(1j * math.pi * centres.sum(axis=1)).mean()) < 0.01
     y, x = np.rint(centres).astype(int).T
     inside = (y >= 2) & (y < image.shape[0] - 2) & (x >= 2) & (x < image.shape[1] - 2)
     y, x = y[inside], x[inside]
-    sums, group = np.zeros((GROUPS, 2, 2)), np.arange(len(y)) % GROUPS
-    for dy, dx in np.ndindex(5, 5):
-        weight = (1.0, 4.0, 6.0, 4.0, 1.0)[dy] * (1.0, 4.0, 6.0, 4.0, 1.0)[dx]
-        light = weight * image[y + dy - 2, x + dx - 2].astype(np.float64)
+    sums, group = np.zeros((8, 2, 2)), np.arange(len(y)) % 8
+    # These weights have equal totals on even and odd pixels, for light that is constant or cubic.
+    weights = np.outer([1.0, 4.0, 6.0, 4.0, 1.0], [1.0, 4.0, 6.0, 4.0, 1.0])
+    for (dy, dx), weight in np.ndenumerate(weights):
+        light = weight * image[y + dy - 2, x + dx - 2, 0].astype(np.float64)
         np.add.at(sums, (group, (y + dy) % 2, (x + dx) % 2), light)
-    if spread < SPREAD:
-        return sums, LEAST_EVEN
-    return sums, LEAST_SMALL_CONTRAST if grid.pitch < 10 else LEAST_CONTRAST
-
-
-def _certain(values: np.ndarray, least: float) -> float:
-    """Mean over the groups, or 0 if texture or the shape of micro-images may be the reason."""
-    mean, error = float(values.mean()), values.std(ddof=1) / math.sqrt(GROUPS)
-    return mean if abs(mean) >= max(least, DEVIATIONS * error) else 0.0
-
-
-def _ratio(sums: np.ndarray) -> str:
+    if not np.all(sums > 0):  # too few lenslets, or no light
+        return
+    logs = np.log(sums)
+    contrast = logs[:, 0, 0] + logs[:, 1, 1] - logs[:, 0, 1] - logs[:, 1, 0]
+    least = LEAST_EVEN if is_even else LEAST_SMALL_CONTRAST if grid.pitch < 10 else LEAST_CONTRAST
+    if abs(contrast.mean()) < max(least, 8 * contrast.std(ddof=1) / math.sqrt(8)):
+        return
     levels = sums.sum(axis=0) / sums.sum(axis=0).max()
-    return ", ".join(f"{level:.2f}" for level in levels.flat)
+    brighter = [one for one in PATTERNS if (one[0] == "g") == (contrast.mean() > 0)]
+    raise InputError(
+        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
+        f"have mean levels in the ratio {', '.join(f'{level:.2f}' for level in levels.flat)}; "
+        f"decode it as a raw image and state the colours of the upper left four pixels, row by "
+        f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
+        f"diagonal is green in most light."
+    )
 
 
-def _with_greens(on_main: bool) -> str:
-    """Patterns whose greens are on the diagonal from the upper left, or on the other one."""
-    return " or ".join(name for name in PATTERNS if (name[0] == "g") == on_main)
+def refuse_spots(lit: np.ndarray) -> None:
+    """Refuse a calibration with a closed aperture as a white image, by the views that it lights.
 
-
-def refuse_spots(lit: np.ndarray, name: str = "The white image") -> None:
-    """Refuse a calibration with a closed aperture as a white image, by the views that it lights."""
-    if lit.size >= 25 and lit.mean() <= SPOT:
+    An aperture that fills the micro-images lights 0.7 or more; spots of 5 pixels in 10 light 0.2.
+    """
+    if lit.size >= 25 and lit.mean() <= 0.25:
         raise InputError(
-            f"{name} shows a small spot under each lenslet, which lights {lit.sum()} of "
+            f"The white image shows a small spot under each lenslet, which lights {lit.sum()} of "
             f"{lit.size} views: it is a calibration with a closed aperture, which shows where the "
             f"lenslets are, and not how bright the views are; give it as --lenslets, and as "
             f"--white one with the aperture of the raw image, or none."
@@ -157,23 +104,22 @@ def check_dark(black: np.ndarray, light: np.ndarray, bright: float, grid: Lensle
     low = min(np.median(gaps), np.median(centres))
     shown = np.median(lit) - np.median(gap)
     noise = 5 * math.hypot(np.std(lit), np.std(gap)) / math.sqrt(lit.size)
+    wrong = ""
     if low < -reach:
-        wrong = (
-            f"less it, the raw image is {low:.3g} at the median of micro-images or gaps, below 0"
-        )
+        wrong = f"less it, the median of the raw image's micro-images or gaps is {low:.3g}, below 0"
     elif shown > max(noise, 0.05 * abs(bright - level)):
         wrong = f"it shows the micro-images, {shown:.3g} brighter than the gaps between them"
-    elif bright - level > 0 and level > 0.15 * bright:
-        return (
-            f"The dark image is at {level:.3g}, {level / bright:.0%} of the bright pixels: more "
-            f"than a sensor's black level usually is; if it was not taken with the lens covered, "
-            f"at the raw image's exposure, all brightness is wrong."
+    if wrong:
+        raise InputError(
+            f"The dark image does not fit: {wrong}; it must be taken with the lens covered, at the "
+            f"exposure and with the number of bits of the raw image."
         )
-    else:
+    if bright <= level or level <= 0.15 * bright:
         return ""
-    raise InputError(
-        f"The dark image does not fit: {wrong}; it must be taken with the lens covered, at the "
-        f"exposure and with the number of bits of the raw image."
+    return (
+        f"The dark image is at {level:.3g}, {level / bright:.0%} of the bright pixels: more than a "
+        f"sensor's black level usually is; if it was not taken with the lens covered, at the raw "
+        f"image's exposure, all brightness is wrong."
     )
 
 
@@ -217,7 +163,11 @@ def check_match(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> str:
     flat, light: mean micro-images of the white and the raw image, from `mean_micro_images`. lit:
     views that the white image lights. Nothing is said where one of them shows no dark gaps.
     """
-    usable = _repeated(flat) & _repeated(light)
+    usable = np.ones(len(flat), bool)
+    for halves in (flat, light):  # both show the same; of noise alone they correlate by 0
+        contrast = halves - halves.mean(axis=(2, 3), keepdims=True)
+        power = (contrast**2).sum(axis=(2, 3)).prod(axis=1)
+        usable &= contrast.prod(axis=1).sum(axis=(1, 2)) > 0.7 * np.sqrt(power)
     flat, light = flat[usable].mean(axis=1), light[usable].mean(axis=1)
     shown = (flat.min(axis=(1, 2)) < 0.3 * flat.max(axis=(1, 2))) & (
         light.min(axis=(1, 2)) < 0.5 * light.max(axis=(1, 2))
@@ -238,7 +188,7 @@ def check_match(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> str:
         f"between the white image's micro-images the raw image is {between:.0%} as bright as in "
         f"them, where it should be dark"
     )
-    if between >= WRONG and shown.mean() >= CLEAR and _gain_by_moving(flat, light) >= MOVED:
+    if between >= WRONG:
         raise InputError(
             f"The white image does not fit the raw image: {found}; it is the wrong one, or was "
             f"turned, mirrored or moved; give the white image of the raw image's camera, lens and "
@@ -274,19 +224,3 @@ def mean_micro_images(image: np.ndarray, grid: LensletGrid, step: int) -> np.nda
         return means
     means = means[..., 1:, :] + means[..., :-1, :]
     return (means[..., 1:] + means[..., :-1]) / 4
-
-
-def _repeated(halves: np.ndarray) -> np.ndarray:
-    """Whether both halves of each block's lenslets show the same; noise alone correlates by 0."""
-    contrast = halves - halves.mean(axis=(2, 3), keepdims=True)
-    product = contrast.prod(axis=1).sum(axis=(1, 2))
-    return product > 0.7 * np.sqrt((contrast**2).sum(axis=(2, 3)).prod(axis=1))
-
-
-def _gain_by_moving(flat: np.ndarray, light: np.ndarray) -> float:
-    """Rise of the correlation from that in place to the best one, weighted by the contrast."""
-    flat, light = (a - a.mean(axis=(1, 2), keepdims=True) for a in (flat, light))
-    spectrum = np.fft.rfft2(light) * np.fft.rfft2(flat).conj()
-    product = np.fft.irfft2(spectrum, flat.shape[1:])
-    gain = (product.max(axis=(1, 2)) - product[:, 0, 0]) / flat.std(axis=(1, 2))
-    return float(gain.sum() / (flat[0].size * light.std(axis=(1, 2)).sum()))
