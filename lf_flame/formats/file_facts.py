@@ -24,15 +24,6 @@ from lf_flame.formats.stacks import is_stack, read_focal_stack
 from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
 from lf_flame.lightfield import LightField
 
-WIDTH = 14
-"""Number of letters of the names of facts."""
-
-LONGEST = 600
-"""Largest number of letters of a sentence."""
-
-MOST_NAMED = 5
-"""Largest number of files of a folder that are named."""
-
 
 @dataclass
 class Found:
@@ -53,12 +44,10 @@ class Found:
         """Describe it in lines: kind, facts, what is missing, and the next command."""
         lines = [f"{printable(source)}: {self.kind}"]
         for name, fact in self.facts.items():
-            lines.append(f"  {printable(name, 40):<{WIDTH}}{printable(fact)}")
-        lines += [f"note: {printable(one, LONGEST)}" for one in self.notes]
-        lines += [f"missing: {printable(one, LONGEST)}" for one in self.missing]
-        if self.command:
-            lines.append(f"next: {printable(self.command, LONGEST)}")
-        return "\n".join(lines)
+            lines.append(f"  {printable(name, 40):<14}{printable(fact)}")
+        marked = [("note", one) for one in self.notes] + [("missing", one) for one in self.missing]
+        marked += [("next", self.command)] if self.command else []
+        return "\n".join([*lines, *(f"{mark}: {printable(one, 600)}" for mark, one in marked)])
 
     def add_light_field(self, light_field: LightField) -> None:
         """Add size and shape of a light field, and what of it is excluded or unknown."""
@@ -98,42 +87,36 @@ def describe(source: Path, white: Path | None = None, lenslets: Path | None = No
 
 
 def _folder(source: Path) -> Found:
-    """Folder, archive or list of views."""
+    """Folder or archive of views."""
     try:
         folder = scan_view_folder(source)
     except InputError as error:
-        if not source.is_dir():
+        known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
+        paths = sorted(source.iterdir()) if source.is_dir() else []
+        paths = [path for path in paths if path.suffix.lower() in known]
+        if not paths:
             raise
-        return _other_folder(source, error)
+        more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
+        return Found(
+            "folder of single files",
+            {"files": ", ".join(path.name for path in paths[:5]) + more},
+            [f"the files are not read as the views of one light field. {error}"],
+            command=typed("info", paths[0]),
+        )
     rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
     kind = "folder" if source.is_dir() else f"{source.suffix.lower()} file"
-    found = Found(f"{kind} with one image for each view")
     v, u = folder.files.shape
-    found.shape = (v, u, rows, columns)
-    colour = "grey" if channels < 3 else "colour"
-    found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
-    found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
-    found.notes += folder.found.describe()[1:]
+    facts = {
+        "views": f"{v} x {u}, of {rows} x {columns} pixels, {'grey' if channels < 3 else 'colour'}",
+        "order": f"{folder.found.order}, {folder.found.reason}",
+    }
     if folder.missing:
-        found.facts["missing"] = f"{len(folder.missing)} views, which have weight 0"
+        facts["missing"] = f"{len(folder.missing)} views, which have weight 0"
     if folder.left_out:
-        found.facts["left out"] = f"{folder.left_out} other files"
-    found.notes += notes_on_coding(source)
-    found.command = typed("refocus", source)
-    return found
-
-
-def _other_folder(source: Path, error: InputError) -> Found:
-    """Folder without views, which may hold single files to be looked at."""
-    known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
-    paths = sorted(path for path in source.iterdir() if path.suffix.lower() in known)
-    if not paths:
-        raise error
-    found = Found("folder of single files")
-    more = f" and {len(paths) - MOST_NAMED} more" if len(paths) > MOST_NAMED else ""
-    found.facts["files"] = ", ".join(path.name for path in paths[:MOST_NAMED]) + more
-    found.notes.append(f"the files are not read as the views of one light field. {error}")
-    found.command = typed("info", paths[0])
+        facts["left out"] = f"{folder.left_out} other files"
+    notes = folder.found.describe()[1:] + notes_on_coding(source)
+    found = Found(f"{kind} with one image for each view", facts, notes)
+    found.shape, found.command = (v, u, rows, columns), typed("refocus", source)
     return found
 
 
@@ -159,14 +142,32 @@ def _image(source: Path) -> Found:
         held = f"{len(pages)}, at slopes from {slopes.min():g} to {slopes.max():g}"
         return Found("stack of refocused images", {"images": held})
     image = read_image(source)
+    height, width = image.shape[:2]
     found = Found("image")
-    colour = "grey" if image.ndim == 2 else "colour"
-    found.facts["pixels"] = f"{image.shape[0]} x {image.shape[1]}, {colour}"
+    found.facts["pixels"] = f"{height} x {width}, {'grey' if image.ndim == 2 else 'colour'}"
     found.facts["values"] = f"{image.min():.4g} to {image.max():.4g}"
+    focused = typed("convert", source, "views.npz", "--focused", "CALIBRATION.xml")
+    focused = (
+        f"a picture does not say whether the lenslets are focused, as those of a Raytrix camera "
+        f"are; for such a camera type: {focused} (or its white image in place of the calibration)."
+    )
     try:
         grid = estimate_grid(image)
     except InputError:
-        return _unknown_image(source, image, found)
+        found.facts["lenslets"] = "none are seen for certain"
+        if fit := [str(n) for n in range(2, 65) if not (height % n or width % n)]:
+            found.notes.append(
+                f"if this is a lenslet image, N x N pixels to a lenslet, N divides both sides: "
+                f"{', '.join(fit)}; only the camera's data say which N it is."
+            )
+        found.notes.append(focused)
+        found.missing.append(
+            "what shows the lenslets: the white image of a raw image (--white), spots "
+            "(--lenslets), the number of pixels under a lenslet of a lenslet image (--views), or "
+            "the rows x columns of views that lie side by side (--mosaic 8x8)."
+        )
+        found.command = typed("refocus", source, "--white", "WHITE.png")
+        return found
     found.facts["lenslets"] = grid.describe()
     found.notes.append(
         "the lenslets are those that this picture shows; a white image or closed-aperture spots "
@@ -178,59 +179,25 @@ def _image(source: Path) -> Found:
     except InputError as error:
         found.notes.append(str(error))
         options += ["--bayer", "PATTERN"]  # the note names two
+    found.notes.append(focused)
     views = round(grid.pitch)
     on_pixels = abs(grid.pitch - views) < 0.02 and abs(grid.rotation) < 1e-3
-    in_blocks = not any(n % views for n in image.shape[:2])
-    found.notes.append(_if_focused(source))
-    if grid.layout == "rectangular" and on_pixels and in_blocks and not options:
+    in_blocks = on_pixels and not (height % views or width % views)
+    if grid.layout == "rectangular" and in_blocks and not options:
         found.kind = "lenslet image"
         found.command = typed("refocus", source, "--views", str(views))
-        return found
-    if _shows_spots(image):
+    elif np.mean(image > 0.3 * np.percentile(image, 99.8)) < 0.15:  # most of it is dark
         found.kind = "calibration with a closed aperture: spots at the lenslets' centres"
         found.missing.append("the raw image that it belongs to.")
         found.command = typed("refocus", "RAW.tif", "--lenslets", source, *options)
-        return found
-    found.kind = "raw image of a plenoptic camera, or its white image"
-    found.missing.append(
-        "the white image (flat field) of the camera, in the same form; or one of the lenslets "
-        "alone (--lenslets), which may be the raw image itself."
-    )
-    found.command = typed("refocus", source, "--white", "WHITE.png", *options)
-    return found
-
-
-def _unknown_image(source: Path, image: np.ndarray, found: Found) -> Found:
-    """Picture that shows no lenslets: what it may be, and what cannot be known."""
-    fit = [n for n in range(2, 65) if not any(side % n for side in image.shape[:2])]
-    found.facts["lenslets"] = "none are seen for certain"
-    if fit:
-        found.notes.append(
-            f"if this is a lenslet image, N x N pixels to a lenslet, N divides both sides: "
-            f"{', '.join(map(str, fit))}; only the camera's data say which N it is."
+    else:
+        found.kind = "raw image of a plenoptic camera, or its white image"
+        found.missing.append(
+            "the white image (flat field) of the camera, in the same form; or one of the lenslets "
+            "alone (--lenslets), which may be the raw image itself."
         )
-    found.missing.append(
-        "what shows the lenslets: the white image of a raw image (--white), spots (--lenslets), "
-        "the number of pixels under a lenslet of a lenslet image (--views), or the rows x columns "
-        "of views that lie side by side (--mosaic 8x8)."
-    )
-    found.notes.append(_if_focused(source))
-    found.command = typed("refocus", source, "--white", "WHITE.png")
+        found.command = typed("refocus", source, "--white", "WHITE.png", *options)
     return found
-
-
-def _shows_spots(image: np.ndarray) -> bool:
-    """Whether most of a picture is dark, and what is bright is little of it."""
-    lit = image > 0.3 * np.percentile(image, 99.8)
-    return bool(lit.mean() < 0.15)
-
-
-def _if_focused(source: Path) -> str:
-    command = typed("convert", source, "views.npz", "--focused", "CALIBRATION.xml")
-    return (
-        f"a picture does not say whether the lenslets are focused, as those of a Raytrix camera "
-        f"are; for such a camera type: {command} (or its white image in place of the calibration)."
-    )
 
 
 def _views(source: Path) -> Found:
@@ -251,39 +218,31 @@ def _views(source: Path) -> Found:
 
 
 def _lytro_picture(source: Path) -> Found:
-    """Describe a picture of a Lytro camera."""
+    """Picture of a Lytro camera, what is known of its white image, and the next command."""
     file = LytroFile(source)
-    found = Found("picture of a Lytro camera")
-    if file.container is not None:
-        found.facts["container"] = f"{len(file.container.sections)} sections, all as their SHA-1"
-    if file.metadata is not None:
-        found.facts |= _lytro_facts(file.metadata)
+    metadata, container = file.metadata, file.container
+    found = Found("picture of a Lytro camera", command=typed("refocus", source))
+    if container is not None:
+        found.facts["container"] = f"{len(container.sections)} sections, all as their SHA-1"
+    if metadata is not None:
+        found.facts |= _lytro_facts(metadata)
     if not file.has_raw:
+        found.command = ""
         found.missing.append(
             "the raw image: a processed file has no views; export the raw picture (.lfr, or .lfp) "
             "from the camera's library."
         )
-        return found
-    return _with_white(found, file, source)
-
-
-def _with_white(found: Found, file: LytroFile, source: Path) -> Found:
-    """Add what is known of the white image of a raw picture, and the next command."""
-    if file.has_white:
+    elif file.has_white:
         found.facts["white image"] = "in the file"
-        found.command = typed("refocus", source)
-        return found
-    metadata = file.metadata
-    serial = metadata.serial if metadata is not None else ""
-    archive = f"caldata-{serial or 'SERIAL'}.tar"
-    found.missing.append(
-        f"a white image of this camera, without which vignetting is not corrected: {archive}, or "
-        f"the folder of its MOD_*.RAW and MOD_*.TXT; `{typed('refocus', source)}` does "
-        f"without."
-    )
-    if metadata is not None and metadata.grid is None:
-        found.missing.append("the place of the lenslets, so that a white image is needed.")
-    found.command = typed("refocus", source, "--white", archive)
+    else:
+        archive = f"caldata-{(metadata.serial if metadata else '') or 'SERIAL'}.tar"
+        found.missing.append(
+            f"a white image of this camera, without which vignetting is not corrected: {archive}, "
+            f"or the folder of its MOD_*.RAW and MOD_*.TXT; `{found.command}` does without."
+        )
+        if metadata is not None and metadata.grid is None:
+            found.missing.append("the place of the lenslets, so that a white image is needed.")
+        found.command = typed("refocus", source, "--white", archive)
     return found
 
 
@@ -294,15 +253,12 @@ def _lytro_facts(metadata: LytroMetadata) -> dict[str, str]:
         "/".join(f"{x:g}" for x in sorted(set(levels.ravel().tolist())))
         for levels in (metadata.black, metadata.white)
     )
+    turned = metadata.orientation
     facts = {
-        "camera": ", ".join(
-            f"{name}{value}"
-            for name, value in (
-                ("", metadata.model),
-                ("serial number ", metadata.serial),
-                ("firmware ", metadata.firmware),
-            )
-            if value
+        "camera": _joined(
+            ("{}", metadata.model or None),
+            ("serial number {}", metadata.serial or None),
+            ("firmware {}", metadata.firmware or None),
         ),
         "sensor": f"{columns} x {rows} pixels of {metadata.bits} bits, {metadata.bayer} mosaic, "
         f"black {black}, white {white}",
@@ -318,9 +274,8 @@ def _lytro_facts(metadata: LytroMetadata) -> dict[str, str]:
             ("focus step {:g}", metadata.focus_step),
         ),
         "lenslets": metadata.grid.describe() if metadata.grid else "",
+        "orientation": f"{turned} (EXIF); views stay as on the sensor" if turned != 1 else "",
     }
-    if metadata.orientation != 1:
-        facts["orientation"] = f"{metadata.orientation} (EXIF); views stay as on the sensor"
     return {name: fact for name, fact in facts.items() if fact}
 
 
@@ -329,24 +284,23 @@ def _joined(*parts: tuple[str, float | str | None]) -> str:
 
 
 def _lytro_white_files(source: Path) -> Found:
-    """Describe white images of a Lytro camera."""
+    """White images of a Lytro camera."""
     with white_files(source) as files:
         metadata = [one.metadata for one in files]
     if not metadata:
         raise InputError(
             f"{source} holds no white images of a Lytro camera (MOD_*.RAW, MOD_*.TXT)."
         )
-    serials = sorted({one.serial or "unknown" for one in metadata})
     rows, columns = metadata[0].shape
-    found = Found("white images of a Lytro camera")
-    found.facts["images"] = f"{len(metadata)}, {columns} x {rows} pixels of {metadata[0].bits} bits"
-    found.facts["cameras"] = ", ".join(serials[:10])
-    for name, steps in (
-        ("zoom steps", {one.zoom_step for one in metadata}),
-        ("focus steps", {one.focus_step for one in metadata}),
-    ):
-        known = sorted(step for step in steps if step is not None)
-        if known:
-            found.facts[name] = f"{len(known)}, from {known[0]:g} to {known[-1]:g}"
-    found.command = typed("refocus", "PICTURE.lfr", "--white", source)
-    return found
+    facts = {
+        "images": f"{len(metadata)}, {columns} x {rows} pixels of {metadata[0].bits} bits",
+        "cameras": ", ".join(sorted({one.serial or "unknown" for one in metadata})[:10]),
+    }
+    for name in ("zoom_step", "focus_step"):
+        steps = {getattr(one, name) for one in metadata} - {None}
+        if steps:
+            facts[f"{name.replace('_', ' ')}s"] = (
+                f"{len(steps)}, from {min(steps):g} to {max(steps):g}"
+            )
+    command = typed("refocus", "PICTURE.lfr", "--white", source)
+    return Found("white images of a Lytro camera", facts, command=command)
