@@ -77,19 +77,6 @@ def test_pictures_of_an_archive_are_decoded_like_files(tmp_path, rng, kind):
     assert coded == ([1, 1] if kind in ("jpg", "deep.png", "packed.tif") else [0, 0])
 
 
-def test_dark_images_and_gaps_of_an_archive(tmp_path, rng):
-    views = drawn(rng) // 2 + 40
-    dark = rng.integers(0, 20, views.shape).astype(np.uint8)
-    path = pack(tmp_path / "views.zip", numbered(views))
-    other = numbered(dark)
-    other.pop("view_2_3.png")
-    less = read_light_field(path, dark=pack(tmp_path / "dark.zip", other))
-    expected = (views - dark.astype(float))[:2] / 255
-    np.testing.assert_allclose(less.views[:2], expected, atol=1e-6)
-    assert less.weights.sum() == 11
-    assert less.weights[2, 3] == 0
-
-
 def patched(path, name, field, value):
     """Change a number in the central directory's entry of a file, PKZIP APPNOTE 4.3.12."""
     content = bytearray(path.read_bytes())

@@ -13,8 +13,8 @@ from lf_flame._common.input_files import File, Source
 from lf_flame.errors import InputError
 from lf_flame.formats.view_files.orders import Grid, by_columns
 
-DIGITS, DECIMAL = "[0-9]{1,99}", r"(?<![0-9.])[0-9]{1,99}\.[0-9]{1,99}(?!\.?[0-9])"
-"""Patterns of a whole and of a decimal number, beside which there is no other point or digit."""
+NUMBER = r"(?:(?<![0-9.])[0-9]{1,99}\.[0-9]{1,99}(?!\.?[0-9])|[0-9]{1,99})"
+"""Pattern of a decimal number, beside which there is no other point, or of a whole one; a float."""
 
 SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 """Patterns of an optional sign, that after neither a letter nor a digit, and of any."""
@@ -49,8 +49,9 @@ def number_grid(files: list[File], stated: Stated) -> np.ndarray:
     of the last two of as many digits, and the other always 0 or 1: a single row or column.
     """
     names = [file.stem for file in files]
-    (varying, line), (split, _) = (_columns(names, decimals=given) for given in (True, False))
-    if len(varying) == 1 and varying[0] in line and _is_line(line, names):
+    varying, line = _columns(names)
+    split, _ = _columns(names, decimals=False)
+    if line:
         return _arranged(files, line, stated)
     try:
         return _arranged(files, varying, stated)
@@ -60,25 +61,26 @@ def number_grid(files: list[File], stated: Stated) -> np.ndarray:
     return _arranged(files, split, stated)  # 01.02.png is a row and a column, and no decimal number
 
 
-def _columns(names: list[str], *, decimals: bool) -> tuple[list[Column], list[Column]]:
-    """Columns of numbers that vary, and the last two of all."""
+def _columns(names: list[str], *, decimals: bool = True) -> tuple[list[Column], list[Column]]:
+    """Columns of numbers that vary, and the last two of all if they may be a row and a column."""
     parts = split_numbers(names, decimals=decimals)
-    columns = list(zip(*(one[1::2] for one in parts), strict=False))
-    return [column for column in columns if len(set(column)) > 1], columns[-2:]
-
-
-def _is_line(columns: list[Column], names: list[str]) -> bool:
-    """Whether the last two whole numbers have as many digits, and one is always 0 or 1."""
-    words = [re.findall(r"[0-9]+", name)[-2:] for name in names]
-    widths = [min(map(len, column)) for column in zip(*words, strict=True)]
-    whole = all(number % 1 == 0 for column in columns for number in column)
-    constant = any(set(column) in ({0}, {1}) for column in columns)
-    return len(columns) == 2 and whole and constant and widths[0] == widths[1]
+    if len({one[::2] for one in parts}) > 1:
+        return [], []  # what is a number in one name is none in another
+    columns: list[Column] = list(zip(*(one[1::2] for one in parts), strict=True))
+    varying = [column for column in columns if len(set(column)) > 1]
+    if len(varying) != 1 or len(columns) < 2 or varying[0] not in (last := columns[-2:]):
+        return varying, []
+    digits = [re.findall(r"[0-9]+", name)[-2:] for name in names]
+    alike = len({min(map(len, column)) for column in zip(*digits, strict=False)}) == 1
+    whole = all(number % 1 == 0 for number in varying[0])
+    constant = any(set(column) in ({0}, {1}) for column in last)
+    return varying, last if alike and whole and constant else []
 
 
 def _arranged(files: list[File], columns: list[Column], stated: Stated) -> np.ndarray:
     """Arrange files by the last pair of numbers with the smallest grid, or by a running number."""
-    faults, found = [], []
+    faults: list[InputError] = []
+    found: list[tuple[list[Axis], Sequence[Column]]] = []
     for pair in list(pairwise(columns))[::-1]:
         alone = len(set(zip(*pair, strict=True))) == len(files)
         shared = min(len(set(column)) for column in pair) < len(files)
@@ -188,11 +190,16 @@ def split_numbers(
         Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by these,
         ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the exact numbers.
     """
-    ends = re.findall(r"[0-9]\.([0-9]+)", " ".join(names))
-    alike = len(set(map(len, ends))) <= 1 or not any(end.endswith("0") for end in ends)
-    number = DIGITS if not (decimals and alike) else f"(?:{DECIMAL}|{DIGITS})"
     pieces = min(
-        ([re.split(f"({sign}{number})", name) for name in names] for sign in SIGNS),
+        ([re.split(f"({sign}{NUMBER})", name) for name in names] for sign in SIGNS),
         key=lambda some: len({tuple(one[::2]) for one in some}),  # texts between the numbers
     )
+    for k in reversed(range(1, max(map(len, pieces), default=0), 2)):
+        ends = [one[k].partition(".")[2] for one in pieces if k < len(one)]
+        uneven = len({len(end) for end in ends if end}) > 1
+        if not decimals or (uneven and any(end.endswith("0") for end in ends)):
+            for one in pieces:
+                one[k : k + 1] = [
+                    part for word in one[k : k + 1] for part in re.split(r"(\.)", word)
+                ]
     return [tuple(Decimal(part) if k % 2 else part for k, part in enumerate(one)) for one in pieces]

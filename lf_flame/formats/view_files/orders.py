@@ -52,9 +52,11 @@ def arranged_light_field(light_field: LightField, order: str | None) -> LightFie
     """Reorder the views of a light field, their weights and known pixels, from an order, if any."""
     if order is None:
         return light_field
-    held = (light_field.views, light_field.weights, light_field.valid)
-    views, weights, valid = (None if one is None else arranged(one, order) for one in held)
-    return LightField(views, weights=weights, valid=valid)
+    weights, valid = (
+        None if one is None else arranged(one, order)
+        for one in (light_field.weights, light_field.valid)
+    )
+    return LightField(arranged(light_field.views, order), weights=weights, valid=valid)
 
 
 def half_turned(order: str) -> str:
@@ -223,8 +225,8 @@ def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
     The outer ones lie in the corners of a square that fits into a round aperture. They are the
     nearest blocks without missing views, each once.
     """
-    there = [one is not None for one in grid.reshape(-1, *grid.shape[2:])]
-    there = np.reshape(there, grid.shape[:2])
+    filled = [one is not None for one in grid.reshape(-1, *grid.shape[2:])]
+    there = np.reshape(filled, grid.shape[:2])
     whole = np.argwhere(there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:])
     if not len(whole):
         return
