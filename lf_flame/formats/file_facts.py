@@ -104,19 +104,15 @@ def _folder(source: Path) -> Found:
             command=typed("info", paths[0]),
         )
     rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
-    kind = "folder" if source.is_dir() else f"{source.suffix.lower()} file"
     v, u = folder.files.shape
-    facts = {
-        "views": f"{v} x {u}, of {rows} x {columns} pixels, {'grey' if channels < 3 else 'colour'}",
-        "order": f"{folder.found.order}, {folder.found.reason}",
-    }
-    if folder.missing:
-        facts["missing"] = f"{len(folder.missing)} views, which have weight 0"
-    if folder.left_out:
-        facts["left out"] = f"{folder.left_out} other files"
-    notes = folder.found.describe()[1:] + notes_on_coding(source)
-    found = Found(f"{kind} with one image for each view", facts, notes)
-    found.shape, found.command = (v, u, rows, columns), typed("refocus", source)
+    colour = "grey" if channels < 3 else "colour"
+    found = Found(
+        f"{'folder' if source.is_dir() else 'archive'} with one image for each view",
+        {"views": f"{v} x {u}, of {rows} x {columns} pixels, {colour}"},
+        folder.describe().splitlines()[1:] + notes_on_coding(source),
+        command=typed("refocus", source),
+    )
+    found.shape = (v, u, rows, columns)
     return found
 
 
@@ -125,10 +121,11 @@ def _raw_image(source: Path, white: Path | None, lenslets: Path | None) -> Found
     light_field, grid = read_raw(source, white, lenslets=lenslets)
     found = Found("raw image of a plenoptic camera", {"lenslets": grid.describe()})
     found.add_light_field(light_field)
-    given = (("--white", white), ("--lenslets", lenslets))
-    options = [word for name, file in given if file is not None for word in (name, file)]
+    options = [] if lenslets is None else ["--lenslets", lenslets]
     if white is None:
         found.missing.append("the white image (--white), without which outer views are too dark.")
+    else:
+        options = ["--white", white, *options]
     found.command = typed("refocus", source, *options)
     return found
 
