@@ -121,7 +121,7 @@ def _raw_image(source: Path, white: Path | None, lenslets: Path | None) -> Found
     light_field, grid = read_raw(source, white, lenslets=lenslets)
     found = Found("raw image of a plenoptic camera", {"lenslets": grid.describe()})
     found.add_light_field(light_field)
-    options = [] if lenslets is None else ["--lenslets", lenslets]
+    options: list[str | Path] = [] if lenslets is None else ["--lenslets", lenslets]
     if white is None:
         found.missing.append("the white image (--white), without which outer views are too dark.")
     else:

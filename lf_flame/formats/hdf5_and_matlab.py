@@ -4,7 +4,6 @@ No other file is opened and no filter is loaded. The interface is that of
 `lf_flame._common.arrays_in_files`.
 """
 
-import io
 import math
 import struct
 import zlib
@@ -137,11 +136,8 @@ def is_matlab_hdf5(path: str | Path) -> bool:
         return file.read(10) == b"MATLAB 7.3"
 
 
-MATLAB_ERRORS = (
-    OSError, struct.error, zlib.error, ValueError, TypeError, LookupError, ArithmeticError,
-    MemoryError, NotImplementedError, AttributeError,
-)  # fmt: skip
-"""Exceptions of scipy's reader, and of the checks before it, for damaged files."""
+MATLAB_ERRORS = (OSError, struct.error, zlib.error, ValueError, LookupError, MemoryError)
+"""Exceptions for damaged files."""
 
 START, TAG, LARGEST_HEAD = 128, 8, 4096
 """Number of bytes before the first element of a file, of the type and length of an element, and in
@@ -150,8 +146,9 @@ which flags, sizes and name of an array are looked for."""
 MATRIX, COMPRESSED = 14, 15
 """Types of the elements that a file consists of."""
 
-STORED = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
-"""Number of bytes of each type of stored numbers."""
+STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
+          13: "u8"}  # fmt: skip
+"""Types of stored numbers; MATLAB may store whole numbers of class double as bytes."""
 
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8",
            15: "u8"}  # fmt: skip
@@ -162,20 +159,19 @@ LOGICAL, COMPLEX = 0x200, 0x800
 
 
 class MatlabFile:
-    """Real arrays of numbers in a MATLAB file of version 5 (before 7.3), decoded by scipy.
+    """Real arrays of numbers in a MATLAB file of version 5 (before 7.3).
 
     scipy's reader ends the program where the type of stored numbers makes no sense, and unpacks
-    any amount. It is therefore given single arrays, unpacked, with checked parts (MAT-File Format,
+    any amount. The numbers of an array are one block, which NumPy reads (MAT-File Format,
     MathWorks, 1999-2024, chapter 1).
     """
 
     def __init__(self, path: str | Path):
         self.path, size = Path(path), check_regular(path)
         self._found: dict[str, ArrayHeader] = {}
-        self._places: dict[str, tuple[int, int, int]] = {}
+        self._places: dict[str, tuple[int, int, int, int, str]] = {}
         with readable(path, MATLAB_ERRORS), self.path.open("rb") as file:
-            self._start = file.read(START)
-            order = {b"IM": "<", b"MI": ">"}.get(self._start[126:])
+            order = {b"IM": "<", b"MI": ">"}.get(file.read(START)[126:])
             if order is None:
                 raise InputError(
                     f"{path} is no MATLAB file of version 5 or 7.3: save the light field in MATLAB "
@@ -193,10 +189,10 @@ class MatlabFile:
                     kind, count = struct.unpack_from(f"{order}II", head)
                 if kind == MATRIX:
                     count = count if packed else stored
-                    name, header = _read_parts(head[TAG : TAG + count], count, order)
+                    name, header, *block = _read_parts(head[TAG : TAG + count], count, order)
                     if header is not None and name not in self._found:
                         self._found[name] = header
-                        self._places[name] = (place, stored, count if packed else 0)
+                        self._places[name] = (place, stored, count if packed else 0, *block)
                 file.seek(end)
         self.names = list(self._found)
 
@@ -206,17 +202,16 @@ class MatlabFile:
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
         """Read arrays by name, if they fit into memory `copies` times, and one as stored."""
-        from scipy.io import loadmat
-
         names, arrays = list(names), []
         need = [self.header(name).nbytes for name in names]
         check_memory(int(copies * sum(need) + 2 * max(need, default=0)), self.path)
         with readable(self.path, MATLAB_ERRORS), self.path.open("rb") as file:
             for name in names:
-                element = self._element(file, *self._places[name])
-                stored = loadmat(io.BytesIO(self._start + element), variable_names=[name])[name]
-                # MATLAB may store whole numbers of class double as bytes.
-                arrays.append(stored.astype(self.header(name).dtype, copy=False))
+                place, stored, count, first, kind = self._places[name]
+                shape, dtype = self.header(name).shape, self.header(name).dtype
+                element = self._element(file, place, stored, count)
+                numbers = np.frombuffer(element, kind, math.prod(shape), TAG + first)
+                arrays.append(numbers.reshape(shape, order="F").astype(dtype))
         return arrays
 
     def _element(self, file: IO[bytes], place: int, stored: int, count: int) -> bytes:
@@ -233,8 +228,8 @@ class MatlabFile:
         return element
 
 
-def _read_parts(head: bytes, count: int, order: str) -> tuple[str, ArrayHeader | None]:
-    """Name and header of a variable; no header if it is no array of real numbers."""
+def _read_parts(head: bytes, count: int, order: str) -> tuple[str, ArrayHeader | None, int, str]:
+    """Name, header, and place and type of the numbers; no header without real numbers."""
     parts, at = [], 0
     for _ in range(4):  # flags, sizes, name, numbers
         kind, length = struct.unpack_from(f"{order}II", head, at)
@@ -246,10 +241,11 @@ def _read_parts(head: bytes, count: int, order: str) -> tuple[str, ArrayHeader |
         flags = struct.unpack_from(f"{order}I", parts[0])[0]
         dtype = "?" if flags & LOGICAL else CLASSES.get(flags & 0xFF)
         if dtype is None or flags & COMPLEX:
-            return "", None
+            return "", None, 0, ""
     sizes, name = parts[1], parts[2].decode("latin1")
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-    size = math.prod(shape) * STORED.get(kind, -1)
+    stored = order + STORED[kind]
+    size = math.prod(shape) * np.dtype(stored).itemsize
     if min(shape) < 0 or length != size or first + length > count:
         raise ValueError("the numbers of an array do not fit its sizes")
-    return name, ArrayHeader(shape, np.dtype(dtype))
+    return name, ArrayHeader(shape, np.dtype(dtype)), first, stored
