@@ -17,13 +17,13 @@ from lf_flame.formats.arrays import read_array
 from lf_flame.formats.hdf5_and_matlab import Hdf5File
 from lf_flame.formats.view_files.orders import FoundOrder, arranged, find_order, half_turned
 
-VIEWS, DEPTH, NEEDED = "LF", "GT_DEPTH", ("dH", "focalLength", "shift")
-"""Names of the views and of their depths, and attributes that turn a depth into a slope."""
+DEPTH = "GT_DEPTH"
+"""Name of the depths."""
 
 
 def is_hci(file: Hdf5File) -> bool:
     """Whether an HDF5 file holds views and the attributes of this benchmark."""
-    return VIEWS in file.names and set(NEEDED) <= set(file.numbers)
+    return "LF" in file.names and {"dH", "focalLength", "shift"} <= set(file.numbers)
 
 
 def find_hci_order(file: Hdf5File, views: np.ndarray) -> FoundOrder:
@@ -78,13 +78,13 @@ def read_true_slopes(path: str | Path) -> np.ndarray:
     file = Hdf5File(path)
     if not is_hci(file) or DEPTH not in file.names:
         raise InputError(
-            f"{path} holds no true slopes: it needs the arrays {VIEWS} and {DEPTH}, and the "
-            f"attributes {', '.join(NEEDED)}."
+            f"{path} holds no true slopes: it needs the arrays LF and GT_DEPTH, and the attributes "
+            f"dH, focalLength and shift."
         )
     slopes = _slopes(file)
     if slopes.ndim != 4:
         return slopes
-    return arranged(slopes, find_hci_order(file, read_array(path, array=VIEWS)[0].views).order)
+    return arranged(slopes, find_hci_order(file, read_array(path, array="LF")[0].views).order)
 
 
 def _slopes(file: Hdf5File) -> np.ndarray:
