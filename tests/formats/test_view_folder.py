@@ -235,6 +235,11 @@ def uneven(form, *steps, order=None):
     return partial(pictures(*names), order=order)
 
 
+def test_a_row_and_a_column_without_views_are_holes():
+    found = pictures(*numbered((0, 2, 5), (0, 2, 5), "{}_{}.png"))()
+    np.testing.assert_array_equal(found.weights, np.outer([1, 0, 1, 0, 0, 1], [1, 0, 1, 0, 0, 1]))
+
+
 ONE_STEP, OFF = "views need equal steps along both axes", "off a regular grid"
 MM = "y{:.2f}_x{:.2f}.png"
 test_numbers_without_one_step_are_refused = refusals(
