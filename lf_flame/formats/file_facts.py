@@ -58,7 +58,7 @@ class Found:
         if light_field.uncounted:
             self.facts["weights"] = light_field.uncounted
         if light_field.unknown:
-            self.facts["unknown pixels"] = light_field.unknown
+            self.facts["unknown"] = light_field.unknown
 
 
 def typed(*words: str | Path) -> str:
@@ -66,10 +66,19 @@ def typed(*words: str | Path) -> str:
     return " ".join(["lf-flame", *(shlex.quote(str(word)) for word in words)])
 
 
-def describe(source: Path, white: Path | None = None, lenslets: Path | None = None) -> Found:
-    """Find out what a file or folder is; of a raw image, by an image that shows its lenslets."""
+def describe(
+    source: Path,
+    white: Path | None = None,
+    lenslets: Path | None = None,
+    dark: Path | None = None,
+) -> Found:
+    """Find out what a file or folder is; of a raw image, by images of the same camera."""
+    given = {"--white": white, "--lenslets": lenslets, "--dark": dark}
+    options = [word for pair in given.items() if pair[1] is not None for word in pair]
     if white is not None or lenslets is not None:
-        return _raw_image(source, white, lenslets)
+        return _raw_image(source, white, lenslets, dark, options)
+    if dark is not None:
+        raise InputError("--dark needs --white or --lenslets here: they show the lenslets.")
     if is_lytro(source):
         return _lytro_picture(source)
     if source.suffix.lower() == ".tar" or (source.is_dir() and holds_white_files(source)):
@@ -116,16 +125,13 @@ def _folder(source: Path) -> Found:
     return found
 
 
-def _raw_image(source: Path, white: Path | None, lenslets: Path | None) -> Found:
+def _raw_image(source: Path, white, lenslets, dark, options: list) -> Found:
     """Raw image with a white image or one of the lenslets: it is decoded, so that all fits."""
-    light_field, grid = read_raw(source, white, lenslets=lenslets)
+    light_field, grid = read_raw(source, white, lenslets=lenslets, dark=dark)
     found = Found("raw image of a plenoptic camera", {"lenslets": grid.describe()})
     found.add_light_field(light_field)
-    options: list[str | Path] = [] if lenslets is None else ["--lenslets", lenslets]
     if white is None:
         found.missing.append("the white image (--white), without which outer views are too dark.")
-    else:
-        options = ["--white", white, *options]
     found.command = typed("refocus", source, *options)
     return found
 

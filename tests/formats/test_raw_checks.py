@@ -9,7 +9,7 @@ from micro_images import nearest_lenslet
 from scipy import ndimage
 
 from lf_flame import InputError
-from lf_flame.formats import DecodePlan, LensletGrid, estimate_grid
+from lf_flame.formats import DecodePlan, LensletGrid, decode_raw, estimate_grid
 
 SHAPE, PITCH = (260, 310), 11.4
 TEXTURE = 0.45 + 0.3 * ndimage.zoom(np.random.default_rng(5).uniform(-1, 1, (30, 30)), 5, order=1)
@@ -117,6 +117,11 @@ def test_mosaics_of_strong_colours_fit_and_moved_ones_do_not(pattern, caplog):
         assert said_of(raw, white, caplog, pattern) == "nothing"
         moved = coloured(sensor(pitch=12.0, moved=5), (0.5, 1.0, 0.6))
         assert said_of(raw, moved, caplog, pattern) != "nothing"
+    other = {"rggb": "gbrg", "gbrg": "rggb"}[pattern]
+    decode_raw(0.5 * white, estimate_grid(white), white=white, bayer=pattern)
+    assert "unless its light is reddish" not in caplog.text
+    decode_raw(0.5 * white, estimate_grid(white), white=white, bayer=other)
+    assert f"green by --bayer {other}" in caplog.text
 
 
 def test_the_first_frame_alone_is_compared_with_the_white_image(caplog):

@@ -25,15 +25,42 @@ that is moved by 0.22 of a pitch) and a refusal (0.78 for 0.35 of a pitch)."""
 
 
 def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
-    """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has.
+    """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has."""
+    sums, sign = _pattern(image, grid)
+    if not sign:
+        return
+    levels = sums / sums.max()
+    brighter = [one for one in PATTERNS if (one[0] == "g") == (sign > 0)]
+    raise InputError(
+        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
+        f"have mean levels in the ratio {', '.join(f'{level:.2f}' for level in levels.flat)}; "
+        f"decode it as a raw image and state the colours of the upper left four pixels, row by "
+        f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
+        f"diagonal is green in most light."
+    )
+
+
+def note_on_colours(white: np.ndarray, grid: LensletGrid, bayer: str) -> str:
+    """Say that the stated greens are darker than red and blue in the white image."""
+    _, sign = _pattern(white, grid)
+    if not sign or (sign > 0) == (bayer[0] == "g"):
+        return ""
+    return (
+        f"The white image is darker in the pixels that are green by --bayer {bayer} than in the "
+        f"others: unless its light is reddish, the order of the colours is another."
+    )
+
+
+def _pattern(image: np.ndarray, grid: LensletGrid) -> tuple[np.ndarray, int]:
+    """Light of the pixels of each 2 x 2, and which diagonal is brighter: 1, -1, or 0 for neither.
 
     image: (rows, columns[, channels]), without its black level; one in colour is no mosaic. The
     pattern is that of the light around the centres of eight groups of lenslets, whose mean must
     exceed 8 standard errors: texture is then not taken for colour.
     """
-    image = np.atleast_3d(image)
+    image, none = np.atleast_3d(image), (np.zeros((2, 2)), 0)
     if image.shape[2] != 1 or min(image.shape[:2]) < 2 * grid.pitch:
-        return
+        return none
     centres = grid.centres(image.shape).reshape(-1, 2)
     is_even = abs(np.exp(1j * math.pi * centres.sum(axis=1)).mean()) < 0.01
     y, x = np.rint(centres).astype(int).T
@@ -46,21 +73,13 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
         light = weight * image[y + dy - 2, x + dx - 2, 0].astype(np.float64)
         np.add.at(sums, (group, (y + dy) % 2, (x + dx) % 2), light)
     if not np.all(sums > 0):  # too few lenslets, or no light
-        return
+        return none
     logs = np.log(sums)
     contrast = logs[:, 0, 0] + logs[:, 1, 1] - logs[:, 0, 1] - logs[:, 1, 0]
     least = LEAST_EVEN if is_even else LEAST_SMALL_CONTRAST if grid.pitch < 10 else LEAST_CONTRAST
     if abs(contrast.mean()) < max(least, 8 * contrast.std(ddof=1) / math.sqrt(8)):
-        return
-    levels = sums.sum(axis=0) / sums.sum(axis=0).max()
-    brighter = [one for one in PATTERNS if (one[0] == "g") == (contrast.mean() > 0)]
-    raise InputError(
-        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
-        f"have mean levels in the ratio {', '.join(f'{level:.2f}' for level in levels.flat)}; "
-        f"decode it as a raw image and state the colours of the upper left four pixels, row by "
-        f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
-        f"diagonal is green in most light."
-    )
+        return none
+    return sums.sum(axis=0), int(np.sign(contrast.mean()))
 
 
 def refuse_spots(lit: np.ndarray) -> None:

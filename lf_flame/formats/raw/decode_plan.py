@@ -238,6 +238,8 @@ class DecodePlan:
             light = np.ascontiguousarray(self._mended(light), np.float32)
             if self.bayer is None:
                 checks.refuse_mosaic(light, self._grid, "white")
+            else:
+                self._notes.append(checks.note_on_colours(light, self._grid, str(pattern)))
             self._micro_images = checks.mean_micro_images(light, self._grid, self._step)
             bright = self._use_white(light, pattern)
         self.weights = _own_views(self._grid, views) & self._lit

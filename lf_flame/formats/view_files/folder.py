@@ -272,7 +272,8 @@ def write_view_folder(
     folder = Path(folder).resolve()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
-    levels = light_field.views if bits == 32 else to_levels(light_field.views, bits)
+    views = light_field.filled
+    levels = views if bits == 32 else to_levels(views, bits)
     suffix = ".tif" if bits == 32 else ".png"
     width = max(2, len(str(max(levels.shape[:2]) - 1)))
     with atomic_folder(folder) as aside:
