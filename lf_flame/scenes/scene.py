@@ -175,8 +175,9 @@ def _checked_cells(
         )
     cells = np.array(cells, dtype=np.float64)
     if not np.all(np.isfinite(cells)) or cells.min() < 0 or cells.max() > most:
+        limit = f", at most {most:g}" if most < np.inf else ""
         raise InputError(
-            f"A layer's {name} must be finite and not negative, at most {most:g}, "
+            f"A layer's {name} must be finite and not negative{limit}, "
             f"got values from {cells.min()} to {cells.max()}."
         )
     cells.flags.writeable = False
@@ -203,7 +204,9 @@ def _checked_absorption(
 ) -> np.ndarray:
     """Optical thickness of each cell; an opaque layer has neither it nor an extent."""
     if np.ndim(optical_thickness) == 0:
-        optical_thickness = np.full(shape, optical_thickness, np.float64)
+        optical_thickness = np.broadcast_to(
+            np.asarray(optical_thickness, np.float64), shape
+        )  # takes none
     tau = _checked_cells(optical_thickness, "optical_thickness", shape)
     if not 0 <= thickness_mm < LARGEST_MM:
         raise InputError(
