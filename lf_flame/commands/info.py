@@ -18,8 +18,9 @@ from lf_flame.errors import InputError
 @option("--white", "White image of the raw image SOURCE; says if it fits.", PATH)
 @option("--lenslets", "Image that shows the lenslets of SOURCE.", PATH)
 @option("--dark", "Picture without light, for SOURCE and the white image.", PATH)
+@option("--bayer", "Colours of its mosaic, row by row.", metavar="rggb")
 @camera_option("; says what mm it gives")
-def info(source: Path, white, lenslets, dark, camera: Path | None) -> None:
+def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 
     SOURCE is anything that may hold a light field: a picture of a Lytro camera (.lfp, .lfr, .raw),
@@ -39,7 +40,7 @@ def info(source: Path, white, lenslets, dark, camera: Path | None) -> None:
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
     lens = open_lens(camera)
-    found = describe(source, white, lenslets, dark)
+    found = describe(source, white, lenslets, dark, bayer)
     if lens is not None and camera is not None:
         if found.shape:
             lens.check_views(found.shape)

@@ -17,6 +17,7 @@ from lf_flame.formats.lytro.metadata import LytroMetadata
 from lf_flame.formats.lytro.picture import LytroFile
 from lf_flame.formats.lytro.white import holds_white_files, white_files
 from lf_flame.formats.raw.checks import refuse_mosaic
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.reading import read_raw
 from lf_flame.formats.reading import find_light_field, note_on_order
@@ -71,14 +72,16 @@ def describe(
     white: Path | None = None,
     lenslets: Path | None = None,
     dark: Path | None = None,
+    bayer: str | None = None,
 ) -> Found:
     """Find out what a file or folder is; of a raw image, by images of the same camera."""
-    given = {"--white": white, "--lenslets": lenslets, "--dark": dark}
+    given = {"--white": white, "--lenslets": lenslets, "--dark": dark, "--bayer": bayer}
     options = [word for pair in given.items() if pair[1] is not None for word in pair]
     if white is not None or lenslets is not None:
-        return _raw_image(source, white, lenslets, dark, options)
-    if dark is not None:
-        raise InputError("--dark needs --white or --lenslets here: they show the lenslets.")
+        light_field, grid = read_raw(source, white, lenslets=lenslets, dark=dark, bayer=bayer)
+        return _raw_image(source, light_field, grid, options)
+    if options:
+        raise InputError(f"{options[0]} needs --white or --lenslets, which show the lenslets.")
     if is_lytro(source):
         return _lytro_picture(source)
     if source.suffix.lower() == ".tar" or (source.is_dir() and holds_white_files(source)):
@@ -125,12 +128,11 @@ def _folder(source: Path) -> Found:
     return found
 
 
-def _raw_image(source: Path, white, lenslets, dark, options: list) -> Found:
+def _raw_image(source: Path, light_field: LightField, grid: LensletGrid, options: list) -> Found:
     """Raw image with a white image or one of the lenslets: it is decoded, so that all fits."""
-    light_field, grid = read_raw(source, white, lenslets=lenslets, dark=dark)
     found = Found("raw image of a plenoptic camera", {"lenslets": grid.describe()})
     found.add_light_field(light_field)
-    if white is None:
+    if "--white" not in options:
         found.missing.append("the white image (--white), without which outer views are too dark.")
     found.command = typed("refocus", source, *options)
     return found
