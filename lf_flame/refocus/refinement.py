@@ -146,18 +146,22 @@ def _fit_views(t, slope, some, unit, limit, numerator, denominator):
         )
 
 
-@njit
+@njit(_nrt=False)
 def _read_view(some, slope, v, u, t, s, y, y_taps, x, x_taps):
-    """Read view (v, u) where it shows pixel (t, s): value, and derivatives along t and s."""
+    """Read view (v, u) where it shows pixel (t, s): value, and derivatives along t and s.
+
+    Without `_nrt`, each call counts references to the arrays, and threads wait for each other.
+    """
     value, along_t, along_s = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    view, at, taps = some.views[v, u], x[u], x_taps[u]
     for a in range(4):
-        line = view[y[v, a]]
-        i, j, k, m = line[at[0]], line[at[1]], line[at[2]], line[at[3]]
-        part = taps[0] * i + taps[1] * j + taps[2] * k + taps[3] * m
+        part, change = np.float32(0.0), np.float32(0.0)
+        for b in range(4):
+            light = some.views[v, u, y[v, a], x[u, b]]
+            part += x_taps[u, b] * light
+            change += x_taps[u, b + 4] * light
         value += y_taps[v, a] * part
         along_t += y_taps[v, a + 4] * part
-        along_s += y_taps[v, a] * (taps[4] * i + taps[5] * j + taps[6] * k + taps[7] * m)
+        along_s += y_taps[v, a] * change
     if not some.even:
         rows, columns, height, width = some.views.shape
         p = 2 * (t + slope * (v - (rows - 1) / 2)) / max(height - 1, 1) - 1
