@@ -106,7 +106,7 @@ class EthyleneFlame(Measured):
 class Exposure:
     """One raw image of a flame, its decoding, and the camera's calibration by a furnace.
 
-    Of soot on planes the depths are known, of an axisymmetric flame the radius.
+    The depths of soot on planes are known, and the radius of an axisymmetric flame.
     """
 
     flame: Any

@@ -49,6 +49,13 @@ with suppress(importlib.metadata.PackageNotFoundError, OSError):
         if _file.name == "libtbb.so.12":
             ctypes.CDLL(str(_file.locate()))
 
+uncounted = njit(_nrt=False)
+"""Compile a function that a loop calls without counts of references to its arrays.
+
+Threads wait for each other where they count: a slope map took four times as long with counts. The
+option is private in Numba. The function may not create arrays.
+"""
+
 _PROCESS, _LOCK = os.getpid(), threading.Lock()
 
 

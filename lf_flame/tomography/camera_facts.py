@@ -1,4 +1,4 @@
-"""What a camera sees in mm, and what it resolves in depth, in words and tables."""
+"""Facts and tables of a camera: its field and focus in mm, and its resolution in depth."""
 
 from collections.abc import Sequence
 

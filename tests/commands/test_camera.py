@@ -18,6 +18,14 @@ def test_the_papers_camera_is_the_default():
     # 1 mm / 0.239 rad, and 1 + 30 mm / 4.18 mm
     assert re.search(r"^1 +4\.18 +8\.2$", said, re.MULTILINE)
     assert re.search(r"^10 +41\.8 +1\.7$", said, re.MULTILINE)
+    assert "0.2390 rad (13.6 degrees)" in said  # 2 atan(0.239 / 2)
+
+
+def test_the_extent_in_depth_fits_a_near_camera(tmp_path):
+    """A tenth of 40 mm, where the default of 30 mm would be nearly at the lens."""
+    text = camera_toml(5, (48, 60)).replace("= 150.0", "= 18.0").replace("= 326.0", "= 40.0")
+    (tmp_path / "camera.toml").write_text(text)
+    assert "values in 4 mm of depth" in run("camera", tmp_path / "camera.toml").output
 
 
 def test_periods_from_two_pixels_on_are_listed(tmp_path):

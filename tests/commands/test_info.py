@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 from focused_pictures import Camera, Waves
 
-from lf_flame import LightField
+from lf_flame import InputError, LightField
 from lf_flame.commands.cli import commands
 from lf_flame.formats import write_focal_stack, write_lenslet_image, write_light_field
 from lf_flame.formats.images import write_image
@@ -132,8 +132,21 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     said = told("raw.png")
     assert "rectangular lenslets, pitch 12.3" in said
     assert "next: lf-flame refocus raw.png --white WHITE.png" in said
+    given = ["--white", "raw.png", "--dark", "dark.png", "--bayer", "rggb"]
+    write_image(tmp_path / "dark.png", np.full(raw.shape, 500, np.uint16))
+    light = (raw + 500).astype(np.uint16)
+    light[::2, ::2] //= 3  # red
+    light[1::2, 1::2] //= 3  # blue
+    write_image(tmp_path / "light.png", light)
+    given[1] = "light.png"
+    assert told("light.png", *given).endswith(
+        f"next: lf-flame refocus light.png {' '.join(given)}\n"
+    )
+    for option in (given[2:4], given[4:]):
+        with pytest.raises(InputError, match=f"{option[0]} needs --white or --lenslets"):
+            told("raw.png", *option)
     assert "N divides both sides: 2, 5, 10, 25, 50;" in told("plain.png")
-    assert "next: lf-flame info on.png" in told(".")
+    assert "next: lf-flame info dark.png" in told(".")
     mosaic = raw.copy()
     mosaic[::2, ::2] //= 3  # of red or blue
     write_image(tmp_path / "mosaic.png", mosaic)

@@ -110,7 +110,7 @@ def test_a_bad_pixel_among_saturated_ones_and_one_without_a_good_neighbour_are_u
 
 
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout):
+def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout, tmp_path):
     grid = LensletGrid(11, 11, 9, layout=layout)
     white = np.ones((80, 100))
     for column in (4, 5):  # two neighbours, so that one is not taken for dead pixels
@@ -126,6 +126,10 @@ def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout):
         assert found.valid[:, 2:].all()
     plain = shift_and_sum(found, 0.0)
     np.testing.assert_allclose(plain, np.median(plain), rtol=1e-3)
+    assert (found.views[~found.valid] == 0).any()
+    write_light_field(found, tmp_path / "views")
+    written = read_light_field(tmp_path / "views", order="row,col").views[2]
+    np.testing.assert_allclose(written, np.median(plain), rtol=2e-3)
 
 
 def test_weights_and_what_is_known_come_back_from_npz(tmp_path):

@@ -12,10 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import parallel
-
-uncounted = njit(_nrt=False)
-"""Compile without counts of references to arrays, which took a third of the time."""
+from lf_flame._common.threads import parallel, uncounted
 
 LANES = 16
 """Number of lines that are integrated side by side, in the lanes of vector instructions."""

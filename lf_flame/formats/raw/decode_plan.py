@@ -239,13 +239,13 @@ class DecodePlan:
             if self.bayer is None:
                 checks.refuse_mosaic(light, self._grid, "white")
             else:
-                self._notes.append(checks.note_on_colours(light, self._grid, str(pattern)))
+                self._notes.append(checks.note_on_colours(light, self._grid, self.bayer))
             self._micro_images = checks.mean_micro_images(light, self._grid, self._step)
             bright = self._use_white(light, pattern)
         self.weights = _own_views(self._grid, views) & self._lit
         lost = None if self._bad is None else self._untouched(self._bad.lost_in(size))
         self._valid = self._known(bright, lost)
-        # What is too dark in the white image bounds nothing, as saturated pixels do.
+        # Saturated pixels are lower bounds of the light; those too dark in the white image are not.
         self._unlit = None if bright is None or (lit := self._known(bright)) is None else ~lit
 
     def decode(self, raw: ArrayLike) -> LightField:
