@@ -6,7 +6,7 @@ from typing import Any
 from lf_flame._common.images import FORMATS, PILLOW_ERRORS, TIFF_SUFFIXES, open_image, open_tiff
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro
-from lf_flame.formats.lytro.picture import LytroFile
+from lf_flame.formats.lytro.picture import read_lytro
 
 EXIF, TIME, SPEED = 0x8769, 0x829A, 0x8827
 """Tags of the EXIF table, the exposure time in s and the ISO speed."""
@@ -50,9 +50,7 @@ def read_exposure(path: str | Path) -> float | None:
 
 
 def _lytro(path: Path) -> tuple[float, float]:
-    metadata = LytroFile(path).metadata
-    if metadata is None:
-        return 0.0, 0.0
+    metadata = read_lytro(path).metadata
     return metadata.exposure_s or 0.0, metadata.iso or 0.0
 
 

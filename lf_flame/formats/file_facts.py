@@ -14,7 +14,7 @@ from lf_flame.formats.coding import notes_on_coding
 from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro, read_image
 from lf_flame.formats.lytro.metadata import LytroMetadata
-from lf_flame.formats.lytro.picture import LytroFile
+from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import holds_white_files, white_files
 from lf_flame.formats.raw.checks import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
@@ -224,30 +224,21 @@ def _views(source: Path) -> Found:
 
 def _lytro_picture(source: Path) -> Found:
     """Picture of a Lytro camera, what is known of its white image, and the next command."""
-    file = LytroFile(source)
-    metadata, container = file.metadata, file.container
-    found = Found("picture of a Lytro camera", command=typed("refocus", source))
-    if container is not None:
-        found.facts["container"] = f"{len(container.sections)} sections, all as their SHA-1"
-    if metadata is not None:
-        found.facts |= _lytro_facts(metadata)
-    if not file.has_raw:
-        found.command = ""
-        found.missing.append(
-            "the raw image: a processed file has no views; export the raw picture (.lfr, or .lfp) "
-            "from the camera's library."
-        )
-    elif file.has_white:
+    picture = read_lytro(source)
+    metadata = picture.metadata
+    command = typed("refocus", source)
+    found = Found("picture of a Lytro camera", _lytro_facts(metadata), command=command)
+    if picture.white_image is not None:
         found.facts["white image"] = "in the file"
-    else:
-        archive = f"caldata-{(metadata.serial if metadata else '') or 'SERIAL'}.tar"
-        found.missing.append(
-            f"a white image of this camera, without which vignetting is not corrected: {archive}, "
-            f"or the folder of its MOD_*.RAW and MOD_*.TXT; `{found.command}` does without."
-        )
-        if metadata is not None and metadata.grid is None:
-            found.missing.append("the place of the lenslets, so that a white image is needed.")
-        found.command = typed("refocus", source, "--white", archive)
+        return found
+    archive = f"caldata-{metadata.serial or 'SERIAL'}.tar"
+    found.missing.append(
+        f"a white image of this camera, without which vignetting is not corrected: {archive}, "
+        f"or the folder of its MOD_*.RAW and MOD_*.TXT; `{command}` does without."
+    )
+    if metadata.grid is None:
+        found.missing.append("the place of the lenslets, so that a white image is needed.")
+    found.command = typed("refocus", source, "--white", archive)
     return found
 
 
@@ -258,12 +249,10 @@ def _lytro_facts(metadata: LytroMetadata) -> dict[str, str]:
         "/".join(f"{x:g}" for x in sorted(set(levels.ravel().tolist())))
         for levels in (metadata.black, metadata.white)
     )
-    turned = metadata.orientation
     facts = {
         "camera": _joined(
             ("{}", metadata.model or None),
             ("serial number {}", metadata.serial or None),
-            ("firmware {}", metadata.firmware or None),
         ),
         "sensor": f"{columns} x {rows} pixels of {metadata.bits} bits, {metadata.bayer} mosaic, "
         f"black {black}, white {white}",
@@ -271,7 +260,6 @@ def _lytro_facts(metadata: LytroMetadata) -> dict[str, str]:
             ("{:.4g} s", metadata.exposure_s),
             ("f/{:.3g}", metadata.f_number),
             ("ISO {:g}", metadata.iso),
-            ("{}", metadata.date or None),
         ),
         "lens": _joined(
             ("{:.4g} mm", metadata.focal_mm),
@@ -279,7 +267,6 @@ def _lytro_facts(metadata: LytroMetadata) -> dict[str, str]:
             ("focus step {:g}", metadata.focus_step),
         ),
         "lenslets": metadata.grid.describe() if metadata.grid else "",
-        "orientation": f"{turned} (EXIF); views stay as on the sensor" if turned != 1 else "",
     }
     return {name: fact for name, fact in facts.items() if fact}
 
@@ -290,8 +277,7 @@ def _joined(*parts: tuple[str, float | str | None]) -> str:
 
 def _lytro_white_files(source: Path) -> Found:
     """White images of a Lytro camera."""
-    with white_files(source) as files:
-        metadata = [one.metadata for one in files]
+    metadata = [one.metadata for one in white_files(source)]
     if not metadata:
         raise InputError(
             f"{source} holds no white images of a Lytro camera (MOD_*.RAW, MOD_*.TXT)."

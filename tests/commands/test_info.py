@@ -38,10 +38,9 @@ def test_a_lytro_picture(told, tmp_path):
     said = told("my photo.lfr")
     for words in (
         "picture of a Lytro camera",
-        "4 sections, all as their SHA-1",
-        "ILLUM, serial number B5143909630, firmware 1.1.1 (23)",
+        "ILLUM, serial number B5143909630",
         "12 x 8 pixels of 10 bits, grbg mosaic, black 64, white 1023",
-        "0.004 s, f/2.2, ISO 80, 2015-05-17T13:31:37.412Z",
+        "0.004 s, f/2.2, ISO 80",
         "24.2 mm, zoom step -297, focus step 309",
         "hexagonal lenslets, pitch 14.005 pixels",
         "missing: a white image of this camera",
@@ -58,8 +57,7 @@ def test_a_lytro_picture(told, tmp_path):
 
 def test_text_from_a_file_steers_no_terminal(told, tmp_path):
     facts = own.metadata("ILLUM", (8, 12))
-    facts["camera"]["model"] = "\x1b[31mred\nnext: rm -r /"
-    facts["devices"]["clock"]["zuluTime"] = "x" * 5000
+    facts["camera"]["model"] = "\x1b[31mred\nnext: rm -r /" + "x" * 5000
     write_picture(tmp_path / "a.lfr", facts=facts, serial="\x1b]0;title\x07 ; rm -r /")
     said = told("a.lfr")
     assert "\x1b" not in said

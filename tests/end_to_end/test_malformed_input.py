@@ -113,7 +113,7 @@ def write_large_raw(path):
         ("odd.tif", write_odd_tiff, ""),
         ("a.txt", lambda path: path.write_text(""), "is no light field"),
         ("text.lfr", lambda path: path.write_text("text"), "no container of a Lytro camera"),
-        ("large.raw", write_large_raw, "would need 68.7 GB of memory, and 0.05 GB are allowed"),
+        ("large.raw", write_large_raw, "must hold 5,368,709,120 bytes"),
     ],
     ids=lambda value: str(value)[:20],
 )  # fmt: skip

@@ -115,7 +115,7 @@ def test_slope_without_a_white_image(tmp_path, said):
     light_field = read_light_field(tmp_path / "a.lfp", VIEWS)
     assert measured(light_field, 0.8) == pytest.approx(0.8, rel=0.015)
     assert "vignetting is not corrected" in said()
-    assert "found in the picture, 1.5 pixels from the metadata's" in said()
+    assert "the lenslets are where the picture shows them" in said()
 
 
 def test_the_metadata_place_the_lenslets_of_a_dark_picture(tmp_path, said):

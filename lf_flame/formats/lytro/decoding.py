@@ -7,7 +7,7 @@ import numpy as np
 
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.images import LYTRO_SUFFIXES, is_lytro, read_image
+from lf_flame.formats.images import is_lytro, read_image
 from lf_flame.formats.lytro.picture import LytroPicture, read_lytro
 from lf_flame.formats.lytro.white import find_white
 from lf_flame.formats.raw.decode_plan import DecodePlan
@@ -31,11 +31,13 @@ def plan_lytro(
 ) -> tuple[DecodePlan, np.ndarray]:
     """Read a raw picture of a Lytro camera, and plan its decoding into linear colour views."""
     picture = read_lytro(path)
-    black = None if dark is None else _as_mosaic(dark, picture, "dark")
-    flat = None if white is None else _as_white(white, picture)
+    black, flat, shown = (
+        None if other is None else _mosaic_like(other, picture, name)
+        for other, name in ((dark, "dark"), (white, "white"), (lenslets, "lenslet"))
+    )
     if flat is None and picture.white_image is not None:
         flat = picture.white_image.radiance
-    shown = flat if lenslets is None else _as_white(lenslets, picture)
+    shown = flat if shown is None else shown
     if shown is not None:
         grid = estimate_grid(shown)
     else:
@@ -43,7 +45,8 @@ def plan_lytro(
         LOGGER.warning(
             f"{printable(path)}: vignetting is not corrected, and outer views are too dark, as no "
             f"white image is given (--white with a MOD_*.RAW, its folder or caldata-"
-            f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); {origin}."
+            f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); the lenslets are where "
+            f"{origin}."
         )
     bayer, raw = picture.metadata.bayer, picture.radiance
     plan = DecodePlan(
@@ -52,26 +55,28 @@ def plan_lytro(
     return plan, raw
 
 
-def _as_white(white: str | Path, picture: LytroPicture) -> np.ndarray:
-    """White image for a picture, linear in radiance, from a file, a folder or an archive."""
-    if Path(white).is_dir() or Path(white).suffix.lower() == ".tar":
-        return find_white(picture, white).radiance
-    return _as_mosaic(white, picture, "white")
+def _mosaic_like(path: str | Path, picture: LytroPicture, name: str) -> np.ndarray:
+    """Mosaic like that of a picture, linear in radiance, from another file.
 
-
-def _as_mosaic(path: str | Path, picture: LytroPicture, name: str) -> np.ndarray:
-    """Mosaic like that of a picture, from a raw file of the camera; a white one from any image."""
+    From a raw file of the camera; but for a dark one, also from an image in any unit, or from the
+    camera's folder or archive of white images.
+    """
     metadata = picture.metadata
+    if name != "dark" and (Path(path).is_dir() or Path(path).suffix.lower() == ".tar"):
+        return find_white(picture, path).radiance
     if is_lytro(path):
         other = read_lytro(path)
-        _warn_of_camera(other, picture, name)
-        image, bayer = other.radiance, other.metadata.bayer
-    elif name == "white":  # in any unit
+        image, bayer, serial = other.radiance, other.metadata.bayer, other.metadata.serial
+        if serial and metadata.serial and serial.upper() != metadata.serial.upper():
+            LOGGER.warning(
+                f"The {name} image {printable(path)} is of camera {printable(serial, 40)}, the "
+                f"picture of {printable(metadata.serial, 40)}: lenslets and vignetting may not fit."
+            )
+    elif name != "dark":
         image, bayer = read_image(path), metadata.bayer
     else:
         raise InputError(
-            f"The {name} image of {picture.source} must be a raw file of the camera "
-            f"({', '.join(LYTRO_SUFFIXES)}), got {path}."
+            f"The dark image of {picture.source} must be a raw file of the camera, got {path}."
         )
     if (*image.shape, bayer) != (*metadata.shape, metadata.bayer):
         raise InputError(
@@ -81,18 +86,8 @@ def _as_mosaic(path: str | Path, picture: LytroPicture, name: str) -> np.ndarray
     return image
 
 
-def _warn_of_camera(other: LytroPicture, picture: LytroPicture, name: str) -> None:
-    """Warn of a white or dark image of another camera."""
-    serials = other.metadata.serial, picture.metadata.serial
-    if all(serials) and serials[0].upper() != serials[1].upper():
-        LOGGER.warning(
-            f"The {name} image {printable(other.source)} is of camera {printable(serials[0], 40)}, "
-            f"the picture of {printable(serials[1], 40)}: lenslets and vignetting may not fit."
-        )
-
-
 def _grid_without_white(picture: LytroPicture) -> tuple[LensletGrid, str]:
-    """Grid of a picture, and where it comes from, for a sentence."""
+    """Grid of a picture, and where it comes from."""
     stated = picture.metadata.grid
     if stated is None:
         raise InputError(
@@ -102,28 +97,12 @@ def _grid_without_white(picture: LytroPicture) -> tuple[LensletGrid, str]:
     try:
         found = estimate_grid(picture.radiance, stated.pitch, stated.layout)
     except InputError:
-        return stated, "the lenslets are where the metadata place them, as the picture shows none"
-    if not _agrees(found, stated):
-        return stated, (
-            "the lenslets are where the metadata place them, as those found in the picture differ"
-        )
-    away = _distance(stated, found)
-    return found, f"the lenslets were found in the picture, {away:.2g} pixels from the metadata's"
-
-
-def _agrees(found: LensletGrid, stated: LensletGrid) -> bool:
-    """Whether a found grid has the pitches and the rotation of the metadata."""
-    return (
+        return stated, "the metadata place them, as the picture shows none"
+    agrees = (
         abs(found.pitch / stated.pitch - 1) <= AGREEMENT
         and abs(found.row_pitch / stated.row_pitch - 1) <= AGREEMENT
         and abs(found.rotation - stated.rotation) <= AGREEMENT
     )
-
-
-def _distance(stated: LensletGrid, found: LensletGrid) -> float:
-    """Distance in pixels from a stated micro-image to the nearest one that was found."""
-    row = round((stated.y0 - found.y0) / found.row_pitch)
-    column = round((stated.x0 - found.x0) / found.pitch)
-    rows, columns = np.mgrid[row - 2 : row + 3, column - 2 : column + 3]
-    y, x = found.position(rows, columns)
-    return float(np.hypot(y - stated.y0, x - stated.x0).min())
+    if not agrees:
+        return stated, "the metadata place them, as those found in the picture differ"
+    return found, "the picture shows them"

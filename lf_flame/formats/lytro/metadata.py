@@ -11,22 +11,15 @@ from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.sensor_images import PATTERNS
 
-ENDIANNESS = {10: "little", 12: "big"}
-"""Byte order of packed pixels by their number of bits: 10 in the Illum, 12 in the F01."""
+PACKINGS = {10: ("little", 4), 12: ("big", 2)}
+"""Byte order of packed pixels, and number of them that fill whole bytes, by their number of bits:
+10 in the Illum, 12 in the F01."""
 
 LAYOUTS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "rectangular"}
 """Layout of the lenslets by its name in the metadata."""
 
 LARGEST_SIDE = 1 << 16
 """Largest number of rows and of columns of a frame."""
-
-MOST = 1000
-"""Largest number of tables of a list that are looked at."""
-
-
-def tables(found: Any) -> list[dict[str, Any]]:
-    """Tables in a list; none in anything else."""
-    return [one for one in found[:MOST] if isinstance(one, dict)] if isinstance(found, list) else []
 
 
 class NestedValues:
@@ -44,6 +37,12 @@ class NestedValues:
             if value is not None:
                 return value
         return None
+
+    def first_frame(self) -> dict[str, Any]:
+        """First entry of the list of frames; empty if there is none."""
+        frames = self.find("master/picture/frameArray", "picture/frameArray", "frames")
+        first = frames[0] if isinstance(frames, list) and frames else {}
+        return first if isinstance(first, dict) else {}
 
     def text(self, *paths: str) -> str:
         """Find a text, or an empty one if there is none."""
@@ -88,13 +87,11 @@ class LytroMetadata:
         Levels of no light and of full scale of the upper left 2 x 2 pixels.
     grid : LensletGrid or None
         Lenslets where the metadata place them.
-    model, serial, firmware, date : str
-        Names of camera and time; `serial` is the camera's number.
+    model, serial : str
+        Name and serial number of the camera.
     zoom_step, focus_step : float or None
         Positions of the lens's motors, by which white images are chosen.
     exposure_s, iso, f_number, focal_mm : float or None
-    orientation : int
-        EXIF orientation in which the picture is shown; pixels stay as the sensor has them.
     is_dark : bool
         Whether the frame was taken without light.
     """
@@ -107,29 +104,34 @@ class LytroMetadata:
     grid: LensletGrid | None
     model: str
     serial: str
-    firmware: str
-    date: str
     zoom_step: float | None
     focus_step: float | None
     exposure_s: float | None
     iso: float | None
     f_number: float | None
     focal_mm: float | None
-    orientation: int
     is_dark: bool
 
-    @property
-    def packed_size(self) -> int:
-        """Number of bytes of the packed pixels."""
-        return self.shape[0] * self.shape[1] * self.bits // 8
+    def check_size(self, size: int, source: str | Path) -> None:
+        """Refuse packed pixels of another number of bytes than the frame's."""
+        rows, columns = self.shape
+        if size != rows * columns * self.bits // 8:
+            raise InputError(
+                f"{source} must hold {rows * columns * self.bits // 8:,} bytes, {rows} x {columns} "
+                f"pixels of {self.bits} bits as its metadata say, got {size:,}."
+            )
 
 
-def parse_metadata(
-    values: dict[str, Any], source: str | Path, private: dict[str, Any] | None = None
-) -> LytroMetadata:
-    """Take the facts out of the metadata of a frame of either camera."""
-    frame, inner, tags = _unwrapped(values)
-    tree, hidden = NestedValues(frame, source), NestedValues(private or inner, source)
+def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
+    """Take the facts out of the metadata of a frame of either camera.
+
+    values: metadata of a frame; or a table with a list of frames, the first of which holds its
+    metadata, private metadata and parameters.
+    """
+    first = NestedValues(values, source).first_frame() or {"frame": {"metadata": values}}
+    around = NestedValues(first, source)
+    frame = around.find("frame/metadata")
+    tree = NestedValues(frame if isinstance(frame, dict) else {}, source)
     rows, columns = (
         round(tree.within(2, LARGEST_SIDE, f"image/{side}")) for side in ("height", "width")
     )
@@ -138,6 +140,7 @@ def parse_metadata(
     if not np.all(white > black):
         raise tree.error("image/pixelFormat/white", "must be above black", white.tolist())
     metres = tree.number("devices/lens/focalLength")
+    serial = around.text("frame/privateMetadata/camera/serialNumber")
     return LytroMetadata(
         shape=(rows, columns),
         bits=_bits(tree, rows * columns),
@@ -146,32 +149,15 @@ def parse_metadata(
         white=white,
         grid=_grid(tree, rows, columns),
         model=tree.text("camera/model"),
-        serial=hidden.text("camera/serialNumber") or tree.text("camera/serialNumber"),
-        firmware=tree.text("camera/firmware"),
-        date=tree.text("devices/clock/zuluTime"),
+        serial=serial or tree.text("camera/serialNumber"),
         zoom_step=tree.number("devices/lens/zoomStep"),
         focus_step=tree.number("devices/lens/focusStep"),
         exposure_s=tree.number("devices/shutter/frameExposureDuration"),
         iso=tree.number("image/iso", "devices/sensor/iso"),
         f_number=tree.number("devices/lens/fNumber"),
         focal_mm=None if metres is None else 1e3 * metres,
-        orientation=round(tree.number("image/orientation") or 1),
-        is_dark=NestedValues(tags, source).find("vendorContent/com.lytro.tags/darkFrame") is True,
+        is_dark=around.find("parameters/vendorContent/com.lytro.tags/darkFrame") is True,
     )
-
-
-def _unwrapped(values: dict[str, Any]) -> tuple[dict, dict, dict]:
-    """Metadata, private metadata and parameters of the first frame of a table that wraps them."""
-    frames = NestedValues(values, "").find(
-        "master/picture/frameArray", "picture/frameArray", "frames"
-    )
-    first = next(iter(tables(frames)), {})
-    holder = first.get("frame")
-    holder = holder if isinstance(holder, dict) else values
-    parts = holder.get("metadata", holder), holder.get("privateMetadata")
-    tags = first.get("parameters")
-    frame, private, tags = (x if isinstance(x, dict) else {} for x in (*parts, tags))
-    return frame, private, tags
 
 
 def _mosaic(tree: NestedValues) -> np.ndarray:
@@ -204,17 +190,13 @@ def _bits(tree: NestedValues, pixels: int) -> int:
     bits = tree.number(*(f"{place}/bitsPerPixel" for place in places))
     order = tree.text(*(f"{place}/endianness" for place in places))
     shift = tree.number(*(f"{place[:-7]}Format/rightShift" for place in places)) or 0
-    if bits not in ENDIANNESS or order != ENDIANNESS[int(bits)] or shift:
+    if bits not in PACKINGS or order != PACKINGS[int(bits)][0] or shift:
         got = f"{bits} bits, {order or 'no byte order'}, shifted by {shift:g}"
         raise tree.error(places[0], "must be 10 bits little or 12 bits big, not shifted", got)
-    group = PIXELS_A_GROUP[int(bits)]
+    group = PACKINGS[int(bits)][1]
     if pixels % group:
         raise tree.error("image", f"must have a multiple of {group} pixels", pixels)
     return int(bits)
-
-
-PIXELS_A_GROUP = {10: 4, 12: 2}
-"""Number of pixels that are packed into whole bytes together, by their number of bits."""
 
 
 def _grid(tree: NestedValues, rows: int, columns: int) -> LensletGrid | None:
