@@ -35,7 +35,7 @@ def camera(file, depths, periods, thickness_mm) -> None:
     """
     from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
     from lf_flame.optics.camera_report import camera_report, depth_table
-    from lf_flame.tomography.camera_facts import finest_period, lens_facts, resolution_report
+    from lf_flame.tomography.resolution import finest_period, lens_facts, resolution_report
 
     lens = open_lens(file) or PAPER_CAMERA
     if periods and min(periods) < (finest := finest_period(lens)):

@@ -65,13 +65,6 @@ AXIS = cloup.option_group(
     flag("--central", "Use the central view alone.", rare=True),
 )
 
-SOOT_EXPONENT = option(
-    "--soot-exponent",
-    "Exponent a of soot's absorption, wavelength^-a, with --colours (default: 1).",
-    FiniteRange(-1, 5),
-    rare=True,
-)
-
 
 def fitting(rare: bool) -> tuple:
     """Options of the fit; `rare` says whether ``--help`` shows none of them."""
@@ -86,13 +79,18 @@ def fitting(rare: bool) -> tuple:
             default="fit",
             rare=True,
         ),
-        option("--colours", "colours.toml of `calibrate-colours`, for soot.", FILE),
-        SOOT_EXPONENT,
     )
 
 
 FITTING = (
     *fitting(rare=False),
+    option("--colours", "colours.toml of `calibrate-colours`, for soot.", FILE),
+    option(
+        "--soot-exponent",
+        "Exponent a of soot's absorption, wavelength^-a, with --colours (default: 1).",
+        FiniteRange(-1, 5),
+        rare=True,
+    ),
     option("--bootstrap", "Draws for error bars; 0: none.", COUNT, default=20),
     option("--seed", "Seed of those draws.", SEED, default=0, rare=True),
     flag(
@@ -332,8 +330,6 @@ class _Job:
         from lf_flame.tomography import write_emission
 
         write_emission(found, light_field, folder)
-        notes = [*self.facts["notes"], *found.unseen]
-        folder.facts |= self.facts | more | {"notes": notes}
+        folder.facts |= self.facts | more
         folder.facts["source"] = recorded_path(self.source, folder.folder)
         tell_all(word, found.warnings)
-        tell_all("Note", found.unseen)

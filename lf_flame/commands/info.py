@@ -35,7 +35,7 @@ def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> Non
       lf-flame info flame.npz --camera calibration.toml  in mm: pixels, focus, depth
     """  # noqa: D301 - click reads the backspace
     from lf_flame.formats.file_facts import describe
-    from lf_flame.tomography.camera_facts import lens_facts
+    from lf_flame.tomography.resolution import lens_facts
 
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")

@@ -169,15 +169,11 @@ def flicker(
 @READING
 @WORKERS
 @option("--out", "Folder of the Zarr group to make.", FOLDER, required=True)
-def process(
-    sources, steps, camera, colours, frames_per_second, depths, planes, out,
-    **options,
-) -> None:  # fmt: skip
+def process(sources, steps, camera, frames_per_second, depths, planes, out, **options) -> None:
     """Process every frame of a video of light fields; resumes an interrupted run.
 
     FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, or one
-    folder of them. Steps are decode, refocus@10mm (or refocus@0.5, a slope), emission, temperature
-    and height.
+    folder of them. Steps are decode, refocus@10mm (or refocus@0.5, a slope), emission and height.
 
     \b
       lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
@@ -188,13 +184,12 @@ def process(
       lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
           --steps decode,refocus@0.5,height
 
-    temperature is that of soot, from the emission before it; height, with contour, width, area and
-    brightness, measures the image refocused before it, or the central view. With --strength, a fit
-    starts from that of the frame before, in a third of the time. A missing number in the names, a
-    damaged frame, and one of another size or exposure than the first are named, counted, and stay
-    gaps (NaN). The result is one Zarr group with named axes, for xarray and others. The workers of
-    a cluster must have this package and see all files under the same names; the bytes do not depend
-    on the workers.
+    height, with contour, width, area and brightness, measures the image refocused before it, or the
+    central view. With --strength, a fit of the emission starts from that of the frame before, in a
+    third of the time. A missing number in the names, a damaged frame, and one of another size than
+    the first are named, counted, and stay gaps (NaN). The result is one Zarr group with named axes,
+    for xarray and others. The workers of a cluster must have this package and see all files under
+    the same names; the bytes do not depend on the workers.
     """  # noqa: D301 - click reads the backspace
     from lf_flame.flame_video import find_steps
     from lf_flame.flame_video.frames import find_frames
@@ -203,9 +198,7 @@ def process(
     crew, reading = pick(Crew, options), pick(Reading, options)
     lens = open_lens(camera)
     planes = planes_between(*depths) if depths else planes
-    calibration = _read_colours(colours, steps) if colours else None
-    options["soot_exponent"] = options["soot_exponent"] or 1.0
-    chosen = find_steps(steps, camera=lens, depths_mm=planes, colours=calibration, **options)
+    chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
@@ -237,19 +230,6 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
         )  # fmt: skip
     said.end()
     return made, notes
-
-
-def _read_colours(path: Path, steps: str):
-    """Read the calibration of colours, and tell if temperatures rest on single wavelengths."""
-    from lf_flame.tomography import read_colours
-    from lf_flame.tomography.pyrometry import SINGLE_WAVELENGTHS
-
-    if "emission" not in steps:
-        raise InputError("--colours goes with the step emission, which it finds in each colour.")
-    calibration = read_colours(path)
-    if "temperature" in steps and calibration.responses.single_wavelengths:
-        tell(f"Note: {SINGLE_WAVELENGTHS}")
-    return calibration
 
 
 class Said:

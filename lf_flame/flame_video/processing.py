@@ -37,7 +37,6 @@ from lf_flame._common.zarr_files import (
 )
 from lf_flame.errors import InputError
 from lf_flame.flame_video.steps import Frame, Step, Values, take_steps
-from lf_flame.formats.exposure import read_exposure
 from lf_flame.formats.reading import read_light_field
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
@@ -50,13 +49,12 @@ KIND = "processed video of light fields"
 
 STATES = ("to_do", "whole", "missing", "unusable")
 """Meanings of the numbers in ``state``: a missing frame has no file; an unusable one is damaged, of
-another size or exposure, or a step could not find its result."""
+another size, or a step could not find its result."""
 
 TO_DO, WHOLE, MISSING, UNUSABLE = range(len(STATES))
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(NamedTuple):
     """Number of frames in each state, by its name in `STATES`."""
 
     counts: dict[str, int]
@@ -90,9 +88,8 @@ def process_frames(
 ) -> Progress:
     """Process the frames of a video into a Zarr group, or finish one that was interrupted.
 
-    A frame that is missing, damaged, or of another size or exposure than the first
-    becomes NaN in all arrays, and the array ``state`` says so. The result is the same for any
-    number of workers.
+    A frame that is missing, damaged, or of another size than the first becomes NaN in all arrays,
+    and the array ``state`` says so. The result is the same for any number of workers.
 
     Parameters
     ----------
@@ -160,21 +157,16 @@ def process_frames(
     with exclusive(out):
         place = out if out.is_symlink() or out.exists() else part
         if not place.exists():
-            with progress.stage("Processing the first frame"):
-                light_field = read(first)
-                if camera is not None:
-                    camera.check_views(light_field.shape)
-                when = {"time": Values(times, ("time",), {"units": time_unit})}
-                values = when | take_steps(Frame(light_field), steps)
-            facts = {**request, "shape": list(light_field.shape), "kind": KIND}
-            _lay_out(part, facts, values, len(times))
+            when = Values(times, ("time",), {"units": time_unit})
+            _begin(part, request, when, read(first), steps, camera)
         group = open_video(place)
         _refuse_other(group, request, times, place)
-        if place == out:
-            return count_frames(group, out)
-        job = Job(steps, read, tuple(dict[str, Any](group.attrs)["shape"]), read_exposure(first))
-        _run(part, group, job, paths, workers, executor, tell)
-        return _finish(part, out)
+        if place == part:
+            job = Job(steps, read, tuple(dict[str, Any](group.attrs)["shape"]))
+            _run(part, group, job, paths, workers, executor, tell)
+            _finish(part, out)
+            group = open_video(out)
+        return count_frames(group, out)
 
 
 def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Path) -> None:
@@ -194,10 +186,15 @@ def _together(frames: int) -> int:
     return max(LEAST_TOGETHER, math.ceil(frames / MOST_TASKS))
 
 
-def _lay_out(part: Path, facts: dict[str, Any], values: dict[str, Values], frames: int) -> None:
-    """Create the group with empty arrays; it appears as a whole."""
+def _begin(part: Path, request: dict, when: Values, light_field: LightField, steps, camera) -> None:
+    """Create the group with empty arrays as the first frame fills them; it appears as a whole."""
+    if camera is not None:
+        camera.check_views(light_field.shape)
     flags = {"flag_values": list(range(len(STATES))), "flag_meanings": " ".join(STATES)}
-    values = values | {"state": Values(np.uint8(TO_DO), (), flags)}
+    values = {"time": when, "state": Values(np.uint8(TO_DO), (), flags)}
+    with progress.stage("Processing the first frame"):
+        values |= take_steps(Frame(light_field), steps)
+    frames = len(when.values)
     remove_leftovers(part)
     with atomic_folder(part) as aside:
         group = zarr.open_group(aside, mode="w", zarr_format=3)
@@ -217,7 +214,7 @@ def _lay_out(part: Path, facts: dict[str, Any], values: dict[str, Values], frame
             )
             if fixed:
                 array[:] = one
-        group.update_attributes(facts)
+        group.update_attributes({**request, "shape": list(light_field.shape), "kind": KIND})
 
 
 def _run(part: Path, group: zarr.Group, job: "Job", paths, workers: int, executor, tell) -> None:
@@ -238,25 +235,23 @@ def _run(part: Path, group: zarr.Group, job: "Job", paths, workers: int, executo
                 tell(done)
 
 
-def _finish(part: Path, out: Path) -> Progress:
+def _finish(part: Path, out: Path) -> None:
     """Record what became of the frames, and give the group its final name."""
     for left in part.rglob("*.partial"):  # of a write of Zarr's that was killed
         left.unlink(missing_ok=True)
     group = zarr.open_group(part, mode="r+")
-    made = count_frames(group, part)
-    group.update_attributes({"counts": made.counts, "provenance": provenance.environment()})
+    counts = count_frames(group, part).counts
+    group.update_attributes({"counts": counts, "provenance": provenance.environment()})
     part.rename(out)
-    return made
 
 
 @dataclass
 class Job:
-    """Everything needed to process a frame, which must have a shape and an exposure; picklable."""
+    """Everything needed to process a frame, which must have a shape; picklable."""
 
     steps: tuple[Step, ...]
     read: Callable[[Path], LightField]
     shape: tuple[int, ...]
-    exposure: float | None
     before: dict[str, Any] = field(default_factory=dict)
 
     def __call__(self, path: Path | None) -> tuple[int, dict[str, Values], tuple[str, ...]]:
@@ -264,12 +259,9 @@ class Job:
         if path is None:
             return MISSING, {}, ()
         try:
-            light_field, exposure = self.read(path), read_exposure(path)
+            light_field = self.read(path)
             if light_field.shape != self.shape:
                 raise InputError(f"it has the shape {light_field.shape}, the first {self.shape}")
-            # Cameras round their exposures.
-            if exposure and self.exposure and not 0.99 < exposure / self.exposure < 1.01:
-                raise InputError(f"its exposure is {exposure:g} s, the first {self.exposure:g} s")
             frame = Frame(light_field, self.before)
             values = take_steps(frame, self.steps)
         except (InputError, OSError) as error:

@@ -8,7 +8,6 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
@@ -22,8 +21,6 @@ RECORD, TABLE, PICTURE = "flicker.json", "flame.csv", "flicker.png"
 MEASURES = ("height", "tip_row", "width", "area", "brightness")
 
 RESULTS = ("frequency_hz", "peak_hz", "amplitude", "false_alarm", "resolution_hz", "resolvable")
-
-OUTLIER = "The height is far from that of neighbouring frames: it is left out of the frequency."
 
 
 @dataclass
@@ -86,46 +83,23 @@ def read_series(path: Path, frames_per_second: float | None = None) -> FlameSeri
     )
 
 
-def find_outliers(heights: np.ndarray, least: float) -> np.ndarray:
-    """Find heights far from those of their neighbours in time, as sparks give; none if over 5 %.
-
-    A height is far if its distance from the median of seven neighbours exceeds `least`, six
-    standard deviations (estimated from the median of all distances) and six typical steps between
-    these neighbours: the first frame of a rising flame has only higher ones.
-    """
-    known, found = np.flatnonzero(np.isfinite(heights)), np.zeros(len(heights), bool)
-    if len(known) < 7:
-        return found
-    around = sliding_window_view(np.pad(heights[known], 3, "reflect"), 7)
-    distances = np.abs(heights[known] - np.median(around, axis=1))
-    steps = np.median(np.abs(np.diff(around, axis=1)), axis=1)
-    usual = np.maximum(1.4826 * float(np.median(distances)), steps)
-    far = distances > np.maximum(least, 6 * usual)
-    found[known] = far & (np.count_nonzero(far) <= 0.05 * len(known))
-    return found
-
-
 def write_flicker(series: FlameSeries, folder: OutputFolder) -> tuple[Flicker | None, list[str]]:
     """Find the flicker; write the table, the figure and the facts of the record; give warnings.
 
     The flicker is None if too few frames have a height.
     """
-    heights, side, found = series.measures[:, 0], series.pixel_mm or 1.0, None
-    outliers = find_outliers(heights, side)
-    for number in np.flatnonzero(outliers):
-        series.doubts[number].append(OUTLIER)
-    warnings, kept = series.warnings(), np.where(outliers, np.nan, heights)
+    heights, found, warnings = series.measures[:, 0], None, series.warnings()
+    resolvable = row_error(series.level) * (series.pixel_mm or 1.0)
     try:
-        found = find_flicker(series.times_s, kept, resolvable=row_error(series.level) * side)
+        found = find_flicker(series.times_s, heights, resolvable=resolvable)
     except InputError as error:  # the heights are useful without a frequency
         warnings.append(str(error))
     _write_table(series, folder.path(TABLE))
-    figures.save(_figure(series, found, outliers), folder.path(PICTURE))
+    figures.save(_figure(series, found), folder.path(PICTURE))
     known = heights[np.isfinite(heights)]
     folder.facts |= {
         "frames": len(heights),
         "frames_with_flame": len(known),
-        "outliers": [x for x, is_one in zip(series.names, outliers, strict=True) if is_one],
         "level": series.level,
         "pixel_mm": series.pixel_mm,
         "unit": series.unit,
@@ -149,14 +123,12 @@ def _write_table(series: FlameSeries, path: Path) -> None:
             writer.writerow([number, time, *numbers, series.names[number], said])
 
 
-def _figure(series: FlameSeries, found: Flicker | None, outliers: np.ndarray):
+def _figure(series: FlameSeries, found: Flicker | None):
     """Height against time, and its spectrum with the level of a false alarm."""
     figure, (top, below) = figures.subplots(2, 1, figsize=(9, 6.5), layout="constrained")
     times_s, heights = series.times_s, series.measures[:, 0]
     top.plot(times_s, heights, "." * (len(heights) < 300) + "-", linewidth=0.8, markersize=4)
-    top.plot(times_s[outliers], heights[outliers], "C3x", label="outliers, left out")
     top.set(xlabel="time (s)", ylabel=f"height ({series.unit})")
-    top.legend(fontsize=8)
     below.set(xlabel="frequency (Hz)", ylabel="share of the scatter", title="too few heights")
     if found is not None:
         below.plot(found.frequencies_hz, found.power, linewidth=0.9)

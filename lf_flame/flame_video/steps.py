@@ -17,8 +17,7 @@ from lf_flame.optics.lens import Lens
 from lf_flame.refocus import farthest_slope, shift_and_sum
 
 if TYPE_CHECKING:
-    from lf_flame.tomography import ColourCalibration, ReconstructionPlan
-    from lf_flame.tomography import Emission as Reconstruction
+    from lf_flame.tomography import ReconstructionPlan
 
 
 class Values(NamedTuple):
@@ -42,13 +41,12 @@ class Frame:
     """A light field on its way through the steps.
 
     `before` is what steps keep of the frame before in the same task, `image` that in which the
-    flame is measured, `emissions` are those of this frame in each colour, once found.
+    flame is measured.
     """
 
     light_field: LightField
     before: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    emissions: "list[Reconstruction]" = field(default_factory=list)
 
     def __post_init__(self):
         v, u = self.light_field.views.shape[:2]
@@ -143,8 +141,7 @@ class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
     With a stated strength a fit starts from that of the frame before in the same task, which takes
-    a third of the time. Without, each frame stands alone; all its colours have the largest of their
-    strengths, so that the effect of the penalty cancels in their ratios.
+    a third of the time. Without, each frame stands alone.
     """
 
     camera: Lens = field(repr=False)
@@ -153,36 +150,19 @@ class Emission:
     noise: float | None = None
     strength: float | None = None
     background: str = "fit"
-    colours: tuple[str, ...] = ()
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give emission, noise of a pixel, and number of warnings; the first two by colour."""
-        from lf_flame.tomography.soot import split_colours
-
-        plan, colours = _plan(self, frame.light_field.shape), self.colours
-        lights = split_colours(frame.light_field, colours) if colours else [frame.light_field]
-        starts = frame.before.get("emission", [None] * len(lights))
-        found = [plan.reconstruct(light, start=x) for light, x in zip(lights, starts, strict=True)]
-        strengths = [one.strength for one in found]
-        if min(strengths) < max(strengths):
-            plan = plan.absorbing(None, strength=max(strengths))
-            found = [plan.reconstruct(light) for light in lights]
-        frame.emissions = found
+        """Give emission, noise of a pixel, and number of warnings."""
+        plan = _plan(self, frame.light_field.shape)
+        found = plan.reconstruct(frame.light_field, start=frame.before.get("emission"))
         if self.strength is not None:
             frame.before["emission"] = found
-        for name, one in zip(colours or ("",), found, strict=True):
-            frame.warnings += [f"{name}: {said}" if name else said for said in one.warnings]
-        emission = np.stack([one.emission for one in found])
-        noise = np.array([one.noise for one in found], np.float32)
-        count = min(sum(len(one.warnings) for one in found), 255)
-        axes, known = (("colour",), {"colours": list(colours)}) if colours else ((), {})
-        if not colours:
-            emission, noise = emission[0], noise[0]
+        frame.warnings += found.warnings
         return {
             "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),
-            "emission": Values(emission, (*axes, "depth", "y", "x"), known),
-            "emission_noise": Values(noise, axes, known),
-            "emission_warnings": Values(np.uint8(count)),
+            "emission": Values(found.emission, ("depth", "y", "x")),
+            "emission_noise": Values(np.float32(found.noise)),
+            "emission_warnings": Values(np.uint8(len(found.warnings))),
         }
 
 
@@ -197,46 +177,6 @@ def _plan(step: Emission, shape: tuple[int, ...]) -> "ReconstructionPlan":
     )
 
 
-@dataclass(frozen=True)
-class Temperature:
-    """Find the temperature of optically thin soot from the emission in each colour.
-
-    Cells whose emission is not above three standard deviations of its noise in every colour have
-    none (NaN). Only ratios of the gains count, so the exposure does not.
-    """
-
-    calibration: "ColourCalibration"
-    soot_exponent: float = 1.0
-
-    def __post_init__(self):
-        from lf_flame.tomography.spectra import check_exponent
-
-        check_exponent(self.soot_exponent)
-
-    def __repr__(self):
-        # Arrays are cut short by NumPy, and the text of the file is not.
-        return f"Temperature({self.calibration.to_toml()!r}, {self.soot_exponent!r})"
-
-    def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give temperatures in K and their standard deviations due to noise, NaN where unknown."""
-        from lf_flame.tomography import soot_temperature
-
-        colours = frame.emissions
-        shape = colours[0].emission.shape
-        found = soot_temperature(
-            [one.emission for one in colours],
-            self.calibration.responses,
-            sigmas=[np.broadcast_to(one.sigma_linear[:, None, None], shape) for one in colours],
-            gains=self.calibration.gains,
-            soot_exponent=self.soot_exponent,
-        )
-        kelvin, sigma = (
-            Values(np.float32(x), ("depth", "y", "x"), {"units": "K"})
-            for x in (found.kelvin, found.sigma)
-        )
-        return {"temperature": kelvin, "temperature_sigma": sigma}
-
-
 def find_steps(
     names: str,
     *,
@@ -246,8 +186,6 @@ def find_steps(
     noise: float | None = None,
     strength: float | None = None,
     background: str = "fit",
-    colours: "ColourCalibration | None" = None,
-    soot_exponent: float = 1.0,
     level: float = 0.5,
     pixel_mm: float | None = None,
     burner_row: float | None = None,
@@ -258,20 +196,15 @@ def find_steps(
     ----------
     names : str
         Names with commas between them: ``decode`` (frames are decoded anyway; alone, it keeps the
-        views), ``refocus@10mm`` (a depth) or ``refocus@0.5`` (a slope), ``emission``,
-        ``temperature`` (of the emission before it), and ``height`` (with contour, width, area and
-        brightness), of the image of the last refocusing before it, or the central view.
+        views), ``refocus@10mm`` (a depth) or ``refocus@0.5`` (a slope), ``emission``, and
+        ``height`` (with contour, width, area and brightness), of the image of the last refocusing
+        before it, or the central view.
     camera : Lens, optional
         Camera; needed for depths.
     depths_mm : tuple of float, optional
         Depths of the planes of ``emission``.
     block, noise, strength, background
         Options of ``emission``, as for `FrustumGrid` and `reconstruct`.
-    colours : ColourCalibration, optional
-        Calibration of the channels of frames in colour: ``emission`` is then found in each colour.
-        Needed for ``temperature``.
-    soot_exponent : float, optional
-        Exponent a of soot's absorption for ``temperature``, ``wavelength^-a``, from -1 to 5.
     level, pixel_mm, burner_row
         Options of ``height``, as for `measure_flame`. Default of `pixel_mm`: by the
         camera at the depth of the refocusing before it; without one, lengths are in pixels.
@@ -294,14 +227,6 @@ def find_steps(
     words = [word.strip() for word in names.split(",")]
     if len(set(words)) < len(words) or "decode" in words[1:]:
         raise InputError(f"Each step may be named once, and decode only first, got {names!r}.")
-    if "emission" in words and (camera is None or not depths_mm):
-        raise InputError("The step emission needs the camera, and depths of its planes.")
-    before = words[: words.index("temperature")] if "temperature" in words else ["emission"]
-    if "emission" not in before or ("temperature" in words and colours is None):
-        raise InputError(
-            "The step temperature needs the step emission before it, and a calibration of the "
-            "colours."
-        )
     steps: list[Step] = []
     side = pixel_mm
     for word in words:
@@ -312,18 +237,16 @@ def find_steps(
             steps.append(focus)
             if pixel_mm is None and camera is not None and focus.depth_mm is not None:
                 side = camera.field_mm(focus.depth_mm)[0] / camera.lenslets[0]
-        elif word == "emission" and camera is not None:
-            channels = () if colours is None else colours.responses.names
-            fit = (tuple(depths_mm), block, noise, strength, background, channels)
-            steps.append(Emission(camera, *fit))
-        elif word == "temperature" and colours is not None:
-            steps.append(Temperature(colours, soot_exponent))
+        elif word == "emission":
+            if camera is None or not depths_mm:
+                raise InputError("The step emission needs the camera, and depths of its planes.")
+            steps.append(Emission(camera, tuple(depths_mm), block, noise, strength, background))
         elif word == "height":
             steps.append(Height(level, side, burner_row))
         else:
             raise InputError(
-                f"Steps must be of decode, refocus@10mm, refocus@0.5, emission, temperature, "
-                f"height, got {word!r}."
+                f"Steps must be of decode, refocus@10mm, refocus@0.5, emission, height, got "
+                f"{word!r}."
             )
     return tuple(steps)
 

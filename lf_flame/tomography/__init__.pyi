@@ -22,7 +22,6 @@ from .reconstruction import reconstruct as reconstruct
 from .reconstruction import reconstruct_axisymmetric as reconstruct_axisymmetric
 from .resolution import depth_blur as depth_blur
 from .resolution import depth_modes as depth_modes
-from .resolution import depth_singular_values as depth_singular_values
 from .soot import Soot as Soot
 from .soot import reconstruct_soot as reconstruct_soot
 from .spectra import SpectralResponses as SpectralResponses

@@ -5,12 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.tomography.axis import MARGIN, FlameAxis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.depth_ratio import MOST_SIGMAS, DepthRatio
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.noise import measure_edge
-from lf_flame.tomography.resolution import angular_width, depth_blur, finest_period
+from lf_flame.tomography.resolution import NO_DEPTH, angular_width, depth_blur, finest_period
 
 MODEL_ERROR = 2e-3
 """Residual relative to the peak that may be due to the grid."""
@@ -26,8 +24,6 @@ increase where neighbours share noise: the penalty is stronger then, and leaves 
 ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
 by side reach 0.15, flames behind each other 0.6 and more."""
-
-NO_DEPTH = "A light field gives almost no depth information for a smooth flame"
 
 
 class Check(NamedTuple):
@@ -219,65 +215,3 @@ def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
             f"wrong within the parallax of it.",
         ),
     ]  # fmt: skip
-
-
-def axis_checks(
-    axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray, lit: np.ndarray, ratio: DepthRatio
-) -> list[Check]:
-    """Check whether a flame is upright, where it is stated, and axisymmetric.
-
-    `lit` is the light field of even emission within the grid's radius. A number is in units of its
-    limit: the larger of a tenth of a pixel, or of what hardly matters, and four standard errors.
-    """
-    least = 0.1 * grid.pixel_mm
-    pupil = grid.camera.views * grid.camera.view_step_mm
-    half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)
-    edge = axis.radius_mm / MARGIN
-    outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
-    shown = "the light field shows it at"
-    places = [
-        (axis.lean_deg, 1.0, 0.0, f"leans by {axis.lean_deg:.1f} degrees"),
-        (axis.depth_lean_deg, 5.0, axis.depth_lean_error_deg,
-         f"leans by {axis.depth_lean_deg:.0f} degrees in depth"),
-        (axis.wander_mm, least, axis.wander_error_mm,
-         f"is not straight: it moves by up to {axis.wander_mm:.2g} mm across with height"),
-        (grid.axis_mm - axis.across_mm, least, axis.across_error_mm,
-         f"was stated {grid.axis_mm:.3f} mm across, {shown} {axis.across_mm:.3f} mm"),
-        # A wrong depth displaces the axis in the outermost views by the parallax.
-        (grid.depth_mm - axis.depth_mm, least / half_angle, axis.depth_error_mm,
-         f"was stated at a depth of {grid.depth_mm:.2f} mm, {shown} {axis.depth_mm:.2f} mm"),
-        (outside, 1.0, 0.0,
-         f"is that of a flame of {grid.radius_mm:.3g} mm radius as stated, but there is light out "
-         f"to {edge:.3g} mm"),
-    ]  # fmt: skip
-    checks = [
-        Check("axis", abs(number) / max(limit, MOST_SIGMAS * error), 1.0,
-              f"The axis {words}: emission is wrong there by more than its error bars.")
-        for number, limit, error, words in places
-    ]  # fmt: skip
-    sentence = (
-        f"The flame is not axisymmetric: its halves differ by {axis.lopsided:.1%} of its light, "
-        f"and the result is the axisymmetric flame most like it."
-    )
-    checks.append(Check("roundness", axis.lopsided, 0.03, sentence))
-    # A wrong axis or radius would look like another depth ratio.
-    if not any(check.failed for check in checks):
-        deeper = "deeper" if ratio.ratio > 1 else "flatter"
-        sentence = (
-            f"The flame is {deeper} than wide: its extent in depth is about {ratio.ratio:.2f} "
-            f"times that across (standard error {ratio.error:.1g}); emission is wrong by that "
-            f"factor."
-        )
-        checks.append(Check("roundness", ratio.departure, 1.0, sentence))
-    return checks
-
-
-def _light_outside(grid: AxisymmetricGrid, views: np.ndarray, lit: np.ndarray) -> float:
-    """Light where no flame within a grid's radius can be, over 0.2 % of all, or 0 if noise."""
-    dark = grid.place(lit).max(axis=(0, 2)) <= 0  # view column, column
-    views = grid.place(views)
-    rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
-    # Noise differs between neighbouring rows, the flame hardly does.
-    error = np.sqrt(np.sum(np.square(np.diff(rows))) / 2)
-    light, total = float(rows.sum()), float(views.sum(dtype=np.float64))
-    return light / (2e-3 * total) if light > MOST_SIGMAS * error and total > 0 else 0.0

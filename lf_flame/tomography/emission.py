@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import special
 
-from lf_flame.errors import InputError
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
 if TYPE_CHECKING:
@@ -51,9 +50,6 @@ class Emission:
         Bootstrap draws of the emission: refits with redrawn noise and redrawn prior of the penalty,
         each with a random part of the correction. Their scatter does not include all of the
         uncertainty in depth.
-    sigma_linear : ndarray of float64, shape (planes,)
-        Standard deviation of the unconstrained linear fit, one number for each plane; empty for a
-        half section.
     noise : float
         Standard deviation of a pixel's noise, stated or measured, in the unit of the light field.
     strength : float
@@ -65,8 +61,6 @@ class Emission:
         not fitted. The residual is that of the emission with its correction.
     checks : tuple of Check
         Numbers on disagreements of data and model, with their limits.
-    unseen : tuple of str
-        Departures from an upright, axisymmetric flame that this light field would not show.
     background, background_sigma : float
         Uniform background that was subtracted, and its standard deviation; 0 without.
     fit : Explanation
@@ -77,14 +71,12 @@ class Emission:
     emission: np.ndarray
     correction: np.ndarray
     draws: np.ndarray
-    sigma_linear: np.ndarray
     noise: float
     strength: float
     tried: tuple[TriedStrength, ...]
     chi_squared: np.ndarray
     checks: tuple[Check, ...]
     fit: Explanation = field(repr=False)
-    unseen: tuple[str, ...] = ()
     background: float = 0.0
     background_sigma: float = 0.0
 
@@ -128,28 +120,6 @@ class Emission:
             one.sum(axis=(-2, -1), dtype=np.float64) * areas for one in (self.emission, self.draws)
         )
         return light, scatter(draws, light) if len(draws) else None
-
-    @property
-    def per_mm(self) -> np.ndarray:
-        """Emission per length of the line of sight, shape of `emission`.
-
-        For planes it is their emission divided by their distance, in radiance per mm. If the
-        light field is in radiance, 4 pi times it is power per volume.
-
-        Raises
-        ------
-        InputError
-            If the planes are not evenly spaced.
-        """
-        if not self.on_planes:
-            return self.emission
-        steps = np.abs(np.diff(self.grid.depths_mm))
-        if not steps.size or np.ptp(steps) > 1e-6 * steps[0]:
-            raise InputError(
-                f"Emission by volume needs two or more evenly spaced planes, got the depths "
-                f"{list(self.grid.depths_mm)}."
-            )
-        return self.emission / np.float32(steps[0])
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,6 @@ def write_emission(
             "geometry": "planes",
             "depths_mm": list(grid.depths_mm),
             "cell_mm": [grid.cell_mm(depth) for depth in grid.depths_mm],
-            "sigma_of_linear_fit": found.sigma_linear.tolist(),
         }
     else:
         _write_section(found, folder)

@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
+from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.plane_problem import PlaneProblem
 from lf_flame.tomography.projection_operator import (
@@ -61,19 +61,6 @@ class PlaneGeometry:
         """Relative variance of the noise that cells see, in a shape that broadcasts to them."""
         by_place = uneven.mean(axis=(0, 1), dtype=np.float64)
         return np.pad(by_place, self.grid.reach, mode="edge")[None]
-
-    def linear_errors(self, noise: float, strength: float) -> np.ndarray:
-        """Estimate the standard deviation of the unconstrained linear fit of each depth plane.
-
-        With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
-        frequency; a cell's variance is its mean over the frequencies.
-        """
-        gram = self.gram
-        values, _ = gram.decomposition
-        shrunk = gram.gains / (values + gram.penalty(strength) + RIDGE * gram.scale) ** 2
-        diagonal = np.diagonal(gram.compose(shrunk), axis1=-2, axis2=-1)
-        mean = np.sum(gram.multiplicity[..., None] * diagonal, axis=(0, 1)) / np.prod(gram.size)
-        return noise * np.sqrt(np.clip(mean, 0, None))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,21 +11,14 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
-from lf_flame.tomography.axis import find_axis
+from lf_flame.tomography.axis_checks import axis_checks
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.data_checks import (
-    Check,
-    axis_checks,
-    data_checks,
-    depth_checks,
-    left_out,
-)
-from lf_flame.tomography.depth_ratio import DepthRatio, name_unseen
+from lf_flame.tomography.data_checks import data_checks, depth_checks, left_out
 from lf_flame.tomography.emission import Emission
 from lf_flame.tomography.fit import Explanation, Fit, FitOptions, check_bootstrap
 from lf_flame.tomography.fitted_views import fitted_views
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.geometries import PlaneGeometry, geometry_of, project
+from lf_flame.tomography.geometries import PlaneGeometry, geometry_of
 from lf_flame.tomography.noise import Level, fit_background, noise_variance
 
 LARGEST = 1e15
@@ -48,9 +41,7 @@ def reconstruct(
 
     It is a least-squares fit with regularisation (a penalty on roughness) and no negative light.
     The strength follows the discrepancy principle (Morozov 1966): the residual must equal the
-    noise, reduced by the degrees of freedom of the fit (Wahba, SIAM J. Numer. Anal. 14, 651, 1977),
-    here the trace of the linear fit times the fraction of cells above zero. If the model's own
-    error keeps the residual higher, the strength with the smallest excess is used.
+    noise, reduced by the degrees of freedom of the fit (Wahba, SIAM J. Numer. Anal. 14, 651, 1977).
 
     Parameters
     ----------
@@ -154,8 +145,7 @@ def reconstruct_axisymmetric(
     Returns
     -------
     Emission
-        Emission of shape (heights, radii), per mm, with warnings, error bars, and departures from
-        an axisymmetric flame that would not show (`unseen`).
+        Emission of shape (heights, radii), per mm, with warnings and error bars.
 
     Raises
     ------
@@ -305,85 +295,60 @@ class ReconstructionPlan:
         _check_range(views, self._options.noise)
         checks = left_out(grid, valid)
         geometry = self._prepare(grid)
-        first = None if start is None else _checked_start(start, grid)
-        fit = Fit(geometry, self._options, valid, first)
-        level = None
-        if self._background == "fit":
-            level = fit_background(views, geometry, valid)
-        measured = level is not None
-        level = level or Level()
+        before = None if start is None else _checked_start(start, grid)
+        fit = Fit(geometry, self._options, valid, before)
+        measured = fit_background(views, geometry, valid) if self._background == "fit" else None
+        level = measured or Level()
         if level.mean:
             views = views - np.float32(level.mean)
-        absorption, excess = self._absorption, np.zeros_like(views)
-        if absorption is None:
-            found = fit.explain(views)
-        else:
-            found, settled = absorption.settle(views, fit.explain, first, fits)
-            found = replace(found, settled=settled)
-            excess = absorption.excess(found.cells)
+        found, excess = self._explain(fit, views, before, fits)
         # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
         # does not change.
-        whole = fit.correct(found)
-        drawn = fit.redraw(
-            found, views - excess, whole, level.error, bootstrap, rng, prior_rng or rng
-        )
-        emission, correction, *draws = (
-            self._leaving(one) for one in (found.cells + whole, whole, *drawn)
-        )
-        seen = geometry.smooth_views(found.cells + whole) + excess
-        known = views if valid is None else np.where(valid, views, seen)
-        residual = (known - seen).astype(np.float32)
-        power = np.square(residual, dtype=np.float64).sum(axis=(2, 3))
-        with np.errstate(invalid="ignore"):  # of a view of which nothing is known
-            rays = np.prod(views.shape[2:]) if valid is None else valid.sum(axis=(2, 3))
-            chi_squared = power / rays / noise_variance(found.noise)
-        unseen: tuple[str, ...] = ()
-        if isinstance(grid, FrustumGrid) and isinstance(geometry, PlaneGeometry):
-            checks = depth_checks(grid, emission) + checks
-            sigma_linear = geometry.linear_errors(found.summed_noise, found.strength)
-            if absorption is not None:
-                leaves = np.square(1 / grid.crop(absorption.transmission), dtype=np.float64)
-                sigma_linear = sigma_linear * np.sqrt(leaves.mean(axis=(1, 2)))
+        thin = views if excess is None else views - excess
+        correction = fit.correct(found)
+        drawn = fit.redraw(found, thin, correction, level.error, bootstrap, rng, prior_rng or rng)
+        draws = [self._leaving(one) for one in drawn]
+        emission = self._leaving(found.cells + correction)
+        seen = geometry.smooth_views(found.cells + correction)
+        known = thin if valid is None else np.where(valid, thin, seen)
+        residual = (known - seen).astype(np.float32, copy=False)
+        chi_squared = _chi_squared(residual, valid, found.noise)
+        if isinstance(geometry, PlaneGeometry):
+            checks = depth_checks(geometry.grid, emission) + checks
         else:
-            sigma_linear = np.empty(0)
-            more, unseen = self._axis(even, level, geometry, found, known - excess)
-            checks += more
+            dark = replace(even, views=even.views - np.float32(level.mean))
+            checks += axis_checks(dark, geometry, found, known)
         checks += data_checks(
-            known,
+            known if excess is None else known + excess,
             residual,
             chi_squared,
             found,
             stated=self._options.noise is not None,
-            fitted_background=measured,
+            fitted_background=measured is not None,
         )
         return Emission(
             grid=grid,
             emission=emission,
-            correction=correction,
+            correction=self._leaving(correction),
             draws=np.array(draws, np.float32).reshape(-1, *emission.shape),
-            sigma_linear=sigma_linear,
             noise=found.noise,
             strength=found.strength,
             tried=found.tried,
             chi_squared=grid.place(chi_squared, np.nan),
             checks=tuple(checks),
             fit=found,
-            unseen=unseen,
             background=level.mean,
             background_sigma=level.error,
         )
 
-    def _axis(
-        self, even: LightField, level: Level, geometry, found: Explanation, views: np.ndarray
-    ) -> tuple[list[Check], tuple[str, ...]]:
-        """Compare the grid's axis with that of the light field, and the depth with the width."""
-        grid, light_field = geometry.grid, replace(even, views=even.views - np.float32(level.mean))
-        depth = grid.depth_mm if even.views.shape[1] < 3 else None
-        axis = find_axis(light_field, grid.camera, depth)
-        ratio = DepthRatio(geometry, found.cells, views, found.pixel_noise)
-        lit = project(geometry.operator, np.ones(grid.shape))
-        checks = axis_checks(axis, grid, views, lit, ratio)
-        return checks, name_unseen(axis, ratio)
+    def _explain(
+        self, fit: Fit, views: np.ndarray, before: Explanation | None, fits: int
+    ) -> tuple[Explanation, np.ndarray | None]:
+        """Fit a light field; what absorption takes from single views or spares is the excess."""
+        if self._absorption is None:
+            return fit.explain(views), None
+        found, settled = self._absorption.settle(views, fit.explain, before, fits)
+        return replace(found, settled=settled), self._absorption.excess(found.cells)
 
     def _leaving(self, cells: np.ndarray) -> np.ndarray:
         """Emission at the result's pixels or nodes, for the light that leaves each cell."""
@@ -409,6 +374,14 @@ def _checked_start(start: Emission, grid: FrustumGrid | AxisymmetricGrid) -> Exp
             f"{start.grid.view_count} views on {start.grid}."
         )
     return start.fit
+
+
+def _chi_squared(residual: np.ndarray, valid: np.ndarray | None, noise: float) -> np.ndarray:
+    """Mean squared residual of each view in units of the noise's variance; NaN if none is known."""
+    power = np.einsum("vuts,vuts->vu", residual, residual, dtype=np.float64)
+    rays = np.prod(residual.shape[2:]) if valid is None else valid.sum(axis=(2, 3))
+    with np.errstate(invalid="ignore"):
+        return power / rays / noise_variance(noise)
 
 
 def _check_range(views: np.ndarray, noise: float | None) -> None:

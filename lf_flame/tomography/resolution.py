@@ -7,11 +7,25 @@ Computerized Tomography, chapter 6). Depth is therefore blurred over ``1 / (k th
 uniform glow has no depth at all.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from lf_flame._common.arrays import Number, centred
+from lf_flame._common.arrays import Number
 from lf_flame.errors import InputError
+from lf_flame.optics.camera_report import table
 from lf_flame.optics.lens import Lens
+
+NO_DEPTH = "A light field gives almost no depth information for a smooth flame"
+
+PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
+"""Lateral periods in mm of the table of depth resolution if none is given."""
+
+APART = 1.0
+"""Largest slope at which detail of one pixel is seen by neighbouring views without gaps."""
+
+PERIOD = 10
+"""Period of coarse detail, in periods of the finest: two pixels."""
 
 
 def angular_width(camera: Lens) -> float:
@@ -89,50 +103,68 @@ def depth_modes(camera: Lens, period_mm: Number, thickness_mm: float) -> Number:
     return 1 + thickness_mm / depth_blur(camera, period_mm)
 
 
-def depth_singular_values(camera: Lens, period_mm: float, depths_mm: np.ndarray) -> np.ndarray:
-    """Singular values of the light field of depth planes that glow with one lateral period.
-
-    They have a closed form: view u sees a plane shifted by its slope times u, blurred over a
-    lenslet and over the slope.
-
-    Parameters
-    ----------
-    camera : Lens
-    period_mm : float
-        Lateral period in the focal plane in mm; it grows with distance like the grid's cells.
-    depths_mm : array_like, shape (planes,)
-        Depths of the planes from the focal plane in mm.
-
-    Returns
-    -------
-    ndarray of float64, shape (planes,)
-        Values relative to the largest, falling: noise of that fraction hides smaller ones.
-
-    Raises
-    ------
-    InputError
-        If the period is not above 0.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame import PAPER_CAMERA
-    >>> from lf_flame.tomography import depth_singular_values
-    >>> depth_singular_values(PAPER_CAMERA, 1.0, np.array([-10.0, 0.0, 10.0])).shape
-    (3,)
-    """
-    frequency = camera.lenslet_in_focus_mm / float(_checked(period_mm))
-    slopes = np.atleast_1d(camera.depth_to_slope(np.asarray(depths_mm, float)))
-    turns = np.outer(centred(camera.views), slopes) * frequency
-    seen = np.exp(-2j * np.pi * turns) * np.sinc(frequency * slopes)
-    values = np.linalg.svd(seen, compute_uv=False)
-    shown = np.zeros(len(slopes))
-    shown[: len(values)] = values / values[0]
-    return shown
-
-
 def _checked(period_mm):
     periods = np.asarray(period_mm, float)
     if not np.all(periods > 0):
         raise InputError(f"period_mm must be above 0, got {period_mm}.")
     return periods if periods.ndim else float(periods)
+
+
+def resolution_report(
+    lens: Lens, periods_mm: Sequence[float], thickness_mm: float | None = None
+) -> str:
+    """Tabulate the blur in depth of detail of some lateral periods.
+
+    The extent in depth is 30 mm by default, or a tenth of the distance if that is less.
+    """
+    if lens.views < 2:
+        return "A single view resolves no depth."
+    if thickness_mm is None:
+        thickness_mm = float(f"{min(30.0, lens.pupil_distance_mm / 10):.2g}")
+    finest, width = finest_period(lens), angular_width(lens)
+    periods = periods_mm or (float(f"{finest:.3g}"), *(one for one in PERIODS_MM if one > finest))
+    rows = [
+        (f"{period:g}", f"{depth_blur(lens, period):.3g}",
+         f"{depth_modes(lens, period, thickness_mm):.1f}")
+        for period in periods
+    ]  # fmt: skip
+    heads = "lateral period (mm)", "blur in depth (mm)", f"values in {thickness_mm:g} mm of depth"
+    return (
+        f"{table(rows, *heads)}\n\n{NO_DEPTH}.\nThe views span {width:.4f} rad "
+        f"({np.degrees(2 * np.arctan(width / 2)):.1f} degrees), seen from the focal plane: "
+        f"{thickness_mm:g} mm of depth are resolved\nfor periods below "
+        f"{thickness_mm * width:.3g} mm, and have one value for larger ones."
+    )
+
+
+def lens_facts(lens: Lens) -> dict[str, str]:
+    """Facts in mm on what a camera sees, by name."""
+    facts = {
+        "focal plane": f"at {lens.focal_plane_mm:.4g} mm, "
+        f"{lens.pupil_distance_mm:.4g} mm from where the views meet",
+        "pixel there": f"{lens.lenslet_in_focus_mm:.4g} mm",
+        "in focus": f"{_span(lens, 1 / max(lens.views - 1, 1))} (the views agree within a pixel)",
+        "refocusable": f"{_span(lens, APART)} (slopes from -{APART:g} to {APART:g})",
+    }
+    if lens.views > 1:
+        finest = finest_period(lens)
+        fine, coarse = (depth_blur(lens, times * finest) for times in (1, PERIOD))
+        facts["depth"] = (
+            f"detail of {finest:.2g} mm is blurred over {fine:.2g} mm of depth, of "
+            f"{PERIOD * finest:.2g} mm over {coarse:.2g} mm"
+        )
+    return facts
+
+
+def _span(lens: Lens, slope: float) -> str:
+    """Depths between two slopes, in mm; those beyond a calibration are unknown."""
+    ends = [float(lens.slope_to_real_depth(end)) for end in (-slope, slope)]
+    beyond = ["the lens", "infinity"]
+    if targets := getattr(lens, "depth_range_mm", None):  # of a calibration
+        beyond = [f"beyond the targets ({end:g} mm)" for end in targets]
+        near, far = map(lens.depth_to_slope, targets)
+        ends = ends if near < far else ends[::-1]
+    return " to ".join(
+        f"{end:.4g} mm" if np.isfinite(end) else words
+        for end, words in zip(ends, beyond, strict=True)
+    )

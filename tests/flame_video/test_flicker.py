@@ -1,11 +1,10 @@
-"""Frequencies of sines that are known, with noise, gaps and uneven times; outliers in heights."""
+"""Frequencies of sines that are known, with noise, gaps and uneven times."""
 
 import numpy as np
 import pytest
 
 from lf_flame.flame_video import find_flicker, measure_flame, row_error
 from lf_flame.flame_video.flicker import FALSE_ALARM
-from lf_flame.flame_video.series import find_outliers
 
 
 def sine(times, frequency, amplitude=2.0, phase=0.7, mean=30.0):
@@ -173,30 +172,3 @@ def test_a_drift_is_no_flicker_and_hides_none(drift):
 def test_a_faster_flicker_is_folded_back():
     times = np.arange(200) / 20
     assert find_flicker(times, sine(times, 12.0)).frequency_hz == pytest.approx(8.0, abs=0.01)
-
-
-@pytest.mark.parametrize("rate", [60, 200, 1000])
-def test_no_frame_of_a_pure_sine_is_an_outlier(rate):
-    """The first and the last have neighbours on one side only."""
-    times = np.arange(200) / rate
-    for phase in np.linspace(0, 6.2, 32):
-        assert not find_outliers(sine(times, 12.5, 3.0, phase), 0.0).any()
-
-
-@pytest.mark.parametrize("jump", [20.0, -20.0])
-def test_a_jump_of_one_or_two_frames_is_an_outlier(jump):
-    times = np.arange(200) / 100
-    heights = sine(times, 12.0, 1.0) + 5 * times
-    heights += 0.2 * np.random.default_rng(0).standard_normal(200)
-    assert not find_outliers(heights, 1.0).any()
-    heights[[0, 40, 41, 150]] += jump
-    heights[90] = np.nan
-    assert np.flatnonzero(find_outliers(heights, 1.0)).tolist() == [0, 40, 41, 150]
-
-
-def test_frequent_or_small_jumps_are_no_outliers():
-    assert not find_outliers(np.where(np.arange(200) % 8 == 0, 50.0, 30.0), 0.0).any()
-    heights = np.full(60, 30.0)
-    heights[7] += 0.5
-    assert find_outliers(heights, 0.0).any()
-    assert not find_outliers(heights, 1.0).any()

@@ -4,16 +4,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from builders import camera
 
-from lf_flame import InputError, PlenopticCamera
+from lf_flame import InputError
 from lf_flame.flame_video import find_flicker, find_steps, measure_flame
 
 NAN, INF = np.nan, np.inf
 FLAME = np.outer(np.hanning(60), np.hanning(80))
 TWENTY = np.arange(20)
-NEEDS = "temperature needs the step emission before it, and a"
-KNOWN = {"camera": PlenopticCamera(**camera(3, (24, 20))), "depths_mm": (0.0,)}
 
 REFUSED = [
     (partial(measure_flame, np.ones((4, 4, 3))), "grey image"),
@@ -48,9 +45,6 @@ REFUSED = [
     (partial(find_steps, "height,height"), "once, .*, got 'height,height'"),
     (partial(find_steps, "emission"), "needs the camera, and depths"),
     (partial(find_steps, "../height"), r"Steps must be of .*, got '\.\./height'"),
-    (partial(find_steps, "temperature", **KNOWN, colours="any"), NEEDS),
-    (partial(find_steps, "temperature,emission", **KNOWN, colours="any"), NEEDS),
-    (partial(find_steps, "emission,temperature", **KNOWN), NEEDS),
 ]  # fmt: skip
 
 

@@ -31,8 +31,8 @@ def gauss(r):
     return np.exp(-((r / 0.3) ** 2)), np.sqrt(np.pi) * 0.3 * np.exp(-((r / 0.3) ** 2))
 
 
-# Two of Chan and Hieftje, Spectrochim. Acta B 61, 31 (2006), table 1, where it names their sources;
-# for radii above 0 and below 1.
+# Of Chan and Hieftje, Spectrochim. Acta B 61, 31 (2006), table 1, which names its source; for radii
+# above 0 and below 1.
 def curve1(r):
     a, b = root(1, r), root(0.25, r)
     near = (128 * a + b) / 108 + 2 / 27 * r**2 * (283 * b - 112 * a)
@@ -43,12 +43,7 @@ def curve1(r):
     return np.where(r < 0.25, *glow), np.where(r < 0.25, near, far)
 
 
-def curve7(r):
-    seen = 8 / 105 * root(1, r) * (19 + 34 * r**2 - 125 * r**4 + 72 * r**6)
-    return (1 + 10 * r**2 - 23 * r**4 + 12 * r**6) / 2, seen
-
-
-SMOOTH = ((gauss, "parallel"), (curve1, "f/4"), (curve7, "parallel"))
+SMOOTH = ((gauss, "parallel"), (curve1, "f/4"))
 
 JUMPS = {
     "step": (lambda r: disc(0.6, r), (0.6,)),
@@ -178,9 +173,8 @@ STATED = AxisymmetricGrid(LENS, 0.3, AXIS_DEPTH, 2.6)
 
 
 @pytest.mark.slow
-def test_round_flame_has_no_warning_and_its_depth_would_show():
-    found = reconstruct_axisymmetric(ray_traced(), STATED)
-    assert found.warnings == found.unseen == ()
+def test_round_flame_has_no_warning():
+    assert reconstruct_axisymmetric(ray_traced(), STATED).warnings == ()
 
 
 @pytest.mark.slow
@@ -208,16 +202,6 @@ def test_longer_paths_of_oblique_rays_do_not_look_like_a_flat_flame():
 def test_departure_from_what_is_stated_is_said(shape, stated, words):
     found = reconstruct_axisymmetric(ray_traced(**shape), replace(STATED, **stated))
     assert re.search(words, " ".join(found.warnings))
-
-
-def test_single_view_says_what_it_cannot_see():
-    light_field = ray_traced(deep=1.5)
-    alone = LightField(light_field.views[2:3, 2:3])
-    found = reconstruct_axisymmetric(alone, replace(STATED, which="central"))
-    assert found.warnings == ()
-    assert "1.5 times as deep as wide, nor a deeper one: " in found.unseen[0]
-    assert "0.67 times as deep as wide, nor a flatter one: " in found.unseen[1]
-    assert "leans by 15 degrees" in found.unseen[2]
 
 
 def gaussian_ring(middle, width):

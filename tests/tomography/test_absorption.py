@@ -15,7 +15,7 @@ from lf_flame.tomography import (
     reconstruct,
 )
 from lf_flame.tomography.absorption import spread_thickness
-from lf_flame.tomography.data_checks import NO_DEPTH
+from lf_flame.tomography.resolution import NO_DEPTH
 
 DEPTHS = (3.0, 0.0, -4.0)
 TOTAL = 0.5
@@ -73,24 +73,6 @@ def test_even_absorbers_take_the_share_of_the_equation_of_transfer(camera, depth
         wanted += share * render(Scene([layer]), camera, tolerance=1e-9).views
     found = views_of(operator_of(grid, thickness), cells)
     assert worst(found, wanted) < 1e-6 * wanted.max()
-
-
-@pytest.mark.slow
-def test_a_map_before_an_even_glow_is_as_rendered(camera):
-    """Random absorption cell by cell, in the nearer plane alone."""
-    grid = FrustumGrid(camera, [8.0, -6.0])
-    absorbing = np.zeros(grid.shape)
-    absorbing[1] = np.random.default_rng(3).random(grid.shape[1:])
-    behind, before = grid.scene(
-        np.array([np.ones(grid.shape[1:]), np.zeros(grid.shape[1:])])
-    ).layers
-    card = Layer(before.texture, -6.0, before.size_mm, optical_thickness=absorbing[1])
-    wanted = render(Scene([behind, card]), camera, tolerance=2e-3).views  # by traced rays
-    glow = np.zeros(grid.shape)
-    glow[0] = 1
-    found = views_of(AbsorbingOperator(grid, absorbing, "float64"), glow)
-    assert worst(found, wanted) < 4e-3
-    assert wanted.min() < 0.8
 
 
 def test_views_that_are_not_fitted_neither_see_nor_count(camera, rng):
@@ -164,23 +146,13 @@ def test_flames_that_absorb_where_they_glow_are_found(grid, flames_in_line):
 
 
 @pytest.mark.slow
-def test_flames_are_found_at_much_thickness_too(grid):
-    recorded = Recorded(grid, in_line(1.8))
-    found = reconstruct(recorded.with_noise(0), grid, optical_thickness=recorded.tau)
-    assert found.emission.sum() / recorded.truth.sum() == pytest.approx(1, abs=0.02)
-    assert worst_error(found.emission, recorded.truth) < 0.03
-    assert not [one for one in found.warnings if not one.startswith(NO_DEPTH)]
-
-
-@pytest.mark.slow
 def test_errors_grow_as_light_is_raised(camera, grid, noisy):
-    """Of even matter: emission, error bars and covariance are each plane's, over its share."""
+    """Of even matter: emission and error bars are each plane's, over its share."""
     thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng
     options = {"strength": 0.01, "iterations": 16, "bootstrap": 2}
     plain = reconstruct(noisy(0.05), grid, rng=rng(1), **options)
     found = reconstruct(noisy(0.05), grid, rng=rng(1), optical_thickness=thickness, **options)
     share = np.array([-np.expm1(-0.2) / 0.2 * np.exp(-0.6), np.exp(-0.6), -np.expm1(-0.6) / 0.6])
-    assert found.sigma_linear == pytest.approx(plain.sigma_linear / share)
     assert found.light[1] == pytest.approx(plain.light[1] / share, rel=1e-3)
     for name in ("emission", "sigma"):
         wanted = getattr(plain, name) / share[:, None, None]

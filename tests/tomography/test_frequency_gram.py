@@ -46,34 +46,6 @@ def test_so_it_does_for_some_of_the_views(camera, counted):
     assert FrequencyGram(grid).scale == counted.sum()
 
 
-def test_the_penalty_is_on_third_differences(camera):
-    """Of a wave across, against differences taken cell by cell on the torus."""
-    grid = FrustumGrid(camera, [0.0])
-    gram = FrequencyGram(grid)
-    number = 7
-    wave = np.cos(2 * np.pi * number * np.arange(gram.size[1]) / gram.size[1])
-    differences = wave
-    for _ in range(3):
-        differences = np.roll(differences, -1) - differences
-    wanted = np.sum(differences**2) / np.sum(wave**2)
-    assert gram.penalty(1.0)[0, number, 0] / gram.scale == pytest.approx(wanted, rel=1e-10)
-    assert gram.penalty(2.0)[0, number, 0] == 2 * gram.penalty(1.0)[0, number, 0]
-
-
-@pytest.mark.slow
-def test_decomposition_composes_what_it_took_apart(camera):
-    """Many planes have a penalty along depth as well, which leaves parabolas alone."""
-    grid = FrustumGrid(replace(camera, lenslets=(24, 28)), np.linspace(-8, 8, 9))
-    gram = FrequencyGram(grid)
-    rough = depth_roughness(grid)
-    values, _ = gram.decomposition
-    wanted = gram.matrices + gram.scale * rough
-    assert gram.compose(values) == pytest.approx(wanted, abs=1e-9 * gram.scale)
-    assert rough @ np.arange(9.0) ** 2 == pytest.approx(0, abs=1e-9)
-    assert rough @ np.arange(9.0) ** 3 != pytest.approx(0, abs=1e-9)
-    assert np.sum(gram.gains) == pytest.approx(np.trace(gram.matrices, axis1=2, axis2=3).sum())
-
-
 def test_the_penalty_along_depth_counts_millimetres(camera):
     """The integral of (6 c)^2 over depth, of an emission of c z^3 per mm, however it is cut."""
     integrals = []

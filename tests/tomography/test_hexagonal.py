@@ -14,7 +14,6 @@ from lf_flame.tomography import FrustumGrid, reconstruct
 VIEWS, SUB, ROW = 9, 3, np.sqrt(3) / 2
 LENS = Lens(views=VIEWS)
 SHEETS = [Sheet(3.0, (0.2, -0.5), (0.6, 0.4)), Sheet(-4.0, (-0.2, 0.6), (0.5, 0.45))]
-NEARER = 1 / 326 - 1 / 329
 """Difference of the vergences of the focal plane and of the first sheet, per mm."""
 
 
@@ -69,12 +68,3 @@ def test_emission_behind_hexagonal_lenslets(decoded):
         lens = Lens(views=VIEWS, lenslets=one.shape, pitch=0.112 * ROW)
         truth = cells(lens, placed)
         assert np.linalg.norm(one - truth) < 0.025 * np.linalg.norm(truth)
-
-
-@pytest.mark.slow
-def test_the_pitch_alone_puts_depths_elsewhere_and_it_is_said(decoded):
-    """A view's step in the pupil is then too small by the distance of the rows in pitches."""
-    found, grid = emission(decoded, lenslet_pitch_mm=0.112 * ROW)
-    true = LENS.step * LENS.image / (0.112 * ROW) * NEARER
-    assert grid.slopes[0] == pytest.approx(ROW * true, rel=3e-3)
-    assert any("No emission explains" in one for one in found.warnings)

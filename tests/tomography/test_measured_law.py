@@ -63,17 +63,6 @@ def test_emission_by_the_law_is_that_by_the_camera(law, flame):
 
 
 @pytest.mark.slow
-def test_views_in_the_pupil_are_chosen_by_its_stated_diameter(law, flame):
-    """A round pupil of five steps has whole squares for 13 of the views: 2.5 is its radius."""
-    round_law = replace(law, aperture_diameter_mm=5 * LENS.step)
-    far = np.hypot(*np.abs(np.mgrid[-3:4, -3:4])) + 0  # centres, in steps
-    grid = FrustumGrid(round_law, [-1.0, -8.0])
-    y, x = np.abs(np.mgrid[-3:4, -3:4]) + 0.5
-    assert grid.view_count == np.count_nonzero(np.hypot(y, x) <= 2.5) < np.count_nonzero(far < 3)
-    assert distance(reconstruct(flame[0], grid).emission, flame[1]) < 0.02
-
-
-@pytest.mark.slow
 def test_views_are_brought_to_the_brightness_that_the_law_holds(law, flame):
     fall = 1 - 0.03 * np.hypot(*np.mgrid[-3:4, -3:4])
     darker = LightField(flame[0].views * fall[..., None, None])

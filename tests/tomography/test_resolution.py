@@ -1,16 +1,10 @@
-"""What can be resolved in depth, against rays by hand and against singular values."""
+"""What can be resolved in depth, against rays by hand."""
 
 import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, PlenopticCamera
-from lf_flame.tomography import (
-    FrustumGrid,
-    depth_blur,
-    depth_modes,
-    depth_singular_values,
-)
-from lf_flame.tomography.frequency_gram import FrequencyGram
+from lf_flame.tomography import depth_blur, depth_modes
 from lf_flame.tomography.resolution import angular_width, finest_period
 
 
@@ -40,16 +34,3 @@ def test_a_stated_aperture_limits_the_angle(f_number, blur):
     )  # fmt: skip
     assert angular_width(camera) == pytest.approx(100 / f_number / 600, rel=1e-12)
     assert depth_blur(camera, 0.5) == pytest.approx(blur, rel=1e-12)
-
-
-def test_singular_values_are_those_of_the_operator(camera):
-    """Against the eigenvalues of the Gram matrix of a fine wave across, and an even one down."""
-    depths = np.linspace(-10, 10, 6)
-    gram = FrequencyGram(FrustumGrid(camera, depths))
-    column = 9
-    period = gram.size[1] / column * FrustumGrid(camera, depths).cell_mm(0.0)
-    values = np.linalg.eigvalsh(gram.matrices[0, column])[::-1]
-    wanted = np.sqrt(np.clip(values, 0, None) / values[0])
-    found = depth_singular_values(camera, period, depths)
-    assert found[:4] == pytest.approx(wanted[:4], rel=0.02)
-    assert np.all(np.diff(found) <= 0)
