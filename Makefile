@@ -3,7 +3,7 @@
 #   PRESET            paper (default: the paper's method at its sizes) or smoke (CI)
 #   MINUTES           of training for each table, 4 by default; the same command resumes where it
 #                     ended. 0: to the last epoch
-#   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
+#   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see docs/training.md
 #   BACKBONE_DEPTH    conv5 (all of ResNet-50), conv4, conv3 or none, instead of the preset's
 #   SEED, EPOCHS      instead of the configuration's
 #   RUN               name of the folders for runs and results (default: PRESET, or PRESET-seedSEED);

@@ -31,6 +31,9 @@ from lf_flame.optics.camera import LONGEST, SHORTEST, PlenopticCamera
 from lf_flame.optics.lens import Lens
 from lf_flame.scenes.scene_files import read_camera
 
+MEASURED = ("slope_at_infinity", "slope_mm", "centre_mm", "scale")
+"""Numbers a, b, c and d of a law, in the order of fits and of their covariance."""
+
 TABLE = "law"
 """Name of the table in a TOML file."""
 
@@ -113,6 +116,12 @@ class CameraLaw(Lens):
                 f"A law needs slope_at_infinity and slope_mm of different signs, scale above 0, "
                 f"and depth_range_mm rising, beyond centre_mm, got {self.slope_at_infinity}, "
                 f"{self.slope_mm}, {self.scale}, {self.depth_range_mm} and {self.centre_mm}."
+            )
+        # A line that is added at the end of the file is in this table, the last.
+        if unknown := self.standard_deviations.keys() - set(MEASURED):
+            raise InputError(
+                f"standard_deviations are of {', '.join(MEASURED)}, got {', '.join(unknown)}; "
+                f"other keys of a law stand directly below [{TABLE}]."
             )
         diameter = self.aperture_diameter_mm
         if diameter is not None and not SHORTEST <= diameter <= LONGEST:

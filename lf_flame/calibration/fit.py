@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.stats import chi2, t
 
-from lf_flame.calibration.camera_law import CameraLaw
+from lf_flame.calibration.camera_law import MEASURED, CameraLaw
 from lf_flame.calibration.targets import Target, inverse
 from lf_flame.errors import InputError
 
@@ -24,9 +24,6 @@ WORST_SHARE = 0.02
 
 SURE = 0.999
 """Probability above which distortion, or a misfit, is taken to be more than noise."""
-
-NAMES = ("slope_at_infinity", "slope_mm", "centre_mm", "scale")
-"""Numbers a, b, c and d of a law, in the order of fits and of their covariance."""
 
 
 class Measurements(NamedTuple):
@@ -68,7 +65,7 @@ class LawFit:
     @property
     def coverage(self) -> float:
         """Number of standard deviations within which the truth is with 95 % (Student's t)."""
-        return float(t.ppf(0.975, self.residuals.size - len(NAMES)))
+        return float(t.ppf(0.975, self.residuals.size - len(MEASURED)))
 
     def depth_error_mm(self, depth_mm: float) -> float:
         """Find the standard deviation in mm of the law's depth for a slope known exactly."""
@@ -219,21 +216,21 @@ def fit_law(
             f"to {abs(residuals[0, worst]):.3g} mm, at {measured.depths[worst]:g} mm; check which "
             f"picture was taken at which depth, and that the camera was not changed between them."
         )
-    freedom, square = solved.fun.size - len(NAMES), 2 * solved.cost
+    freedom, square = solved.fun.size - len(MEASURED), 2 * solved.cost
     sure = bool(square > chi2.ppf(SURE, freedom))
     # A wrong position moves the slope and the scale of a target alike, which at most doubles the
     # variance of errors that are independent.
     covariance = max(square / freedom * (1 + sure), 1.0) * inverse(solved.jac.T @ solved.jac)
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2
     law = CameraLaw(
-        **dict(zip(NAMES, solved.x.tolist(), strict=True)),
+        **dict(zip(MEASURED, solved.x.tolist(), strict=True)),
         # The law holds a little beyond the targets, before the lens.
         depth_range_mm=(max(low - BEYOND * span, (low + centre) / 2), high + BEYOND * span),
         views=views,
         lenslets=lenslets,
         distortion=distortion,
         fall_off=fall_off,
-        standard_deviations=dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        standard_deviations=dict(zip(MEASURED, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
     )
     left_out = _left_out(measured, solved.x)
     return LawFit(law, measured, covariance, misfit_mm * sure, residuals, left_out)

@@ -48,7 +48,7 @@ MOST_UNKNOWN = 0.01
     option("--step-mm", "Step between targets, given in order, the nearest first.", ABOVE_0),
     flag("--dots", "The target is a square grid of round dots."),
     option("--lenslet-mm", "Lenslet pitch; with it, camera.toml is written too.", ABOVE_0),
-    option("--focal-mm", "Engraved focal length; gives camera.toml the exit pupil.", ABOVE_0),
+    option("--focal-mm", "Focal length on the lens; gives camera.toml the exit pupil.", ABOVE_0),
 )
 @READING
 @out_options("calibration")
@@ -156,7 +156,8 @@ def _with_depths(
     ),
     option(
         "--exposure exposures",
-        "Exposure of each picture over that of the flame's (default: as the files state).",
+        "Exposure of each picture, in their order, divided by that of the flame's (default: as the "
+        "files state).",
         ABOVE_0,
         multiple=True,
     ),

@@ -23,7 +23,7 @@ from lf_flame.commands import (
 )
 from lf_flame.commands.options import HELP, Program
 
-TOUR = """Simulate a plenoptic camera, refocus light fields, and train networks to do it.
+TOUR = """Simulate, decode and refocus light fields; measure emission and flicker of flames.
 
 \b
 A first tour:

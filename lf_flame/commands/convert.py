@@ -29,7 +29,7 @@ ARRAYS = (".npy", ".npz", ".zarr")
         "Bits of a value of an image; 32 are floats, in TIFF (default: 16, or 32 where needed).",
         click.Choice(["8", "16", "32"]),
     ),
-    option("--gain", "Factor on all values; 0 to 1 remains in 8 and 16 bits.", ABOVE_0),
+    option("--gain", "Factor on all values; 8 and 16 bits keep 0 to 1.", ABOVE_0),
 )
 def convert(source: Path, target: Path, bits: str | None, gain: float | None, **options) -> None:
     """Write a light field of any kind in another form.

@@ -22,7 +22,6 @@ from lf_flame.commands.options import (
     camera_option,
     command,
     flag,
-    open_lens,
     option,
     out_options,
     pick,
@@ -49,18 +48,24 @@ BLOCK = option(
 
 DEPTHS = cloup.option_group(
     "Where emission is sought",
-    option("--depths", "Planes in mm, both ends included.", float, nargs=3, metavar="FROM TO STEP"),
-    option("--depth-mm planes", "One depth plane; may be repeated.", float, multiple=True),
+    option(
+        "--depths",
+        "Depth planes in mm, both ends included.",
+        float,
+        nargs=3,
+        metavar="FROM TO STEP",
+    ),
+    option("--depth-mm planes", "Depth of a plane in mm; may be repeated.", float, multiple=True),
     BLOCK,
 )
 
 AXIS = cloup.option_group(
-    "Where the flame is",
+    "Where the flame is, in mm",
     camera_option(required=True),
-    option("--axis-mm", "Axis across, from the optical axis (default: found).", float),
-    option("--axis-depth", "Depth of the axis; needed for a single picture.", float),
-    option("--radius", "Radius in mm beyond which nothing emits.", float),
-    option("--burner", "Height in mm, upwards, below which nothing emits.", float),
+    option("--axis-mm", "Its axis, from the optical axis (default: found).", float),
+    option("--axis-depth", "Depth of the axis; required for one picture.", float),
+    option("--radius", "Radius that holds all light (default: found).", float),
+    option("--burner", "Height of the burner above the optical axis.", float),
     BLOCK,
     flag("--central", "Use the central view alone.", rare=True),
 )
@@ -69,8 +74,13 @@ AXIS = cloup.option_group(
 def fitting(rare: bool) -> tuple:
     """Options of the fit; `rare` says whether ``--help`` shows none of them."""
     return (
-        option("--noise", "Noise of a pixel (default: measured).", ABOVE_0, rare=rare),
-        option("--strength", "Penalty on roughness (default: chosen).", ABOVE_0, rare=rare),
+        option(
+            "--noise",
+            "Noise of a pixel, 1 sigma (default: measured).",
+            ABOVE_0,
+            rare=rare,
+        ),
+        option("--strength", "Weight of smoothness (default: chosen).", ABOVE_0, rare=rare),
         option(
             "--background",
             "fit: subtract an even background of unknown level, measured in the pixels that no "
@@ -107,7 +117,7 @@ FITTING = (
 @DEPTHS
 @cloup.option_group(
     "How it is fitted",
-    camera_option(),
+    camera_option(required=True),
     *FITTING,
     option(
         "--optical-thickness",
@@ -121,10 +131,10 @@ FITTING = (
 @READING
 @out_options("reconstructed/SOURCE")
 def reconstruct(source, depths, planes, block, camera, optical_thickness, **options) -> None:
-    """A light field gives almost no depth information for a smooth flame.
+    """Find emission by depth; a light field gives almost no depth of a smooth flame.
 
-    Find the emission at each depth that explains a light field of a flame. SOURCE must be grey,
-    linear in light, and divided by a white image. Default camera: the paper's.
+    The planes' emission that best explains all views of a flame's light field. SOURCE must be
+    linear in light and divided by a white image: grey, or in colour with --colours.
 
     \b
       lf-flame reconstruct simulated/flames/light_field.npz \\
@@ -135,10 +145,10 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     Refocused images do not show emission: each holds the blurred light of all other depths. Detail
     is blurred in depth over its period divided by the angle of the aperture; `lf-flame camera`
     prints the period in mm that your camera resolves.
-    """  # noqa: D301, D401 - click reads the backspace; the first line is the finding
+    """  # noqa: D301 - click reads the backspace
     import numpy as np
 
-    from lf_flame.optics.camera import PAPER_CAMERA
+    from lf_flame.calibration import read_lens
     from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography.frustum_grid import planes_between
 
@@ -146,8 +156,8 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
         raise InputError(
             "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
         )
-    lens = open_lens(camera)
-    grid = FrustumGrid(lens or PAPER_CAMERA, planes_between(*depths) if depths else planes, block)
+    lens: Lens = read_lens(camera)
+    grid = FrustumGrid(lens, planes_between(*depths) if depths else planes, block)
     if options["colours"] and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
@@ -156,8 +166,8 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     total = thickness.sum(axis=0) if isinstance(thickness, np.ndarray) else thickness
     greatest = None if total is None else float(np.max(total))
     job.facts |= {"optical_thickness": optical_thickness, "greatest_optical_thickness": greatest}
-    light_field, lens = job.reading.read_of_camera(source, lens)
-    job.find(light_field, grid if lens is None else replace(grid, camera=lens))
+    light_field, read = job.reading.read_of_camera(source, lens)
+    job.find(light_field, grid if read is None else replace(grid, camera=read))
 
 
 @command()
@@ -170,7 +180,8 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     """Find the emission of an axisymmetric flame with an upright axis.
 
     It is an Abel inversion from all views at once, along the camera's rays, without negative
-    emission. SOURCE must be grey, linear in light, and divided by a white image.
+    emission. SOURCE must be linear in light and divided by a white image: grey, or in colour
+    with --colours.
 
     \b
       lf-flame abel flame.npz --camera camera.toml

@@ -15,11 +15,11 @@ from lf_flame.errors import InputError
 
 @command()
 @click.argument("source", type=PATH)
-@option("--white", "White image of the raw image SOURCE; says if it fits.", PATH)
-@option("--lenslets", "Image that shows the lenslets of SOURCE.", PATH)
-@option("--dark", "Picture without light, for SOURCE and the white image.", PATH)
-@option("--bayer", "Colours of its mosaic, row by row.", metavar="rggb")
-@camera_option("; says what mm it gives")
+@option("--white", "White image of a raw image; info says if it fits.", PATH)
+@option("--lenslets", "Image that shows the lenslets' centres.", PATH)
+@option("--dark", "Dark image; needs --white or --lenslets.", PATH)
+@option("--bayer", "Bayer pattern of the sensor.", metavar="rggb")
+@camera_option("; adds facts in mm")
 def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 

@@ -33,7 +33,7 @@ def run(commands: click.Group, name: str) -> None:
     sys.exit(status or 0)
 
 
-STOPPED = "Stopped. Files that were finished are kept; long work goes on from there."
+STOPPED = "Stopped. Finished files are kept; for long work, the same command resumes."
 
 
 def _end(name: str, error: Exception) -> NoReturn:
@@ -122,10 +122,10 @@ EPOCH = "SOURCE_DATE_EPOCH"
 MOST_THREADS = 1024
 """Largest number of threads of Numba; it starts safely with these, and crashes with 100 000."""
 
-LEARNING = "This needs what learning needs: pip install '.[learn]'"
+LEARNING = "This needs further packages: pip install '.[learn]'"
 OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas"), LEARNING),
-    "zarr": f"{LEARNING}, or for videos alone: pip install '.[video]'",
+    "zarr": "This needs further packages: pip install '.[video]', or for training '.[learn]'",
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install '.[dask]'"),
     "anywidget": "This needs a notebook's parts: pip install '.[jupyter]'",
     "jax": "This needs JAX: pip install '.[gpu]'",

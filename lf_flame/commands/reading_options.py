@@ -30,7 +30,7 @@ def _reading_options(rare: bool) -> tuple:
     layouts, mosaics = ["rectangular", "hexagonal"], ["rggb", "bggr", "grbg", "gbrg"]
     return (
         option("--white", "White image (flat field) of a raw image.", EXISTING),
-        option("--lenslets", "Image of spots at the lenslets' centres, instead.", EXISTING),
+        option("--lenslets", "Picture of spots, in place of --white.", EXISTING),
         option("--dark", "Dark image; subtracted from SOURCE and --white.", PATH),
         option(
             "--bayer",
@@ -39,11 +39,11 @@ def _reading_options(rare: bool) -> tuple:
             metavar="PATTERN",
         ),
         option("--pitch", "Micro-image pitch of a raw image, in pixels.", float, rare=rare),
-        option("--views", "Number of pixels under a lenslet along each axis.", int),
+        option("--views", "Pixels under a lenslet, or views, each way.", int),
         option("--layout", "Layout of the lenslets, if not as found.", click.Choice(layouts),
                rare=rare),
         option("--grid", "Rows x columns of views in a folder, as 9x9.", rare=rare),
-        option("--order", "Order in which names count views, as row,-col.", rare=rare),
+        option("--order", "Meaning of the two numbers in a name, as row,-col.", rare=rare),
         option("--names", "Pattern of the views' names, as 'input_Cam*.png'.", rare=rare),
     )  # fmt: skip
 

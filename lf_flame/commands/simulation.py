@@ -30,8 +30,9 @@ def _effect_options(command):
     options = (
         option("--tolerance", "Largest error, relative to the brightest pixel (default: 0.001, or "
                "a quarter of the sensor's noise, if that is more).", float),
-        option("--on", "Force an effect on.", multiple=True, metavar="EFFECT"),
-        option("--off", "Force an effect off.", multiple=True, metavar="EFFECT"),
+        option("--on", "Always simulate this effect (names: `lf-flame plan`).", multiple=True,
+               metavar="EFFECT"),
+        option("--off", "Never simulate this effect.", multiple=True, metavar="EFFECT"),
     )  # fmt: skip
     for add in reversed(options):
         command = add(command)

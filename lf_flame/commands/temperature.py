@@ -31,9 +31,11 @@ WIDTH = FiniteRange(min=0)
 @command()
 @click.argument("folder", type=RUN)
 @option("--across", "Centre of the upright strip, in mm (default: found).", float)
-@option("--width", "Its width, in mm; at least a pixel's.", WIDTH, default=0.0)
+@option("--width", "Width of the upright strip in mm; at least one pixel.", WIDTH, default=0.0)
 @option("--height", "Centre of the level strip, in mm (default: found).", float)
-@option("--thickness", "Its thickness, in mm; at least a pixel's.", WIDTH, default=0.0)
+@option(
+    "--thickness", "Thickness of the level strip in mm; at least one pixel.", WIDTH, default=0.0
+)
 @out_options("profiles/FOLDER")
 def profiles(folder, out, overwrite, **strips) -> None:
     """Take profiles of emission along a flame and across it, with 95 % bands.
@@ -90,8 +92,8 @@ def profiles(folder, out, overwrite, **strips) -> None:
 )
 @option(
     "--calibration",
-    "With --wavelengths: ratio of the camera's two signals, first to second, at equal radiance in "
-    "both colours (default: 1).",
+    "With --wavelengths: signal of the first colour divided by the second's, for equal spectral "
+    "radiance (default: 1).",
     ABOVE_0,
 )
 @out_options("temperature/FOLDER")

@@ -66,7 +66,7 @@ MEASURES = cloup.option_group(
 
 STEPS = cloup.option_group(
     "What is done with each frame",
-    option("--steps", "As decode,refocus@10mm,height.", required=True),
+    option("--steps", "Steps in order, such as refocus@10mm,height.", required=True),
     camera_option(),
     *fitting(rare=True),
     *SHAPE,
@@ -85,8 +85,8 @@ def flicker(
 ) -> None:  # fmt: skip
     """Follow a flame through a video: height and flicker frequency.
 
-    SOURCE are pictures, or light fields with the options of `lf-flame refocus`: files, or one
-    folder of them; or the folder of `lf-flame process`.
+    SOURCE are still pictures, or light fields with the options of `lf-flame refocus`: files, or one
+    folder of them, but no film files; or the result of `lf-flame process`.
 
     \b
       lf-flame flicker video --frames-per-second 100 --pixel-mm 0.13
@@ -173,16 +173,17 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
     """Process every frame of a video of light fields; resumes an interrupted run.
 
     FRAMES are pictures, or light fields with the options of `lf-flame refocus`: files, or one
-    folder of them. Steps are decode, refocus@10mm (or refocus@0.5, a slope), emission and height.
+    folder of them. Steps are refocus@10mm (or refocus@0.5, a slope), emission and height; decode
+    alone keeps the light fields.
 
     \b
       lf-flame process raw --white white.png --camera camera.toml --depths -12 12 4 \\
-          --steps decode,refocus@0mm,height,emission --out flame.zarr
+          --steps refocus@0mm,height,emission --out flame.zarr
     \f
 
     \b
       lf-flame process raw --white white.png --frames-per-second 1000 --out flame.zarr \\
-          --steps decode,refocus@0.5,height
+          --steps refocus@0.5,height
 
     height, with contour, width, area and brightness, measures the image refocused before it, or the
     central view. With --strength, a fit of the emission starts from that of the frame before, in a
@@ -197,7 +198,13 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
 
     crew, reading = pick(Crew, options), pick(Reading, options)
     lens = open_lens(camera)
+    if depths and planes:
+        raise InputError(
+            "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
+        )
     planes = planes_between(*depths) if depths else planes
+    if planes and "emission" not in steps:
+        raise InputError("--depths and --depth-mm go with the step emission.")
     chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:

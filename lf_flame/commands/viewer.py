@@ -58,13 +58,13 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
 
     SOURCE is read as by `lf-flame refocus`, or is a folder of `lf-flame reconstruct`, through whose
-    depth planes one drags. This machine serves the page to itself alone, until Ctrl-C.
+    depth planes one drags. The page is visible on this machine only; Ctrl-C ends it.
 
     \b
       lf-flame view buddha                             a folder of views
       lf-flame view raw.png --white white.png          any plenoptic camera
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
-      lf-flame view results/emission                   emission, plane by plane
+      lf-flame view reconstructed/flames               emission, plane by plane
     """  # noqa: D301 - click reads the backspace
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.viewer.exhibit import Exhibit

@@ -169,7 +169,7 @@ def _image(source: Path) -> Found:
         found.missing.append(
             "what shows the lenslets: the white image of a raw image (--white), spots "
             "(--lenslets), the number of pixels under a lenslet of a lenslet image (--views), or "
-            "the rows x columns of views that lie side by side (--mosaic 8x8)."
+            "the rows x columns of views that lie side by side (`lf-flame convert --mosaic 8x8`)."
         )
         found.command = typed("refocus", source, "--white", "WHITE.png")
         return found

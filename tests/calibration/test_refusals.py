@@ -72,6 +72,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"views": 0}, "views"),
             ({"distortion": np.nan}, "numbers of a law must be finite"),
             ({"aperture_diameter_mm": 0.0}, "aperture_diameter_mm"),
+            ({"standard_deviations": {"aperture_diameter_mm": 12.5}}, "directly below .law."),
             ({"fall_off": ((1.0, 1.0), (1.0, 1.0))}, "fall_off"),
             ({"fall_off": ((0.0,) * 5,) * 5}, "fall_off"),
             ({"fall_off": ((np.nan,) * 5,) * 5}, "fall_off"),

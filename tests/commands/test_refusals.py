@@ -289,7 +289,6 @@ REFUSED = [
         ("--optical-thickness levels.tif", "floating-point numbers, got uint8"),
         ("--optical-thickness broken.tif", "broken.tif cannot be read"),
     ),
-    ("reconstruct ball.npy --depth-mm 0", "270 x 540 lenslets"),
     ("reconstruct ball.npy --camera law.toml --depth-mm 40", "where targets stood, got 40 mm"),
     *each(
         "refocus views",
