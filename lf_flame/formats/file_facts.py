@@ -16,10 +16,10 @@ from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro, re
 from lf_flame.formats.lytro.metadata import LytroMetadata
 from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import holds_white_files, white_files
-from lf_flame.formats.raw.checks import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.reading import read_raw
+from lf_flame.formats.raw.sensor_images import refuse_mosaic
 from lf_flame.formats.reading import find_light_field, note_on_order
 from lf_flame.formats.stacks import is_stack, read_focal_stack
 from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder

@@ -7,8 +7,8 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
-from lf_flame.formats.raw.checks import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
+from lf_flame.formats.raw.sensor_images import refuse_mosaic
 from lf_flame.lightfield import LightField
 
 MOST_VIEWS = 64

@@ -10,9 +10,8 @@ from lf_flame.formats.focused.lenslets import FocusedLenslets
 from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan
 from lf_flame.formats.images import is_lytro, read_image
-from lf_flame.formats.raw.checks import refuse_mosaic
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import less_dark
+from lf_flame.formats.raw.sensor_images import less_dark, refuse_mosaic
 from lf_flame.lightfield import LightField
 
 LARGEST_SHIFT = 0.08

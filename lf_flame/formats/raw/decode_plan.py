@@ -17,35 +17,22 @@ from scipy import ndimage
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.formats.raw import checks
+from lf_flame.formats.raw import sensor_images as sensor
 from lf_flame.formats.raw._decode_kernels import resample
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.sensor_images import (
-    as_image,
-    check_bayer,
-    find_bad_pixels,
-    find_saturated,
-    fitting,
-)
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
 
 TOUCHED = 0.02
-"""Share of unknown pixels of the sensor in a pixel of a view from which it is unknown too."""
+"""Share of saturated or dead pixels of the sensor in a pixel of a view from which it is unknown."""
 
 LEAST_LIT = 0.5
 """Smallest brightness, relative to its micro-image's centre, of what counts as lit. A darker pixel
 is partly outside the image of the aperture, so that its light comes from its inner part."""
 
-LEAST_SHARE = 0.85
-"""Smallest share of a view's pixels that is lit, for the view to count."""
-
 LEAST_LEVEL = 0.05
 """Smallest brightness of a micro-image, relative to the median, that is trusted."""
-
-SLACK = 0.02
-"""Largest distance in pixels by which a pixel may lie beyond its micro-image's border."""
 
 NONE = np.empty((0, 0, 0), np.float32)
 """In place of a black level or a white image, where there is none."""
@@ -138,10 +125,10 @@ class DecodePlan:
     per view: 2 / sqrt(3) times those in pitches per view. An array in straight columns is decoded
     in the same way with rows and columns exchanged.
 
-    Hot and dead pixels, which the dark and the white image show, are replaced by their neighbours
-    of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it
-    comes from saturated pixels, or from bad ones without a good neighbour; or if its lenslet is too
-    dark there in the white image, in a view that otherwise counts (it then holds 0).
+    A hot pixel, which is far brighter in the dark image than all around it, is replaced by its
+    neighbours of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than
+    2 % of it comes from saturated pixels; or, in the views that count, if it is too dark in the
+    white image, or bad pixels change its light there by 2 % (it then holds 0).
 
     Views that are mostly dark in the white image get weight 0, and in a hexagonal array those
     whose parts reach beyond the circle that touches the neighbours.
@@ -207,7 +194,7 @@ class DecodePlan:
                 f"shape must be that of raw images, (rows, columns[, channels]), got {shape}."
             )
         self.grid, self.shape = grid, tuple(shape)
-        self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
+        self.bayer = None if bayer is None else sensor.check_bayer(bayer, self.shape)
         self.views = views = _count_views(grid, views)
         # All else is of rows: the images of an array in columns are transposed, and so the views.
         self._grid = grid.upright
@@ -222,31 +209,24 @@ class DecodePlan:
         self._arrays = tuple(_array(self._grid, views, n, rows, columns) for n in (1, 2))
         self._rows, self._join = len(rows), _join(self._grid, len(columns))
         self._saturation, self._is_new = saturation, True
-        self._black = None if dark is None else self._fitting(dark, "dark").astype(np.float32)
-        light = None if white is None else self._fitting(white, "white")
-        self._notes = [] if light is None else [checks.note_on_white(light)]
-        self._bright = 0.0 if light is None else float(np.percentile(light[::3, ::3], 95))
-        if light is not None and self._black is not None:
-            light = light - self._black
-        self._bad = find_bad_pixels(light, self._black, self._grid, self._step)
+        self._notes: list[str] = []
+        self._black, light = (
+            None if one is None else self._upright(sensor.fitting(one, name, self.shape))
+            for one, name in ((dark, "dark"), (white, "white"))
+        )
+        self._hot = None
         if self._black is not None:
+            self._black = self._black.astype(np.float32)
+            self._hot = sensor.find_hot_pixels(self._black, self._step)
             self._black = self._mended(self._black)
         self._gain: np.ndarray | None = None
-        self._micro_images, bright = None, None
-        self._lit = np.ones((views, views), bool)
+        self._micro_images: np.ndarray | None = None
+        self._valid: np.ndarray | None = None
+        self._lit, self._bright = np.ones((views, views), bool), 0.0
         if light is not None:
-            light = np.ascontiguousarray(self._mended(light), np.float32)
-            if self.bayer is None:
-                checks.refuse_mosaic(light, self._grid, "white")
-            else:
-                self._notes.append(checks.note_on_colours(light, self._grid, self.bayer))
-            self._micro_images = checks.mean_micro_images(light, self._grid, self._step)
-            bright = self._use_white(light, pattern)
+            self._use_white(light, pattern)
         self.weights = _own_views(self._grid, views) & self._lit
-        lost = None if self._bad is None else self._untouched(self._bad.lost_in(size))
-        self._valid = self._known(bright, lost)
-        # Saturated pixels are lower bounds of the light; those too dark in the white image are not.
-        self._unlit = None if bright is None or (lit := self._known(bright)) is None else ~lit
+        self._valid = self._known(self._valid)
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Decode one raw image.
@@ -268,37 +248,46 @@ class DecodePlan:
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
             pattern of a mosaic that is not stated, or does not fit the white or the dark image.
         """
-        image = as_image(raw, "raw")
+        image = sensor.as_image(raw, "raw")
         if image.shape != (*self.shape, 1)[:3]:
             raise InputError(
                 f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
             )
         image = self._upright(image)
-        saturated = find_saturated(image, self._saturation)
+        saturated = sensor.find_saturated(image, self._saturation)
         if self._is_new:
-            self._look_at(image, saturated)
+            self._check(image, saturated)
         views = self._resample(self._mended(image), self._black, self._gain)
+        valid = self._valid
+        if valid is not None:  # saturated pixels are lower bounds of the light; these are not
+            views[~valid] = 0.0
+        if saturated is not None:
+            # A hot pixel is as saturated as the neighbours that replace it.
+            clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
+            share = self._resample(clipped, None, None)
+            valid = self._known(np.abs(share, out=share).max(axis=4) <= TOUCHED, valid)
         coloured = len(self.shape) == 3 or self.bayer is not None
         weights = None if self.weights.all() else self.weights.astype(np.float32)
-        valid = self._valid
-        if saturated is not None:
-            # A bad pixel is as saturated as the neighbours that replace it.
-            clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
-            valid = self._known(valid, self._untouched(clipped))
-        if self._unlit is not None:
-            views[self._unlit] = 0.0
         return LightField.trusted(
             views if coloured else views[..., 0], weights=weights, valid=valid
         )
-
-    def _fitting(self, image: ArrayLike, name: str) -> np.ndarray:
-        return self._upright(fitting(image, name, self.shape))
 
     def _upright(self, image: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(image.swapaxes(0, 1)) if self.grid.columns else image
 
     def _mended(self, image: np.ndarray) -> np.ndarray:
-        return image if self._bad is None else self._bad.mended(image)
+        return sensor.mended(image, self._hot, self._step)
+
+    def _known(
+        self, known: np.ndarray | None, other: np.ndarray | None = None
+    ) -> np.ndarray | None:
+        """Combine which pixels of the views that count are known, (v, u, t, s); None if all are."""
+        if known is None:
+            return None
+        known = known | ~self.weights[..., None, None]
+        if other is not None:
+            known &= other
+        return None if known.all() else known
 
     def _resample(
         self, image: np.ndarray, black: np.ndarray | None, gain: np.ndarray | None
@@ -316,8 +305,17 @@ class DecodePlan:
             return out
         return np.ascontiguousarray(out.transpose(1, 0, 3, 2, 4))
 
-    def _use_white(self, light: np.ndarray, pattern: str | None) -> np.ndarray:
-        """Set the factors of pixels and the lit views; find bright parts: bool, (v, u, t, s)."""
+    def _use_white(self, white: np.ndarray, pattern: str | None) -> None:
+        """Set the factors of the pixels, the lit views, and what is known of their pixels."""
+        self._notes.append(sensor.note_on_white(white))
+        self._bright = float(np.percentile(white[::3, ::3], 95))
+        light = white if self._black is None else white - self._black
+        light = np.ascontiguousarray(self._mended(light), np.float32)
+        if self.bayer is None:
+            sensor.refuse_mosaic(light, self._grid, "white")
+        else:
+            self._notes.append(sensor.note_on_colours(light, self._grid, self.bayer))
+        self._micro_images = sensor.mean_micro_images(light, self._grid, self._step)
         parts = self._resample(light, None, None)
         middle = parts[self.views // 2, self.views // 2]
         brightest = middle.mean(axis=2)
@@ -329,7 +327,7 @@ class DecodePlan:
                 f"got a median there of {level.min():g}."
             )
         least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
-        bright = np.array([[(one >= least).all(axis=2) for one in row] for row in parts])
+        known = (parts >= least).all(axis=4)
         del parts
         gain = np.zeros_like(light)
         breadth = math.ceil(max(self._grid.pitch, self._grid.row_pitch) / self._step)
@@ -337,65 +335,54 @@ class DecodePlan:
             at = np.s_[top :: self._step, left :: self._step]
             most = level if pattern is None else level["rgb".index(pattern[n])]
             pixels = light[at]
-            around = ndimage.maximum_filter(pixels, (breadth, breadth, 1), mode="nearest")
+            highest = np.percentile(pixels, 99.9)  # without hot pixels
+            around = np.minimum(pixels, highest)
+            around = ndimage.maximum_filter(around, (breadth, breadth, 1), mode="nearest")
             is_lit = pixels >= LEAST_LIT * np.maximum(around, LEAST_LEVEL * most)
+            is_lit &= pixels < 1.5 * highest
             np.divide(most, pixels, out=gain[at], where=is_lit)
         self._gain = gain
+        # Decoded by itself a white image is even, but where pixels among lit ones are not lit.
+        even = self._resample(light, None, gain)
+        even -= level.astype(np.float32)
+        self._valid = known & (np.abs(even, out=even) <= TOUCHED * level).all(axis=4)
+        del even
         share = self._resample((gain > 0).astype(np.float32), None, None)
-        # In each colour: where one has no lit pixels, light from farther inside is in its place,
-        # which makes slopes smaller.
+        # A view counts if 85 % of it are lit, in each colour: where one has no lit pixels, light
+        # from farther inside is in its place, which makes slopes smaller.
         lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
-        lit = lit >= LEAST_SHARE
-        self._lit = lit
-        if self._grid.pitch >= 5 and lit.sum() < 9:
-            checks.refuse_spots(lit)
-        return bright
+        self._lit = lit >= 0.85
+        if self._grid.pitch >= 5 and self._lit.sum() < 9:
+            sensor.refuse_spots(self._lit)
 
-    def _untouched(self, lost: np.ndarray) -> np.ndarray | None:
-        """Find the pixels of views without noticeable light of lost pixels, (v, u, row, column).
-
-        lost: (rows, columns, 1), 1 where a pixel of the sensor is lost, else 0. None if none is.
-        """
-        if not lost.any():
-            return None
-        share = self._resample(lost, None, None)
-        return np.abs(share, out=share).max(axis=4) <= TOUCHED
-
-    def _known(self, *found: np.ndarray | None) -> np.ndarray | None:
-        """Combine what is known of the pixels of the views that count; None if all are known."""
-        known = np.ones((1, 1, 1, 1), bool)
-        for one in found:
-            known = known if one is None else known & one
-        known = known | ~self.weights[..., None, None]
-        return None if known.all() else known
-
-    def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
-        """Refuse what does not fit; note bad and saturated pixels, and black, once."""
+    def _check(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
+        """Refuse what does not fit; note what is doubtful, hot and saturated pixels, once."""
         self._is_new = False
         light = image if self._black is None else image - self._black
         if self.bayer is None:
-            checks.refuse_mosaic(light, self._grid, "raw")
+            sensor.refuse_mosaic(light, self._grid, "raw")
+        means = sensor.mean_micro_images(light, self._grid, self._step)
         if self._black is None:
-            self._notes.append(checks.note_on_black(image, self._grid))
+            self._notes.append(sensor.note_on_black(means))
         else:
             bright = self._bright or float(np.percentile(image[::3, ::3], 95))
-            self._notes.append(checks.check_dark(self._black, light, bright, self._grid))
+            dark_means = sensor.mean_micro_images(self._black, self._grid, self._step)
+            self._notes.append(sensor.check_dark(self._black, means, dark_means, bright))
         if self._micro_images is not None:
-            means = checks.mean_micro_images(light, self._grid, self._step)
-            self._notes.append(checks.check_match(self._micro_images, means, self._lit))
-        if self._bad is not None:
+            sensor.refuse_other_white(self._micro_images, means, self._lit)
+        if self._hot is not None:
             LOGGER.info(
-                f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
-                f"neighbours of the same colour."
+                f"{len(self._hot[0])} hot pixels of the sensor are replaced by their neighbours of "
+                f"the same colour."
             )
-        for note in filter(None, self._notes):
-            LOGGER.warning(note)
         if saturated is not None:
             clipped = np.count_nonzero(saturated)
-            LOGGER.warning(
+            self._notes.append(
                 f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: what they "
                 f"touch in the views is unknown, and left out; expose less."
             )
+        for note in filter(None, self._notes):
+            LOGGER.warning(note)
 
 
 def _count_views(grid: LensletGrid, views: int | None) -> int:
@@ -445,7 +432,8 @@ def _array(
     """
     cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
     tan, height, width = abs(sin / cos), *(side / step for side in grid.window)
-    half_down, half_along = (max(side / 2 - (0.5 - SLACK) / step, 0.5) for side in (height, width))
+    # Own pixels lie whole in the micro-image, to 0.02 pixel.
+    half_down, half_along = (max(side / 2 - 0.48 / step, 0.5) for side in (height, width))
     is_round = grid.layout == "hexagonal"
     covered = (cos * height + abs(sin) * width) / 2
     high = half_along if is_round else cos * half_down + abs(sin) * half_along
