@@ -1,18 +1,17 @@
-"""Image files as pixels: TIFF by tifffile and imagecodecs, other formats by Pillow.
+"""Image files as pixels: TIFF by tifffile and imagecodecs, PNG by imagecodecs, others by Pillow.
 
 A file names no other file that would be opened, and its declared size is compared with the memory
 limit before it is decoded.
 """
 
 import io
-import re
 import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
 from pathlib import PurePath
-from typing import IO
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import tifffile
@@ -30,9 +29,6 @@ TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
 """Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
 start Ghostscript; other formats are not needed."""
-
-ANIMATED = ("PNG", "WEBP")
-"""Formats that may hold a film; other pictures in a JPEG file are previews."""
 
 PILLOW_ERRORS = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
@@ -55,24 +51,15 @@ PER_VALUE = 2 * FLOAT + 1
 """Number of bytes per value while an image becomes a light field: the floats, their copy in the
 order of views, and whether each is finite; decoding takes less."""
 
-PLAIN = ("1", "L", "LA", "I;16", "I", "F", "RGB", "RGBA")
-"""Pillow's modes that need no conversion: grey or RGB, with transparency or without."""
-
-DEEP_PNG = ("RGB;16B", "RGBA;16B", "LA;16B")
-"""Kinds of PNG whose low bytes Pillow would drop."""
-
 ORIENTATION = 0x0112
 """Tag of the orientation in which a picture is shown, in TIFF and EXIF."""
 
-GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW = 1, 0, 2, 6, 34892
+GREY, RGB, LINEAR_RAW = 1, 2, 34892
 """Accepted meanings of samples (PhotometricInterpretation), from TIFF 6.0 and DNG 1.4."""
 
-JPEG = 7
-"""Number of the compression by JPEG, which alone stores YCbCr colours that are turned into RGB."""
-
-COMPRESSIONS = (1, 2, 3, 4, 5, JPEG, 8, 32773, 32946, 34925, 50000)
-"""Numbers of the accepted compressions: none, three fax codes, LZW, JPEG, DEFLATE, PackBits,
-DEFLATE again, LZMA and Zstandard. None of them unpacks more than the declared size."""
+COMPRESSIONS = (1, 5, 8, 32773, 32946, 34925, 50000)
+"""Numbers of the accepted compressions: none, LZW, DEFLATE, PackBits, DEFLATE again, LZMA and
+Zstandard. None of them unpacks more than the declared size."""
 
 TRANSPARENCY = 2
 """Value of ExtraSamples for transparency by which the colours are not multiplied."""
@@ -84,24 +71,22 @@ REDUCED, MASK = 1, 4
 def read_pixels(path: Source) -> np.ndarray:
     """Read an image file at full bit depth: (h, w) or (h, w, channels), in its shown orientation.
 
-    Levels are as stored, 0 is black; those of depths other than 1, 8 and 16 bits are divided by the
-    highest, float32. Transparency is a last channel, the pages of a stack are a first axis.
+    Levels are as stored, 0 is black; those of TIFF files of 12 bits and the like are divided by the
+    highest, float32. Transparency is a last channel, the pages of a stack are first axes.
     """
     if is_tiff(path):
-        return _rows_first(*_read_tiff(path))
-    with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
-        _check_colours(image, path)
+        return read_tiff(path).pixels
+    from imagecodecs import PngError, png_decode
+
+    with readable(path, (*PILLOW_ERRORS, PngError)), open_image(path, FORMATS) as image:
+        _check_picture(image, path)
         check_memory(prod(image.size) * len(image.getbands()) * PER_VALUE, path)
-        if image.format == "PPM" and _is_deep(image):
-            return _read_netpbm(image, path)
-        if image.format == "PNG":
-            with open_image(path, ("PNG",)) as again:
-                again.verify()  # Pillow's decoder does not compare the checksums
-        if image.format == "PNG" and image.tile[0].args in DEEP_PNG:
-            return _read_deep_png(image, path)
-        colours = "RGBA" if "transparency" in image.info else "RGB"
-        pixels = np.asarray(image if image.mode in PLAIN else image.convert(colours))
-        return oriented(pixels, image.getexif().get(ORIENTATION, 1))
+        turn = image.getexif().get(ORIENTATION, 1)
+        if image.format == "PNG":  # Pillow drops the low bytes of deep colours
+            with open_bytes(path) as file:
+                return oriented(png_decode(file.read()), turn)
+        pixels = np.asarray(image.convert("RGB") if image.mode == "P" else image)
+    return oriented(pixels.astype(np.uint16) if pixels.dtype == np.int32 else pixels, turn)
 
 
 def read_shape(path: Source) -> tuple[int, int, int]:
@@ -143,6 +128,33 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
     return np.flip(pixels, tuple(axes[k] for k in turned))
 
 
+def open_image(path: Source, formats: tuple[str, ...]) -> ImageFile.ImageFile:
+    """Open an image with Pillow; the caller closes it."""
+    return Image.open(open_bytes(path) if isinstance(path, PackedFile) else path, formats=formats)
+
+
+def _check_picture(image: ImageFile.ImageFile, path: Source) -> None:
+    """Refuse inks, films, and 16-bit colours of Netpbm, of which Pillow would keep 8."""
+    if image.mode in ("CMYK", "LAB", "HSV"):
+        raise InputError(
+            f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
+            f"printer's profile)."
+        )
+    frames = getattr(image, "n_frames", 1)
+    if frames > 1 and image.format in ("PNG", "WEBP"):  # others in a JPEG file are previews
+        raise InputError(f"{path} holds {frames} pictures that follow each other: store one.")
+    if image.format == "PPM" and image.mode == "RGB" and netpbm_top(image) > 255:
+        raise InputError(f"{path} holds colours of 16 bits, which are read from PNG and TIFF.")
+
+
+def netpbm_top(image: ImageFile.ImageFile) -> int:
+    """Highest level of an open Netpbm file."""
+    codec, _, _, args = image.tile[0]
+    if codec == "raw":
+        return 65535 if args == "I;16B" else 255
+    return args[-1] if isinstance(args, tuple) else 255
+
+
 # TIFF ---------------------------------------------------------------------------------------------
 
 
@@ -151,6 +163,28 @@ class _Apart(io.FileIO):
 
     def fileno(self) -> int:
         raise io.UnsupportedOperation("other files are not opened")
+
+
+class Pages(NamedTuple):
+    """Pictures of a TIFF file.
+
+    `pixels` has the page axes, rows, columns and, if there are several, channels. `axes` are
+    tifffile's letters of the page axes, with N for like pictures that follow each other. `metadata`
+    are ImageJ's.
+    """
+
+    pixels: np.ndarray
+    axes: str
+    metadata: dict[str, Any]
+    is_transparent: bool
+
+
+def is_tiff(path: Source) -> bool:
+    """Whether a file is TIFF, by its ending or its first bytes."""
+    if PurePath(str(path)).suffix.lower() in TIFF_SUFFIXES:
+        return True
+    with readable(path, (OSError,)), open_bytes(path) as file:
+        return file.read(4) in TIFF_STARTS
 
 
 @contextmanager
@@ -164,214 +198,88 @@ def open_tiff(path: Source) -> Iterator[tifffile.TiffFile]:
             yield file
 
 
-def read_tiff(path: Source) -> np.ndarray:
-    """Read the pictures of a TIFF file with the axes of the file; see `read_pages` for errors."""
-    return _read_tiff(path)[0]
-
-
-def _read_tiff(path: Source) -> tuple[np.ndarray, str]:
-    """Read the pictures of a TIFF file, and the letters of their axes; axes of length 1 go."""
-    with open_tiff(path) as file:
-        pixels, axes = read_pages(pictures(file, path), path)
-    keep = [k for k, axis in enumerate(axes) if axis in "YX" or pixels.shape[k] > 1]
-    return pixels.reshape([pixels.shape[k] for k in keep]), "".join(axes[k] for k in keep)
-
-
 def pictures(file: tifffile.TiffFile, path: Source) -> list[tifffile.TiffPageSeries]:
-    """Series of an open TIFF file that are the picture in full resolution, or its like pages.
+    """Series of an open TIFF file that are its picture in full resolution, or its like pictures.
 
-    A file may begin with a thumbnail, and hold the picture behind it or in a SubIFD of it (DNG);
-    NewSubfileType says so. Smaller pictures behind the first are left out. A file that does not
-    say which of its pictures is meant is refused.
+    Thumbnails and masks, which NewSubfileType declares, are left out.
     """
-    if not file.series:
-        raise InputError(f"{path} cannot be read: it is damaged, or holds no picture.")
     whole = [one for one in file.series if not one.keyframe.subfiletype & (REDUCED | MASK)]
-    if not whole:
-        inside = [page for one in file.series for page in one.keyframe.pages or ()]
-        whole = [
-            tifffile.TiffPageSeries([page], parent=file)
-            for page in inside
-            if isinstance(page, tifffile.TiffPage) and not page.subfiletype & (REDUCED | MASK)
-        ]
-    if not whole and len(file.series) == 1:
-        whole = file.series[:1]  # nothing else could be meant
-    if not whole:
+    forms = {f"{one.shape} of {one.dtype}" for one in whole}
+    if len(forms) != 1:
         raise InputError(
-            f"{path} holds {len(file.series)} pictures, all declared as smaller versions or masks "
-            f"of another one: store the picture itself."
+            f"{path} must hold one picture in full resolution, or several of one form, got "
+            f"{', '.join(sorted(forms)) or 'none'}: store one."
         )
-    first, *others = whole
-    alike = [one for one in others if (one.shape, one.dtype) == (first.shape, first.dtype)]
-    size = first.keyframe.imagelength * first.keyframe.imagewidth
-    for one in others:
-        if one not in alike and one.keyframe.imagelength * one.keyframe.imagewidth >= size:
-            raise InputError(
-                f"{path} holds pictures of different forms, {first.shape} of {first.dtype} and "
-                f"{one.shape} of {one.dtype}, and does not say which of them is a thumbnail: "
-                f"store one."
-            )
-    return [first, *alike]
+    return whole
 
 
-def read_pages(series: list[tifffile.TiffPageSeries], path: Source) -> tuple[np.ndarray, str]:
-    """Read series of like pages, if all of them fit into memory as floats.
+def find_axes(
+    series: list[tifffile.TiffPageSeries], *, is_focal: bool = False
+) -> tuple[str, list[int], list[int]]:
+    """Letters of the axes of like series, N first, and the places of page axes and image axes.
 
-    Grey levels that count from white are inverted, levels that do not fill whole bytes become
-    fractions of the highest, and pictures are turned to their shown orientation. The letters of
-    the axes are I for the series, then tifffile's, with axes of length 1.
+    Samples are channels. So are images for each colour (axis C): three, or two and four beside
+    other pages or in a focal stack; other pages are no colours. Axes of length 1 are left out.
     """
-    itemsize = series[0].dtype.itemsize
-    check_memory(
-        sum(prod(one.shape) for one in series) * max(PER_VALUE, 2 * itemsize + FLOAT), path
-    )
-    arrays = [_decode(one, path) for one in series]
-    pixels = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
-    axes = "I" + series[0].get_axes(squeeze=False)
-    if len(axes) != pixels.ndim or axes.count("Y") != 1 or axes.count("X") != 1:
-        raise InputError(
-            f"{path} must hold pictures of rows and columns, got axes {axes[1:]!r} of shape "
-            f"{pixels.shape[1:]}."
-        )
-    return pixels, axes
+    axes = "N" + series[0].get_axes(squeeze=False)
+    lengths = (len(series), *series[0].get_shape(squeeze=False))
+    pages = [k for k, n in enumerate(lengths) if n > 1 and axes[k] not in "YX"]
+    fits = [k for k in pages if axes[k] == "C" and lengths[k] in (2, 3, 4)]
+    fits = [k for k in fits if lengths[k] == 3 or is_focal or len(pages) > 1]
+    colours = ([k for k in pages if axes[k] == "S"] or fits)[:1]
+    image = [axes.find("Y"), axes.find("X"), *colours]
+    return axes, [k for k in pages if k not in colours], image
 
 
-def transparency(page: tifffile.TiffPage) -> bool:
-    """Whether the last sample of a page is its transparency."""
-    return tuple(page.extrasamples) == (TRANSPARENCY,)
-
-
-def _decode(series: tifffile.TiffPageSeries, path: Source) -> np.ndarray:
-    """Decode a series, [page axes, rows, columns, samples] or as its axes say."""
-    if any(page is None for page in series.pages):
-        raise InputError(
-            f"{path} names other files as the place of some of its pages, and these are not "
-            f"opened: store all pages in one file."
-        )
-    page = series.keyframe
-    _check_light(page, path)
-    _check_packing(page, path)
-    pixels = series.asarray(squeeze=False)
-    inverted = "PhotometricInterpretation" in page.tags and page.photometric == INVERTED_GREY
-    bits = page.bitspersample
-    bits = max(bits) if isinstance(bits, tuple) else int(bits)
-    if inverted:
-        if pixels.dtype.kind not in "bu":
+def read_tiff(path: Source) -> Pages:
+    """Read the pictures of a TIFF file, if all of them fit into memory as floats."""
+    with open_tiff(path) as file:
+        metadata, series = file.imagej_metadata or {}, pictures(file, path)
+        page, itemsize = series[0].keyframe, series[0].dtype.itemsize
+        values = sum(prod(one.shape) for one in series)
+        check_memory(values * max(PER_VALUE, 2 * itemsize + FLOAT), path)
+        _check_page(page, path)
+        if any(page is None for one in series for page in one.pages):
             raise InputError(
-                f"{path} counts from white, but holds {pixels.dtype}: store it from black."
+                f"{path} names other files as the place of some of its pages, and these are not "
+                f"opened: store all pages in one file."
             )
-        pixels = ~pixels if pixels.dtype.kind == "b" else pixels.dtype.type(2**bits - 1) - pixels
-    if pixels.dtype.kind == "u" and bits < 8 * pixels.dtype.itemsize:
+        axes, pages, image = find_axes(series, is_focal="slopes" in metadata)
+        if min(image) < 0:
+            raise InputError(f"{path} must hold pictures of rows and columns, got axes {axes!r}.")
+        arrays = [one.asarray(squeeze=False) for one in series]
+    pixels = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+    bits = int(np.max(page.bitspersample))
+    if pixels.dtype.kind == "u" and bits < 8 * itemsize:
         pixels = pixels / np.float32(2**bits - 1)
-    orientation = page.tags.get(ORIENTATION)
-    rows = series.get_axes(squeeze=False).find("Y")
-    return oriented(pixels, orientation.value if orientation and rows >= 0 else 1, rows)
+    kept = pages + image
+    order = [k for k in range(len(axes)) if k not in kept] + kept
+    pixels = pixels.transpose(order)
+    pixels = pixels.reshape(pixels.shape[len(order) - len(kept) :])
+    if orientation := page.tags.get(ORIENTATION):
+        pixels = oriented(pixels, orientation.value, len(pages))
+    letters = "".join(axes[k] for k in pages)
+    is_transparent = page.extrasamples == (TRANSPARENCY,)
+    return Pages(pixels, letters, metadata, is_transparent)
 
 
-def _check_light(page: tifffile.TiffPage, path: Source) -> None:
-    """Refuse samples that are not light, and of which the last has no stated meaning."""
-    meaning = int(page.photometric) if "PhotometricInterpretation" in page.tags else GREY
-    known = (GREY, INVERTED_GREY, RGB, LINEAR_RAW) + (YCBCR,) * (page.compression == JPEG)
-    if meaning not in known:
-        name = getattr(page.photometric, "name", str(meaning))
+def _check_page(page: tifffile.TiffPage, path: Source) -> None:
+    """Refuse samples that are not light, of no stated meaning, or packed in another way."""
+    known = page.photometric if "PhotometricInterpretation" in page.tags else GREY
+    if int(known) not in (GREY, RGB, LINEAR_RAW):
         raise InputError(
-            f"{path} holds no grey or RGB light but {name} (photometric interpretation {meaning}): "
-            f"convert it."
+            f"{path} holds no grey or RGB light that counts from black but "
+            f"{getattr(known, 'name', '')} (photometric interpretation {int(known)}): convert it."
         )
-    if page.samplesperpixel in (2, 4) and not transparency(page):
+    extra = [int(n) for n in page.extrasamples]
+    if page.samplesperpixel in (2, 4) and extra != [TRANSPARENCY]:
         raise InputError(
             f"{path} has {page.samplesperpixel} samples to a pixel, and does not say that the last "
-            f"is a plain transparency (extra samples {[int(n) for n in page.extrasamples]}): "
-            f"store it in grey or RGB."
+            f"is a plain transparency (extra samples {extra}): store it in grey or RGB."
         )
-
-
-def _check_packing(page: tifffile.TiffPage, path: Source) -> None:
-    """Refuse compressions that could unpack more than the page declares."""
     if int(page.compression) not in COMPRESSIONS:
-        name = getattr(page.compression, "name", "unknown")
         raise InputError(
-            f"{path} is packed by compression {int(page.compression)} ({name}), which is not read: "
-            f"store it with DEFLATE, LZW or without compression."
+            f"{path} is packed by compression {int(page.compression)} "
+            f"({getattr(page.compression, 'name', 'unknown')}), which is not read: store it with "
+            f"DEFLATE, LZW or without compression."
         )
-    if page.compression == JPEG:  # each part states a size of its own
-        handle = page.parent.filehandle
-        for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
-            handle.seek(start)
-            with Image.open(io.BytesIO(handle.read(count)), formats=("JPEG",)) as part:
-                check_memory(prod(part.size) * page.samplesperpixel * PER_VALUE, path)
-
-
-def is_tiff(path: Source) -> bool:
-    """Whether a file is TIFF, by its ending or its first bytes."""
-    if PurePath(str(path)).suffix.lower() in TIFF_SUFFIXES:
-        return True
-    with readable(path, (OSError,)), open_bytes(path) as file:
-        return file.read(4) in TIFF_STARTS
-
-
-def _rows_first(pixels: np.ndarray, axes: str) -> np.ndarray:
-    """Bring the axes of a picture into the order of rows, columns and channels.
-
-    A TIFF file may store one image for each channel, or say that its rows are columns. Axes of
-    other meaning stay in front: pages are no colours, and of two or four channels none is said to
-    be the transparency.
-    """
-    places = {"Y": 1, "X": 2, "S": 3}
-    if "C" in axes and pixels.shape[axes.index("C")] in (1, 3):
-        places["C"] = 3
-    return pixels.transpose(sorted(range(len(axes)), key=lambda k: places.get(axes[k], 0)))
-
-
-# Other formats ------------------------------------------------------------------------------------
-
-
-def open_image(path: Source, formats: tuple[str, ...]) -> ImageFile.ImageFile:
-    """Open an image with Pillow; the caller closes it."""
-    return Image.open(open_bytes(path) if isinstance(path, PackedFile) else path, formats=formats)
-
-
-def _check_colours(image: ImageFile.ImageFile, path: Source) -> None:
-    if image.mode not in (*PLAIN, "P", "PA", "YCbCr"):
-        raise InputError(
-            f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
-            f"printer's profile)."
-        )
-    frames = getattr(image, "n_frames", 1)
-    if frames > 1 and image.format in ANIMATED:
-        raise InputError(f"{path} holds {frames} pictures that follow each other: store one.")
-
-
-def _read_deep_png(image: ImageFile.ImageFile, path: Source) -> np.ndarray:
-    """Decode 16-bit colour by imagecodecs (libpng)."""
-    from imagecodecs import PngError, png_decode
-
-    with readable(path, (PngError,)), open_bytes(path) as file:
-        return oriented(png_decode(file.read()), image.getexif().get(ORIENTATION, 1))
-
-
-def _is_deep(image: ImageFile.ImageFile) -> bool:
-    """Whether a Netpbm file is text, or holds levels that Pillow would round."""
-    codec, _, _, args = image.tile[0]
-    return image.mode in ("L", "I", "RGB") and (codec != "raw" or args == "I;16B")
-
-
-def _read_netpbm(image: ImageFile.ImageFile, path: Source) -> np.ndarray:
-    """Read PGM and PPM of any maximum, text or binary, after Pillow has read the header."""
-    codec, _, offset, args = image.tile[0]
-    highest = args[-1] if isinstance(args, tuple) else 65535
-    shape = (image.height, image.width, *([3] if image.mode == "RGB" else []))
-    with open_bytes(path) as file:
-        file.seek(offset)
-        if codec == "ppm_plain":
-            words = re.sub(rb"#[^\r\n]*", b" ", file.read()).split(None, prod(shape))
-            levels = np.array(words[: prod(shape)], np.bytes_).astype(np.float32)
-        else:
-            kind = np.dtype(np.uint8 if highest < 256 else ">u2")
-            levels = np.frombuffer(file.read(prod(shape) * kind.itemsize), kind)
-    if levels.size < prod(shape) or not 0 <= levels.min() <= levels.max() <= highest:
-        raise InputError(
-            f"{path} cannot be read: it is damaged, and must hold {prod(shape)} levels from 0 to "
-            f"{highest}."
-        )
-    return levels.reshape(shape) / np.float32(highest)

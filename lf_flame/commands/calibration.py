@@ -110,7 +110,7 @@ def calibrate(
             "lenslet_mm": lenslet_mm,
             "focal_mm": focal_mm,
             "reading": reading.given(),
-            "notes": notes,
+            "notes": reading.coded,
         }
     click.echo(output.table(facts))
     click.echo(output.summary(fit))
@@ -189,7 +189,6 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.formats import read_exposure
-    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import colour_output
     from lf_flame.tomography.colour_calibration import MOST_UNEVEN, measure_source
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
@@ -217,7 +216,6 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
         fit = replace(fit, calibration=replace(fit.calibration, exposure=first))
-        notes = next(filter(None, map(notes_on_coding, sources)), [])
         colour_output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
@@ -227,9 +225,8 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "emissivity": emissivity,
             "least_temperature_K": least,
             "reading": reading.given(),
-            "notes": notes,
+            "notes": reading.coded,
         }
-    tell_all("Note", notes)
     click.echo(colour_output.colours_table(fit, kelvin))
     click.echo(f"these colours determine temperatures of soot from {least:.0f} K on")
     if source.uneven > MOST_UNEVEN:

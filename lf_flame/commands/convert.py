@@ -50,17 +50,14 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     divided by a white image, are written as floats in TIFF files, or by --gain.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import exclusive
-    from lf_flame.formats.coding import notes_on_coding
 
     reading = Reading(**options)
     if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
         light_field = reading.read(source)
-        coded = notes_on_coding(source)
-        said = _write(light_field, target, int(bits) if bits else None, gain, linear=not coded)
-    for note in coded:
-        tell(note)
+        linear = not reading.coded
+        said = _write(light_field, target, int(bits) if bits else None, gain, linear=linear)
     lost = {
         "which views are excluded": light_field.weights is not None
         and not light_field.weights.all(),

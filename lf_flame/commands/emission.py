@@ -226,7 +226,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
 
 def read_thickness(given: str) -> "float | np.ndarray":
     """Read an optical thickness: a number, or a TIFF file of planes (planes, rows, columns)."""
-    from lf_flame._common.images import TIFF_SUFFIXES, read_tiff
+    from lf_flame._common.images import TIFF_SUFFIXES, read_pixels
 
     try:
         return float(given)
@@ -234,7 +234,7 @@ def read_thickness(given: str) -> "float | np.ndarray":
         path = Path(given)
     if path.suffix.lower() not in TIFF_SUFFIXES:
         raise InputError(f"--optical-thickness must be a number or a TIFF file, got {given}.")
-    stack = read_tiff(path)
+    stack = read_pixels(path)
     if stack.dtype.kind != "f" or stack.ndim < 2:
         raise InputError(
             f"{path} must hold planes of optical thickness as floating-point numbers, got "
@@ -260,7 +260,6 @@ class _Job:
     def begun(cls, source: Path, folder: Path, options: dict[str, Any]) -> "_Job":
         """Check the options and folders, as reading and compiling are slow; print first notes."""
         from lf_flame._common.output_folders import refuse_folder
-        from lf_flame.formats.coding import notes_on_coding
         from lf_flame.tomography.colour_calibration import read_exposed_colours
         from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.fit import FitOptions, check_bootstrap
@@ -275,7 +274,8 @@ class _Job:
             if given and colours is None:
                 raise InputError(f"{name} goes with --colours, without which no soot is fitted.")
         soot = {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
-        notes, calibration = notes_on_coding(source), None
+        notes: list[str] = []
+        calibration = None
         if colours is not None:
             calibration, said = read_exposed_colours(colours, source)
             notes += said
@@ -341,6 +341,7 @@ class _Job:
         from lf_flame.tomography import write_emission
 
         write_emission(found, light_field, folder)
-        folder.facts |= self.facts | more
+        notes = [*self.facts["notes"], *self.reading.coded]
+        folder.facts |= self.facts | more | {"notes": notes}
         folder.facts["source"] = recorded_path(self.source, folder.folder)
         tell_all(word, found.warnings)

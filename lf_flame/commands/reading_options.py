@@ -3,7 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +68,10 @@ ALL_READING = cloup.option_group(
 
 @dataclass(frozen=True)
 class Reading:
-    """Options of `ALL_READING`, which are those of `lf_flame.read_light_field`."""
+    """Options of `ALL_READING`, which are those of `lf_flame.read_light_field`.
+
+    `coded` is filled by reading: the note that the first picture is gamma-coded, if it is.
+    """
 
     white: Path | None = None
     lenslets: Path | None = None
@@ -86,12 +89,13 @@ class Reading:
     first: int | None = None
     focused: Path | None = None
     virtual_depth: float | None = None
+    coded: list[str] = field(default_factory=list, compare=False)
 
     @property
     def stated(self) -> dict[str, Any]:
         """Options that were given."""
         options = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {name: value for name, value in options.items() if value is not None}
+        return {name: x for name, x in options.items() if x is not None and name != "coded"}
 
     def given(self) -> dict[str, Any]:
         """Give the options that were given, paths as text."""
@@ -126,17 +130,21 @@ class Reading:
 
     def find(self, source: Path) -> "Found":
         """Read a light field of any kind, and print what was found."""
+        from lf_flame.formats.coding import note_on_coding
         from lf_flame.formats.reading import find_light_field
 
         with progress.stage(f"Reading {printable(source)}"):
             found = find_light_field(source, **self.stated)
         for line in found.notes:
-            tell(printable(line))
+            tell(printable(line, 600))
+        if not self.coded and (coded := note_on_coding(source)):
+            self.coded.append(coded)
+            tell(f"Note: {printable(coded, 800)}")
         return found
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found and what is doubtful."""
-        from lf_flame.formats.coding import notes_on_values
+        from lf_flame.formats.coding import note_on_depth
         from lf_flame.formats.reading import note_on_order
 
         found = self.find(source)
@@ -145,8 +153,8 @@ class Reading:
         tell(f"{v} x {u} views of {t} x {s} pixels")
         as_stored = found.order is None and self.order is None
         doubt = note_on_order(light_field, source) if as_stored else ""
-        kept = (light_field.uncounted, light_field.unknown, doubt)
-        for note in (*kept, *notes_on_values(light_field, source)):
+        depth = note_on_depth(light_field.views.reshape(-1, *light_field.views.shape[2:]))
+        for note in (light_field.uncounted, light_field.unknown, doubt, depth):
             if note:
                 tell(note)
         return light_field

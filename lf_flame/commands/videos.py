@@ -217,16 +217,15 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
     from lf_flame.flame_video.frames import FrameReader, find_times
-    from lf_flame.formats.coding import notes_on_coding
 
     paths = [path.absolute() for path in paths]
     rows, times, notes = find_times(paths, rate or 1.0)
-    notes = [*notes_on_coding(paths[0]), *(notes if rate else [])]
-    tell_all("Note", notes)
     reading = reading.for_camera(paths[0], lens)
     with progress.stage(f"Reading {printable(paths[0])}"):
         reader, said = FrameReader(paths[0], reading.stated), Said()
         found = reader.notes
+    notes = [*reader.coded, *(notes if rate else [])]
+    tell_all("Note", notes)
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
     for line in (*found, *on_camera):
         tell(printable(line, 600))

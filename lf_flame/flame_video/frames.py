@@ -13,6 +13,7 @@ from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
+from lf_flame.formats.coding import note_on_coding
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
 from lf_flame.formats.reading import Found, find_light_field
 from lf_flame.formats.stacks import is_stack
@@ -136,6 +137,11 @@ class FrameReader:
         v, u, t, s = self.shape[:4]
         kind = "Pictures" if v * u == 1 else f"Frames of {v} x {u} views"
         return [*self._found.notes, f"{kind} of {t} x {s} pixels"]
+
+    @property
+    def coded(self) -> list[str]:
+        """Note that the frame `model` is probably gamma-coded, if it is."""
+        return list(filter(None, [note_on_coding(self.model)]))
 
     @property
     def shape(self) -> tuple[int, ...]:

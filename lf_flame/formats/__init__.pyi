@@ -1,10 +1,5 @@
 from .exposure import read_exposure as read_exposure
-from .focused.lenslets import FocusedLenslets as FocusedLenslets
-from .focused.raytrix import read_raytrix as read_raytrix
-from .focused.reading import read_focused as read_focused
-from .focused.views import FocusedPlan as FocusedPlan
-from .focused.virtual_depth import VirtualDepth as VirtualDepth
-from .focused.virtual_depth import find_virtual_depth as find_virtual_depth
+from .focused.views import read_focused as read_focused
 from .hci_files import read_true_slopes as read_true_slopes
 from .images import write_movie as write_movie
 from .images import write_picture as write_picture

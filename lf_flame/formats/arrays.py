@@ -10,6 +10,7 @@ import numpy as np
 from lf_flame._common.arrays_in_files import ArrayFile, open_arrays
 from lf_flame._common.images import FLOAT, to_unit
 from lf_flame.errors import InputError
+from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.formats.view_files.orders import (
@@ -66,7 +67,8 @@ def read_array(
     LightField
         Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
     FoundOrder or None
-        Order of views with a running number; None for others, which are used as stored or stated.
+        Order of views with a running number, or of a file of the HCI data set; None for others,
+        which are used as stored or stated.
     """
     with _open(path) as file:
         name = _choose_array(file, axes, array)
@@ -79,6 +81,7 @@ def read_array(
         )
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
         held, weights, valid = _without_weight(held, path)
+    is_stated = axes is not None
     if axes is None:
         _check_shape(held.shape, path)
         axes = DEFAULT_AXES[held.ndim]
@@ -97,6 +100,9 @@ def read_array(
         order = found.order
     elif not of_views:
         ours = cut_views(ours, views, path)
+    elif order is None and not is_stated and isinstance(file, Hdf5File) and is_hci(file):
+        found = find_hci_order(file, ours)
+        order = found.order
     light_field = LightField(ours, weights=weights, valid=valid)
     light_field = arranged_light_field(light_field, order)
     check_grid(shape, light_field.views.shape[:2], path)

@@ -9,10 +9,9 @@ import numpy as np
 from lf_flame._common.images import TIFF_SUFFIXES, read_shape
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import ARRAY_SUFFIXES
-from lf_flame.formats.coding import notes_on_coding
-from lf_flame.formats.focused.raytrix import is_raytrix, read_raytrix
-from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro, read_image
+from lf_flame.formats.coding import note_on_coding
+from lf_flame.formats.focused.lenslets import is_raytrix, read_raytrix
+from lf_flame.formats.images import IMAGE_SUFFIXES, is_lytro, read_image
 from lf_flame.formats.lytro.metadata import LytroMetadata
 from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import holds_white_files, white_files
@@ -90,9 +89,8 @@ def describe(
         return _folder(source)
     if is_raytrix(source):
         facts = {"lenslets": read_raytrix(source, (1, 1)).describe()}
-        found = Found("calibration of a Raytrix camera", facts)
-        found.command = typed("convert", "RAW.png", "views.npz", "--focused", source)
-        return found
+        command = typed("convert", "RAW.png", "views.npz", "--focused", source)
+        return Found("calibration of a Raytrix camera", facts, command=command)
     if source.suffix.lower() in IMAGE_SUFFIXES:
         return _image(source)
     return _views(source)
@@ -100,32 +98,18 @@ def describe(
 
 def _folder(source: Path) -> Found:
     """Folder or archive of views."""
-    try:
-        folder = scan_view_folder(source)
-    except InputError as error:
-        known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
-        paths = sorted(source.iterdir()) if source.is_dir() else []
-        paths = [path for path in paths if path.suffix.lower() in known]
-        if not paths:
-            raise
-        more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
-        return Found(
-            "folder of single files",
-            {"files": ", ".join(path.name for path in paths[:5]) + more},
-            [f"the files are not read as the views of one light field. {error}"],
-            command=typed("info", paths[0]),
-        )
+    folder = scan_view_folder(source)
     rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
     v, u = folder.files.shape
     colour = "grey" if channels < 3 else "colour"
-    found = Found(
+    notes = [*folder.describe().splitlines()[1:], note_on_coding(source)]
+    return Found(
         f"{'folder' if source.is_dir() else 'archive'} with one image for each view",
         {"views": f"{v} x {u}, of {rows} x {columns} pixels, {colour}"},
-        folder.describe().splitlines()[1:] + notes_on_coding(source),
+        list(filter(None, notes)),
         command=typed("refocus", source),
+        shape=(v, u, rows, columns),
     )
-    found.shape = (v, u, rows, columns)
-    return found
 
 
 def _raw_image(source: Path, light_field: LightField, grid: LensletGrid, options: list) -> Found:
@@ -183,7 +167,7 @@ def _image(source: Path) -> Found:
         refuse_mosaic(image, grid, "raw")
     except InputError as error:
         found.notes.append(str(error))
-        options += ["--bayer", "PATTERN"]  # the note names two
+        options = ["--bayer", "PATTERN"]  # the note names two
     found.notes.append(focused)
     views = round(grid.pitch)
     on_pixels = abs(grid.pitch - views) < 0.02 and abs(grid.rotation) < 1e-3

@@ -13,7 +13,6 @@ import numpy as np
 
 from lf_flame._common.images import FLOAT
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import read_array
 from lf_flame.formats.hdf5_and_matlab import Hdf5File
 from lf_flame.formats.view_files.orders import FoundOrder, arranged, find_order, half_turned
 
@@ -84,7 +83,7 @@ def read_true_slopes(path: str | Path) -> np.ndarray:
     slopes = _slopes(file)
     if slopes.ndim != 4:
         return slopes
-    return arranged(slopes, find_hci_order(file, read_array(path, array="LF")[0].views).order)
+    return arranged(slopes, find_hci_order(file, file.read(["LF"])[0]).order)
 
 
 def _slopes(file: Hdf5File) -> np.ndarray:

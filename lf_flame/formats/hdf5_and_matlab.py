@@ -9,7 +9,7 @@ import struct
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +18,17 @@ from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory, memory_limit
 from lf_flame.errors import InputError
 
-HDF5_ERRORS = (
+DAMAGED = (
     OSError, RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError,
-    NotImplementedError, zlib.error,
+    NotImplementedError, struct.error, zlib.error,
 )  # fmt: skip
-"""Exceptions of h5py for damaged files."""
+"""Exceptions of h5py, zlib and struct for damaged files."""
 
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
 """Numbers of the filters that are part of the HDF5 library itself."""
 
-MOST_OBJECTS, DEEPEST = 1000, 8
-"""Largest number of objects, and largest depth of groups, among which arrays are searched for."""
+MOST_ARRAYS = 1000
+"""Largest number of arrays among which views are searched for."""
 
 
 class Hdf5File:
@@ -50,15 +50,25 @@ class Hdf5File:
             ) from None
         self._h5py, self.path, self._reversed = h5py, Path(path), is_matlab_hdf5(path)
         self._found: dict[str, ArrayHeader] = {}
-        with readable(path, HDF5_ERRORS), h5py.File(path, "r") as file:
-            self._search(file, "", MOST_OBJECTS)
+        with readable(path, DAMAGED), h5py.File(path, "r") as file:
+            file.visititems(self._note)  # follows hard links only, to each object once
             self.numbers = {
                 name: float(np.ravel(file.attrs[name])[0])
-                for name in list(file.attrs)[:MOST_OBJECTS]
+                for name in list(file.attrs)[:MOST_ARRAYS]
                 if (kind := file.attrs.get_id(name)).dtype.kind in "iuf"
                 and math.prod(kind.shape) == 1
             }
         self.names = list(self._found)
+
+    def _note(self, name: str, one: Any) -> bool | None:
+        """Note an array that lies in the file; True ends the search."""
+        # The library opens the sources of a virtual array to find its shape.
+        if isinstance(one, self._h5py.Dataset) and not (one.is_virtual or one.external):
+            shape, dtype = one.shape, one.dtype
+            if shape is not None and dtype.kind in "biuf":
+                shape = shape[::-1] if self._reversed else shape
+                self._found[name] = ArrayHeader(shape, dtype)
+        return len(self._found) >= MOST_ARRAYS or None
 
     def header(self, name: str) -> ArrayHeader:
         """Shape and type of an array."""
@@ -68,36 +78,11 @@ class Hdf5File:
         """Read arrays by name, if they fit into memory `copies` times."""
         names, arrays = list(names), []
         check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
-        with readable(self.path, HDF5_ERRORS), self._h5py.File(self.path, "r") as file:
+        with readable(self.path, DAMAGED), self._h5py.File(self.path, "r") as file:
             for name in names:
                 self._check(file[name], name)
                 arrays.append(file[name][()])
         return [array.T if self._reversed else array for array in arrays]
-
-    def _search(self, group: Any, prefix: str, left: int) -> int:
-        """Note the arrays of a group and of those in it; returns how many objects may still come.
-
-        Only hard links are followed: others lead to other places, or to other files.
-        """
-        for name in group:
-            if left <= 0:
-                break
-            left -= 1
-            if isinstance(name, bytes):  # no text
-                continue
-            link = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
-            if link.type != self._h5py.h5l.TYPE_HARD:
-                continue
-            one = group[name]
-            if isinstance(one, self._h5py.Group) and prefix.count("/") < DEEPEST:
-                left = self._search(one, f"{prefix}{name}/", left)
-            elif isinstance(one, self._h5py.Dataset) and not (one.is_virtual or one.external):
-                # The library opens the sources of a virtual array to find its shape.
-                shape, dtype = one.shape, one.dtype
-                if shape is not None and dtype.kind in "biuf":
-                    shape = shape[::-1] if self._reversed else shape
-                    self._found[f"{prefix}{name}"] = ArrayHeader(shape, dtype)
-        return left
 
     def _check(self, dataset: Any, name: str) -> None:
         """Refuse filters that the library would load, and chunks that hold more than they say."""
@@ -136,9 +121,6 @@ def is_matlab_hdf5(path: str | Path) -> bool:
         return file.read(10) == b"MATLAB 7.3"
 
 
-MATLAB_ERRORS = (OSError, struct.error, zlib.error, ValueError, LookupError, MemoryError)
-"""Exceptions for damaged files."""
-
 START, TAG, LARGEST_HEAD = 128, 8, 4096
 """Number of bytes before the first element of a file, of the type and length of an element, and in
 which flags, sizes and name of an array are looked for."""
@@ -168,67 +150,52 @@ class MatlabFile:
 
     def __init__(self, path: str | Path):
         self.path, size = Path(path), check_regular(path)
-        self._found: dict[str, ArrayHeader] = {}
-        self._places: dict[str, tuple[int, int, int, int, str]] = {}
-        with readable(path, MATLAB_ERRORS), self.path.open("rb") as file:
+        self._found: dict[str, tuple[ArrayHeader, int, int, bool, int, str]] = {}
+        with readable(path, DAMAGED), self.path.open("rb") as file:
             order = {b"IM": "<", b"MI": ">"}.get(file.read(START)[126:])
             if order is None:
                 raise InputError(
                     f"{path} is no MATLAB file of version 5 or 7.3: save the light field in MATLAB "
                     f"by save(..., '-v7.3')."
                 )
-            while (place := file.tell()) < size:
-                head = file.read(TAG + LARGEST_HEAD)
-                kind, stored = struct.unpack_from(f"{order}II", head)
-                end = place + TAG + stored
-                if end > size:
-                    raise InputError(f"{path} cannot be read: its end is missing.")
-                packed = kind == COMPRESSED
+            while (place := file.tell() + TAG) < size + TAG:
+                kind, stored = struct.unpack(f"{order}II", file.read(TAG))
+                if place + stored > size:
+                    raise ValueError("its end is missing")
+                head, packed = file.read(min(stored, LARGEST_HEAD)), kind == COMPRESSED
                 if packed:
-                    head = zlib.decompressobj().decompress(head[TAG:], LARGEST_HEAD)
-                    kind, count = struct.unpack_from(f"{order}II", head)
+                    head = zlib.decompressobj().decompress(head, LARGEST_HEAD)
+                    (kind,), head = struct.unpack_from(f"{order}I", head), head[TAG:]
                 if kind == MATRIX:
-                    count = count if packed else stored
-                    name, header, *block = _read_parts(head[TAG : TAG + count], count, order)
-                    if header is not None and name not in self._found:
-                        self._found[name] = header
-                        self._places[name] = (place, stored, count if packed else 0, *block)
-                file.seek(end)
+                    name, header, first, dtype = _read_head(head, order)
+                    if header is not None:
+                        self._found.setdefault(name, (header, place, stored, packed, first, dtype))
+                file.seek(place + stored)
         self.names = list(self._found)
 
     def header(self, name: str) -> ArrayHeader:
         """Shape and type of an array."""
-        return self._found[name]
+        return self._found[name][0]
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
         """Read arrays by name, if they fit into memory `copies` times, and one as stored."""
         names, arrays = list(names), []
         need = [self.header(name).nbytes for name in names]
         check_memory(int(copies * sum(need) + 2 * max(need, default=0)), self.path)
-        with readable(self.path, MATLAB_ERRORS), self.path.open("rb") as file:
+        with readable(self.path, DAMAGED), self.path.open("rb") as file:
             for name in names:
-                place, stored, count, first, kind = self._places[name]
-                shape, dtype = self.header(name).shape, self.header(name).dtype
-                element = self._element(file, place, stored, count)
-                numbers = np.frombuffer(element, kind, math.prod(shape), TAG + first)
-                arrays.append(numbers.reshape(shape, order="F").astype(dtype))
+                header, place, stored, packed, first, dtype = self._found[name]
+                file.seek(place)
+                data, count = file.read(stored), math.prod(header.shape)
+                if packed:
+                    most = TAG + first + count * np.dtype(dtype).itemsize
+                    data = zlib.decompressobj().decompress(data, most)[TAG:]
+                numbers = np.frombuffer(data, dtype, count, first)
+                arrays.append(numbers.reshape(header.shape, order="F").astype(header.dtype))
         return arrays
 
-    def _element(self, file: IO[bytes], place: int, stored: int, count: int) -> bytes:
-        """Read the element of an array; if it is packed, unpack `count` bytes."""
-        file.seek(place)
-        element = file.read(TAG + stored)
-        if not count:
-            return element
-        unpacker = zlib.decompressobj()
-        element = unpacker.decompress(element[TAG:], TAG + count)
-        unpacker.decompress(unpacker.unconsumed_tail, TAG)  # at most what fills up eight bytes
-        if len(element) < TAG + count or not unpacker.eof:
-            raise ValueError("an array holds more or fewer numbers than it says")
-        return element
 
-
-def _read_parts(head: bytes, count: int, order: str) -> tuple[str, ArrayHeader | None, int, str]:
+def _read_head(head: bytes, order: str) -> tuple[str, ArrayHeader | None, int, str]:
     """Name, header, and place and type of the numbers; no header without real numbers."""
     parts, at = [], 0
     for _ in range(4):  # flags, sizes, name, numbers
@@ -242,10 +209,8 @@ def _read_parts(head: bytes, count: int, order: str) -> tuple[str, ArrayHeader |
         dtype = "?" if flags & LOGICAL else CLASSES.get(flags & 0xFF)
         if dtype is None or flags & COMPLEX:
             return "", None, 0, ""
-    sizes, name = parts[1], parts[2].decode("latin1")
+    sizes, name, stored = parts[1], parts[2].decode("latin1"), order + STORED[kind]
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-    stored = order + STORED[kind]
-    size = math.prod(shape) * np.dtype(stored).itemsize
-    if min(shape) < 0 or length != size or first + length > count:
+    if min(shape) < 0 or length != math.prod(shape) * np.dtype(stored).itemsize:
         raise ValueError("the numbers of an array do not fit its sizes")
     return name, ArrayHeader(shape, np.dtype(dtype)), first, stored

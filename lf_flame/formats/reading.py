@@ -9,11 +9,9 @@ import numpy as np
 
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_array
+from lf_flame.formats.arrays import ARRAY_SUFFIXES, MATLAB_SUFFIX, read_array
 from lf_flame.formats.coding import note_on_depth
-from lf_flame.formats.focused.reading import plan_focused
-from lf_flame.formats.hci_files import find_hci_order, is_hci
-from lf_flame.formats.hdf5_and_matlab import Hdf5File
+from lf_flame.formats.focused.views import plan_focused
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro
 from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.raw.reading import plan_raw, read_frame
@@ -212,8 +210,9 @@ def _read_raw(path: Path, **options: Any) -> Found:
 
 def _read_focused(path: Path, focused: str | Path, **options: Any) -> Found:
     plan, image = plan_focused(path, focused, **options)
-    note = f"{path}: {plan.lenslets.describe()}"
-    return Found(plan.decode(image), AS_DECODED, [note], lambda one: plan.decode(read_frame(one)))
+    light_field = plan.decode(image)
+    notes = [f"{path}: {plan.lenslets.describe()}", *filter(None, [plan.found])]
+    return Found(light_field, AS_DECODED, notes, lambda one: plan.decode(read_frame(one)))
 
 
 def _read_folder(path: Path, **options: Any) -> Found:
@@ -238,16 +237,12 @@ def _read_ordered(read: Callable) -> Callable[..., Found]:
 
 def _read_array(path: Path, **options: Any) -> Found:
     found = _read_ordered(read_array)(path, **options)
-    if found.order or path.suffix.lower() not in HDF5_SUFFIXES or {"order", "axes"} & set(options):
-        return found
-    file = Hdf5File(path)
-    return _read_ordered(_read_hci)(path, **options) if is_hci(file) else found
-
-
-def _read_hci(path: Path, **options: Any) -> tuple[LightField, FoundOrder]:
-    light_field, _ = read_array(path, **options)
-    found = find_hci_order(Hdf5File(path), light_field.views)
-    return arranged_light_field(light_field, found.order), found
+    if path.suffix.lower() == MATLAB_SUFFIX and found.light_field.weights is not None:
+        found.notes.append(
+            "The fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
+            "pixels of weight 0 are unknown, other weights of single pixels are not used"
+        )
+    return found
 
 
 def _read_lenslets(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build_record
-from lf_flame._common.images import open_tiff, pictures, read_pages, to_unit, transparency
+from lf_flame._common.images import find_axes, open_tiff, pictures, read_tiff, to_unit
 from lf_flame._common.input_files import parse_json
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
@@ -28,9 +29,6 @@ from lf_flame.formats.view_files.orders import (
     stated_order,
 )
 from lf_flame.lightfield import LightField
-
-MOST_CHANNELS = 4
-"""Largest size of an axis C that may hold colours instead of pages."""
 
 LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
 """Largest size in bytes that ImageJ opens: classic TIFF, with offsets of 32 bits."""
@@ -64,12 +62,8 @@ def _in_order(views: np.ndarray, order: str | None) -> tuple[LightField, FoundOr
 def is_stack(path: str | Path) -> bool:
     """Whether a TIFF file holds more than one image; one in three channels is a colour image."""
     with open_tiff(path) as file:
-        alike = pictures(file, path)
-        lengths = alike[0].get_shape(squeeze=False)
-        sizes = dict(zip(alike[0].get_axes(squeeze=False), lengths, strict=True))
-    colours = "C" if sizes.get("C") == 3 and sizes.get("S", 1) == 1 else ""
-    pages = set(sizes) - set("YXS" + colours)
-    return len(alike) > 1 or any(sizes[axis] > 1 for axis in pages)
+        _, pages, _ = find_axes(pictures(file, path))
+    return bool(pages)
 
 
 def read_view_pages(
@@ -80,12 +74,12 @@ def read_view_pages(
     The pages form rows and columns if the file has two page axes that are not named (as times or
     depths are); otherwise they count row by row a square, or the `grid`.
     """
-    pages, image_axes, metadata, letters = _read(path)
-    if "slopes" in metadata:
+    pages, letters, slopes = _read(path)
+    if slopes is not None:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
-    shape, image = None if grid is None else read_grid(grid), pages.shape[-image_axes:]
+    shape, image = None if grid is None else read_grid(grid), pages.shape[len(letters) :]
     check_memory(2 * pages.nbytes + order_memory(image), path)
-    if len(letters) == 2 and set(letters) <= set("QI"):
+    if len(letters) == 2 and set(letters) <= set("QIN"):
         light_field, found = _in_order(pages, order)
         check_grid(shape, light_field.views.shape[:2], path)
         return light_field, found
@@ -126,10 +120,10 @@ def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> 
         stack.ndim not in (3, 4)
         or stack.size == 0
         or len(stack) != len(numbers)
-        or stack.shape[3:] > (MOST_CHANNELS,)
+        or stack.shape[3:] > (4,)
     ):
         raise InputError(
-            f"A focal stack needs one image for each slope, in up to {MOST_CHANNELS} channels, got "
+            f"A focal stack needs one image for each slope, in up to 4 channels, got "
             f"shape {stack.shape} and {len(numbers)} slopes."
         )
     if stack.nbytes > LARGEST_IMAGEJ_BYTES:
@@ -169,52 +163,23 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
     >>> read_focal_stack("stack.tif")[0].shape
     (2, 20, 30)
     """
-    pages, image_axes, metadata, _ = _read(path)
-    if pages.ndim == image_axes:
-        pages = pages[None]
-    if pages.ndim != image_axes + 1:
+    pages, letters, stated = _read(path)
+    pages = pages if letters else pages[None]
+    if len(letters) > 1:
         raise InputError(
             f"A focal stack has its images in one row, got shape {pages.shape} in {path}."
         )
-    if "slopes" not in metadata:
+    if stated is None:
         return pages, None
-    described = parse_json(str(metadata["slopes"]), path)
+    described = parse_json(str(stated), path)
     slopes = np.array(build_record(list[float], described, f"{path}: slopes"))
     if slopes.shape != (len(pages),):
         raise InputError(f"{path} has {len(pages)} images, but slopes of shape {slopes.shape}.")
     return pages, slopes
 
 
-def _read(path: str | Path) -> tuple[np.ndarray, int, dict, str]:
-    """Read the pages, with their channels last.
-
-    Returns the pages, the number of axes of one image, ImageJ's description, and the letters of
-    the page axes.
-    """
-    with open_tiff(path) as file:
-        metadata = file.imagej_metadata or {}
-        alike = pictures(file, path)
-        transparent = transparency(alike[0].keyframe)
-        pages, axes = read_pages(alike, path)
-    channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
-    image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
-    counted = [k for k in range(pages.ndim) if k not in image]
-    several = [k for k in counted if pages.shape[k] > 1]
-    shape = [pages.shape[k] for k in several + image]
-    levels = pages.transpose(counted + image).reshape(shape)
-    if channels is not None and transparent:
-        levels = levels[..., :-1]
-    letters = "".join(axes[k] for k in several)
-    return to_unit(levels, path), len(image), metadata, letters
-
-
-def _channel_axis(axes: str, shape: tuple[int, ...], focal: bool) -> int | None:
-    """Index of the colour axis by tifffile's letters: samples, or few channels beside pages."""
-    sizes = dict(zip(axes, shape, strict=True))
-    image = sizes["Y"] * sizes["X"]
-    if sizes.get("S", 1) > 1:
-        return axes.index("S")
-    channels = sizes.get("C", 1)
-    if 1 < channels <= MOST_CHANNELS and (focal or np.prod(shape) > channels * image):
-        return axes.index("C")
-    return None
+def _read(path: str | Path) -> tuple[np.ndarray, str, Any]:
+    """Pages, letters of their page axes, and slopes that the file states."""
+    read = read_tiff(path)
+    pixels = read.pixels[..., :-1] if read.is_transparent else read.pixels
+    return to_unit(pixels, path), read.axes, read.metadata.get("slopes")

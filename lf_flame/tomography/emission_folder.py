@@ -13,7 +13,7 @@ import tifffile
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import load_record, to_json
-from lf_flame._common.images import read_tiff
+from lf_flame._common.images import read_pixels
 from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -244,7 +244,7 @@ class EmissionFolder:
         path, planes = self.folder / name, len(self.depths_mm)
         if like is not None and not path.is_file():
             return np.empty((0, *like.shape), np.float32)
-        stack = read_tiff(path)
+        stack = read_pixels(path)
         shape = stack.shape if stack.ndim > 2 else (1, *stack.shape)
         whole = stack.ndim >= 2 and stack.size and int(np.prod(shape[:-2])) % planes == 0
         if not whole or stack.dtype != np.float32:

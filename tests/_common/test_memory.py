@@ -4,15 +4,16 @@ import os
 import re
 import tracemalloc
 import zlib
+from functools import partial
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
-import tifffile
 from h5py import File
 from PIL import Image
 from scipy.io import savemat
+from tifffile import imwrite
 
 from lf_flame import InputError, LightField
 from lf_flame._common.memory import LIMIT, check_memory, memory_limit
@@ -39,28 +40,6 @@ def test_a_limit_is_a_number(monkeypatch, stated):
         memory_limit()
 
 
-def write_png(path):
-    Image.new("L", (2000, 1000)).save(path)
-
-
-def write_tiff(path):
-    tifffile.imwrite(path, np.zeros((1000, 2000), np.uint8), compression="zlib")
-
-
-def write_pages(path):
-    tifffile.imwrite(
-        path, np.zeros((4, 500, 1000), np.uint8), compression="zlib", photometric="minisblack"
-    )
-
-
-def write_npy(path):
-    np.save(path, np.zeros((2, 2, 500, 1000), np.float32))
-
-
-def write_npz(path):
-    np.savez_compressed(path, views=np.zeros((2, 2, 500, 1000), np.float32))
-
-
 def write_folder(path):
     path.mkdir()
     for view in range(4):
@@ -76,16 +55,10 @@ def write_zip(path):
 
 def write_hdf5(path):
     with File(path, "w") as file:
-        file.create_dataset("LF", data=np.zeros((2, 2, 500, 1000), np.float32), compression="gzip")
+        file.create_dataset("LF", data=VIEWS, compression="gzip")
 
 
-def write_zarr(path):
-    write_light_field(LightField(np.zeros((2, 2, 500, 1000), np.float32)), path)
-
-
-def write_mat(path):
-    savemat(path, {"LF": np.zeros((2, 2, 500, 1000), np.float32)}, do_compression=True)
-
+VIEWS = np.zeros((2, 2, 500, 1000), np.float32)
 
 SEARCH = 240 * 0.5 + 8 * 0.5
 """Megabytes that the search for the order takes for views of half a million pixels."""
@@ -93,27 +66,30 @@ SEARCH = 240 * 0.5 + 8 * 0.5
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "write", "megabytes"),
+    ("name", "write", "megabytes", "stated"),
     [
-        ("a.png", write_png, 18),
-        ("a.tif", write_tiff, 18),
-        ("pages.tif", write_pages, 2 * 8 + SEARCH),
-        ("a.npy", write_npy, 16),
-        ("a.npz", write_npz, 16),
-        ("folder", write_folder, 4 + SEARCH),
-        ("folder.zip", write_zip, 4 + SEARCH),
-        ("a.h5", write_hdf5, 16),
-        ("a.zarr", write_zarr, 16),
-        ("a.mat", write_mat, 16 + 16),
+        ("a.png", Image.new("L", (2000, 1000)).save, 18, {"views": 1}),
+        ("a.tif", partial(imwrite, data=np.zeros((1000, 2000), np.uint8)), 18, {"views": 1}),
+        (
+            "pages.tif",
+            partial(imwrite, data=np.zeros((4, 500, 1000), np.uint8), photometric="minisblack"),
+            2 * 8 + SEARCH,
+            {"grid": "2x2"},
+        ),
+        ("a.npy", partial(np.save, arr=VIEWS), 16, {}),
+        ("a.npz", partial(np.savez_compressed, views=VIEWS), 16, {}),
+        ("folder", write_folder, 4 + SEARCH, {"grid": "2x2"}),
+        ("folder.zip", write_zip, 4 + SEARCH, {"grid": "2x2"}),
+        ("a.h5", write_hdf5, 16, {}),
+        ("a.zarr", partial(write_light_field, LightField(VIEWS)), 16, {}),
+        ("a.mat", partial(savemat, mdict={"LF": VIEWS}, do_compression=True), 16 + 16, {}),
     ],
 )
 def test_what_a_light_field_needs_is_known_before_it_is_taken(
-    tmp_path, monkeypatch, name, write, megabytes
+    tmp_path, monkeypatch, name, write, megabytes, stated
 ):
     """Two million pixels; the limit lies just below what they need, and just above."""
     write(tmp_path / name)
-    stated = {"views": 1} if name in ("a.png", "a.tif") else {}
-    stated = {"grid": "2x2"} if name in ("pages.tif", "folder", "folder.zip") else stated
     monkeypatch.setenv(LIMIT, str(0.9 * megabytes / 1000))
     with pytest.raises(InputError, match=rf"{name} would need 0\.\d+ GB of memory.*{LIMIT}"):
         read_light_field(tmp_path / name, **stated)

@@ -144,7 +144,6 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
         with pytest.raises(InputError, match=f"{option[0]} needs --white or --lenslets"):
             told("raw.png", *option)
     assert "N divides both sides: 2, 5, 10, 25, 50;" in told("plain.png")
-    assert "next: lf-flame info dark.png" in told(".")
     mosaic = raw.copy()
     mosaic[::2, ::2] //= 3  # of red or blue
     write_image(tmp_path / "mosaic.png", mosaic)
@@ -152,12 +151,3 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     assert "note: The raw image is a colour mosaic (Bayer)" in said
     assert "--bayer rggb or bggr" in said
     assert "--white WHITE.png --bayer PATTERN" in said
-
-
-def test_a_picture_that_cannot_be_read_is_told_of_its_folder(told, tmp_path):
-    levels = np.zeros((8, 8), np.uint8)
-    (tmp_path / "views").mkdir(exist_ok=True)
-    for number in range(9):
-        write_image(tmp_path / "views" / f"{number // 3}_{number % 3}.png", levels)
-    (tmp_path / "views" / "1_1.png").write_bytes(b"not a picture")
-    assert "views/1_1.png cannot be read" in told("views")

@@ -5,12 +5,15 @@ import sys
 import time
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from lf_flame._common import progress
 from lf_flame.commands.cli import commands
 from lf_flame.commands.options import FILE, FOLDER, PATH, Program
+from lf_flame.commands.reading_options import Reading
 
 
 @click.command()
@@ -68,3 +71,14 @@ def test_every_option_says_what_it_is_for():
         for option in each.params:
             hidden = isinstance(option, click.Argument) or option.hidden
             assert hidden or option.help, f"{name} {option.opts[0]}"
+
+
+def test_that_pictures_are_gamma_coded_is_said_once(tmp_path, capfd):
+    for name in ("a.png", "b.png"):
+        Image.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save(tmp_path / name)
+    reading = Reading(views=2)
+    for name in ("a.png", "b.png"):
+        reading.read(tmp_path / name)
+    assert capfd.readouterr().err.count("Such files usually hold gamma-coded") == 1
+    assert "a.png is a PNG file of 8 bits" in reading.coded[0]
+    assert reading == Reading(views=2)

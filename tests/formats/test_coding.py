@@ -11,7 +11,7 @@ from tifffile import imwrite
 
 from lf_flame import LightField, read_light_field
 from lf_flame.formats import write_light_field
-from lf_flame.formats.coding import CODED, notes_on_coding, notes_on_values
+from lf_flame.formats.coding import CODED, note_on_coding, note_on_depth
 
 
 def chunk(kind, data):
@@ -43,11 +43,9 @@ def gamma(value):
 )
 def test_png_files_are_coded_by_depth_or_by_what_they_say(tmp_path, bits, chunks, is_coded):
     write_png(tmp_path / "one.png", bits, *chunks)
-    notes = notes_on_coding(tmp_path / "one.png")
-    assert len(notes) == is_coded
-    if is_coded:
-        assert f"one.png is a PNG file of {bits} bits." in notes[0]
-        assert "not linear in light" in notes[0]
+    note = note_on_coding(tmp_path / "one.png")
+    assert bool(note) == is_coded
+    assert f"one.png is a PNG file of {bits} bits." in note or not is_coded
 
 
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
@@ -82,7 +80,7 @@ def curve(exponent):
         ("a.png", by_pillow(icc_profile=PROFILE), "a PNG file of 8 bits with a colour profile"),
         ("a.jpg", by_pillow(icc_profile=PROFILE), "a JPEG file"),
         ("a.JPG", lambda path: by_pillow()(path), "a JPEG file"),
-        ("a.webp", by_pillow(), "a WebP file"),
+        ("a.webp", by_pillow(), "a WEBP file"),
         ("a.bmp", by_pillow(), "a BMP file"),
         ("a.pgm", by_pillow(), "a Netpbm file of 8 bits"),
         ("a.pgm", lambda path: path.write_bytes(b"P5 1 1 1023 ab"), None),
@@ -95,18 +93,18 @@ def curve(exponent):
 )
 def test_images_are_coded_by_depth_profile_or_what_they_say(tmp_path, name, write, kind):
     write(tmp_path / name)
-    notes = notes_on_coding(tmp_path / name)
-    assert len(notes) == (kind is not None)
+    note = note_on_coding(tmp_path / name)
+    assert bool(note) == (kind is not None)
     if kind:
-        assert f"{name} is {kind}" in notes[0]
-        assert notes[0].endswith(CODED)
+        assert f"{name} is {kind}" in note
+        assert note.endswith(CODED)
 
 
 def test_the_note_says_how_many_pixels_are_saturated(tmp_path):
     picture = np.full((20, 50, 3), 200, np.uint8)
     picture[:3, :10, 1] = 255
     Image.fromarray(picture).save(tmp_path / "a.png")
-    (note,) = notes_on_coding(tmp_path / "a.png")
+    note = note_on_coding(tmp_path / "a.png")
     assert "is a PNG file of 8 bits, 0.03 of whose pixels are saturated. Such files" in note
 
 
@@ -116,18 +114,18 @@ def test_own_images_say_that_they_are_linear(tmp_path):
         for suffix in ("", ".png", ".tif"):
             path = tmp_path / f"{linear}{suffix}"
             write_light_field(field, path, 8, linear=linear)
-            assert len(notes_on_coding(path)) == (not linear)
+            assert bool(note_on_coding(path)) != linear
             assert read_light_field(path, views=2 if suffix else None).views[0, 0, 0, 0] == (
                 pytest.approx(128 / 255)
             )
 
 
 def test_the_first_picture_of_a_folder_counts(tmp_path):
-    assert notes_on_coding(tmp_path) == []
+    assert note_on_coding(tmp_path) == ""
     by_tifffile("u2")(tmp_path / "b.tif")
-    assert notes_on_coding(tmp_path) == []
+    assert note_on_coding(tmp_path) == ""
     by_pillow()(tmp_path / "a.jpg")
-    assert "a.jpg is a JPEG file." in notes_on_coding(tmp_path)[0]
+    assert "a.jpg is a JPEG file." in note_on_coding(tmp_path)
 
 
 @pytest.mark.parametrize(("bits", "suffix"), [(10, ".png"), (12, ".tif"), (14, ".npy")])
@@ -139,9 +137,9 @@ def test_levels_that_fill_only_some_of_their_bits_are_said(tmp_path, rng, bits, 
         np.save(path, levels)
     else:
         (Image.fromarray(levels).save if suffix == ".png" else partial(imwrite, data=levels))(path)
-    note = notes_on_values(read_light_field(path, views=3), path)
-    assert f"only {bits} of 16 bits (the highest level is {2**bits - 1})" in note[0]
-    assert f"its white is {(2**bits - 1) / 65535:.4f} here" in note[0]
+    note = note_on_depth(read_light_field(path, views=3).views.reshape(9, -1, 3))
+    assert f"only {bits} of 16 bits (the highest level is {2**bits - 1})" in note
+    assert f"its white is {(2**bits - 1) / 65535:.4f} here" in note
 
 
 @pytest.mark.parametrize(
@@ -154,4 +152,4 @@ def test_levels_that_fill_only_some_of_their_bits_are_said(tmp_path, rng, bits, 
     ],
 )
 def test_other_values_are_not_noted(values):
-    assert notes_on_values(LightField(values), "a.npy") == []
+    assert not note_on_depth(values.reshape(4, 2, 2).astype(np.float32))

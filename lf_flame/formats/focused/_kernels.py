@@ -1,4 +1,4 @@
-"""The compiled loops of focused lenslets: levelling, matching of micro-images, and views."""
+"""The compiled loops of focused lenslets: matching of micro-images, and views."""
 
 import numpy as np
 from numba import njit
@@ -26,31 +26,6 @@ def between(image, y, x, channel):
     row += 1
     lower = (1 - right) * image[row, column, channel] + right * image[row, column + 1, channel]
     return (1 - down) * upper + down * lower
-
-
-@parallel(lambda image: len(image))
-def level(k, image, lattice, gain, out):
-    """Multiply each pixel by a gain that depends on its distance from the nearest lenslet's centre.
-
-    image, out: shape (rows, columns, channels). gain: shape (n, channels), at distances of whole
-    pixels.
-    """
-    for x in range(image.shape[1]):
-        down = lattice.cos * (k - lattice.y0) - lattice.sin * (x - lattice.x0)
-        along = lattice.sin * (k - lattice.y0) + lattice.cos * (x - lattice.x0)
-        nearest = np.inf
-        first = int(np.floor(down / lattice.row_pitch))
-        for row in range(first, first + 2):
-            column = along / lattice.pitch - lattice.offset * (row % 2)
-            aside = lattice.pitch * (column - np.floor(column + 0.5))
-            across = down - lattice.row_pitch * row
-            nearest = min(nearest, aside * aside + across * across)
-        place = min(np.sqrt(nearest), gain.shape[0] - 1.001)
-        low = int(place)
-        for channel in range(image.shape[2]):
-            rise = gain[low + 1, channel] - gain[low, channel]
-            factor = gain[low, channel] + (place - low) * rise
-            out[k, x, channel] = factor * image[k, x, channel]
 
 
 @parallel(lambda whole: whole.size)

@@ -9,72 +9,59 @@ centres m are those of micro-images, which lie a little wider apart than the len
 by the same ratio as in a camera with its main lens at infinity.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 
+from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 
 KINDS = 3
 """Number of kinds of lenslets in a hexagonal array of different focal lengths."""
 
-SMALLEST_PITCH = 8.0
-"""Smallest pitch in pixels; a smaller micro-image shows no detail that could be matched."""
+SIXTH = math.pi / 3
+"""Angle by which a hexagonal array can be turned without a change."""
+
+LARGEST = 1 << 16
+"""Largest size in bytes of a calibration; the maker's files have 1.7 kB."""
 
 
 class Lattice(NamedTuple):
-    """Numbers of a grid, for compiled loops."""
+    """Numbers of a grid, for compiled loops; `offset` is that of odd rows, in pitches."""
 
     y0: float
     x0: float
     pitch: float
     row_pitch: float
     offset: float
-    """Offset of odd rows, in pitches."""
     cos: float
     sin: float
 
 
 class Array(NamedTuple):
-    """Lenslets around a picture, by row and column of the array."""
+    """Lenslets around a picture, by row and column of the array.
+
+    `centres`, shape (rows, columns, 2), are the places ``(y, x)`` of the micro-images, and `whole`,
+    shape (rows, columns), says which lie whole in the picture.
+    """
 
     rows: np.ndarray
     columns: np.ndarray
     centres: np.ndarray
-    """Centres ``(y, x)`` of the micro-images, shape (rows, columns, 2)."""
     whole: np.ndarray
-    """Whether each micro-image lies whole in the picture, shape (rows, columns)."""
 
 
 @dataclass(frozen=True)
 class FocusedLenslets:
-    """Lenslets of a focused plenoptic camera.
+    """Grid of micro-images, width in pixels of their unused rim, and ranges of virtual depth.
 
-    Parameters
-    ----------
-    grid : LensletGrid
-        Positions of the micro-images.
-    border : float, optional
-        Width of the rim of a micro-image that is not used, in pixels.
-    ranges : tuple of (float, float), optional
-        Ranges of virtual depth in which the lenslets of each of the three kinds are in focus. The
-        lenslet in row i and column j of the array is of the kind ``(j - i % 2) % 3``. Default: all
-        lenslets are alike.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range; the message names it.
-
-    Examples
-    --------
-    >>> from lf_flame.formats import FocusedLenslets, LensletGrid
-    >>> grid = LensletGrid(50.0, 50.0, 24.0, layout="hexagonal")
-    >>> lenslets = FocusedLenslets(grid, ranges=((1, 3), (2.8, 4), (3.8, 100)))
-    >>> lenslets.radius
-    11.0
+    The ranges are those in which the lenslets of each of three kinds are in focus; the lenslet in
+    row i and column j is of the kind ``(j - i % 2) % 3``. Without ranges all lenslets are alike.
     """
 
     grid: LensletGrid
@@ -82,27 +69,21 @@ class FocusedLenslets:
     ranges: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self):
+        if self.grid.columns:  # a hexagonal array, whose rows are 30 degrees off
+            turn = math.remainder(math.pi / 2 - self.grid.rotation, SIXTH)
+            grid = replace(self.grid, rotation=turn, columns=False)
+            object.__setattr__(self, "grid", grid)
         side = min(self.grid.window)
-        if not side >= SMALLEST_PITCH:
+        if not side >= 8:
             raise InputError(
-                f"The micro-images of focused lenslets must be at least {SMALLEST_PITCH:g} pixels "
-                f"wide, got {side:.4g}."
+                f"The micro-images of focused lenslets must be at least 8 pixels wide, got "
+                f"{side:.4g}."
             )
         if not 0 <= self.border <= side / 4:
             raise InputError(
                 f"border must be from 0 to a quarter of the {side:.4g} pixels of a micro-image, "
                 f"got {self.border}."
             )
-        if self.ranges and (self.grid.layout != "hexagonal" or len(self.ranges) != KINDS):
-            raise InputError(
-                f"ranges must be those of the {KINDS} kinds of lenslets of a hexagonal array, got "
-                f"{len(self.ranges)} in a {self.grid.layout} array."
-            )
-        for low, high in self.ranges:
-            if not 0 < low < high:
-                raise InputError(
-                    f"A range of virtual depth must rise from above 0, got {low} to {high}."
-                )
 
     @property
     def radius(self) -> float:
@@ -114,17 +95,11 @@ class FocusedLenslets:
         """Numbers of the grid, for compiled loops."""
         grid = self.grid
         offset = 0.5 if grid.layout == "hexagonal" else 0.0
-        turn = np.cos(grid.rotation), np.sin(grid.rotation)
-        return Lattice(grid.y0, grid.x0, grid.pitch, grid.row_pitch, offset, *map(float, turn))
+        turn = math.cos(grid.rotation), math.sin(grid.rotation)
+        return Lattice(grid.y0, grid.x0, grid.pitch, grid.row_pitch, offset, *turn)
 
     def array(self, shape: tuple[int, ...]) -> Array:
-        """Lenslets around a picture.
-
-        Raises
-        ------
-        InputError
-            If fewer than 3 x 3 micro-images lie whole in it.
-        """
+        """Lenslets around a picture; refused if fewer than 3 x 3 lie whole in it."""
         rows, columns = self.grid.indices(shape)
         centres = np.stack(self.grid.position(rows[:, None], columns), axis=-1)
         reach = self.radius + 1
@@ -156,3 +131,82 @@ class FocusedLenslets:
         return f"focused lenslets: {self.grid.describe()}" + (
             f", three kinds in focus at virtual depths of {kinds}" if kinds else ""
         )
+
+
+# Calibration files --------------------------------------------------------------------------------
+
+
+def is_raytrix(path: str | Path) -> bool:
+    """Whether a file is a calibration by its ending."""
+    return Path(path).suffix.lower() == ".xml"
+
+
+def read_raytrix(path: str | Path, shape: tuple[int, ...]) -> FocusedLenslets:
+    """Read the lenslets of a Raytrix camera, for pictures of a shape, from ``RayCalibData``.
+
+    Facts of the format, from three files that the maker's program wrote: lengths are in pixels of
+    the raw picture and in diameters of a lenslet; y runs up; the offset leads from the centre of
+    the picture to a lenslet of the first kind; the rotation is counter-clockwise and complete, as
+    ``lens_base_x`` repeats it only in whole steps. The main lens's distortion is not used.
+    """
+    text = read_text(path, LARGEST)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(f"{path} cannot be read: it declares a document type or entities.")
+    try:
+        root = ElementTree.fromstring(text)  # noqa: S314 - of bounded size, without entities
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path} cannot be read as XML: {error}.") from None
+    if root.tag != "RayCalibData":
+        raise InputError(f"{path} is no calibration of a Raytrix camera (RayCalibData).")
+    try:
+        grid = LensletGrid(
+            (shape[1] - 1) / 2 + _number(root, "offset/x"),
+            (shape[0] - 1) / 2 - _number(root, "offset/y"),
+            _number(root, "diameter"),
+            math.remainder(-_number(root, "rotation"), SIXTH),  # y runs down in a picture
+            "hexagonal",
+        )
+        border = 1.0 if root.find("lens_border") is None else _number(root, "lens_border")
+        return FocusedLenslets(grid, border, _ranges(root, grid))
+    except InputError as error:
+        raise InputError(f"{path} cannot be used: {error}") from None
+
+
+def _ranges(root: ElementTree.Element, grid: LensletGrid) -> tuple[tuple[float, float], ...]:
+    """Ranges of virtual depth of the kinds, in the order of `FocusedLenslets`."""
+    found = {}
+    for kind in root.findall("lens_type"):
+        low, high = (_number(kind, f"depth_range/{end}") for end in ("min", "max"))
+        if not 0 < low < high:
+            raise InputError(
+                f"a range of virtual depth must rise from above 0, got {low} to {high}."
+            )
+        right, up = (grid.pitch * _number(kind, f"offset/{axis}") for axis in "xy")
+        found[_kind_at(grid, right, -up)] = (low, high)
+    if len(found) not in (0, KINDS):
+        raise InputError(
+            f"it must state none or three kinds of lenslets (lens_type) at different offsets, got "
+            f"{len(found)}."
+        )
+    return tuple(found[kind] for kind in sorted(found))
+
+
+def _kind_at(grid: LensletGrid, right: float, down: float) -> int:
+    """Kind of the lenslet nearest to a place, in pixels from that in row 0 and column 0."""
+    row, column = (axis.ravel() for axis in np.mgrid[-4:5, -6:7])
+    y, x = grid.position(row, column)
+    nearest = np.hypot(y - grid.y0 - down, x - grid.x0 - right).argmin()
+    return int(column[nearest] - row[nearest] % 2) % KINDS
+
+
+def _number(element: ElementTree.Element, name: str) -> float:
+    """Finite number of an element below another."""
+    text = element.findtext(name)
+    try:
+        number = float(text or "nan")
+    except ValueError:
+        number = math.nan
+    if not abs(number) <= 1e6:
+        got = "nothing" if text is None else repr(text[:40])
+        raise InputError(f"it must state {name} as a number, got {got}.")
+    return number

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-import logging
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from lf_flame._common.arrays import centred
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.focused._kernels import render
-from lf_flame.formats.focused.lenslets import FocusedLenslets
-from lf_flame.formats.focused.levelling import in_colour, levelled, white_gain
-from lf_flame.formats.focused.virtual_depth import VirtualDepth, match_depth
-from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.sensor_images import as_image, check_bayer, less_dark
+from lf_flame.formats.focused.lenslets import FocusedLenslets, is_raytrix, read_raytrix
+from lf_flame.formats.focused.virtual_depth import find_virtual_depth
+from lf_flame.formats.images import is_lytro, read_image
+from lf_flame.formats.raw.lenslet_search import estimate_grid
+from lf_flame.formats.raw.sensor_images import (
+    as_image,
+    check_bayer,
+    fitting,
+    less_dark,
+    refuse_mosaic,
+)
 from lf_flame.lightfield import LightField
-
-LOGGER = logging.getLogger(__name__)
 
 REFERENCE = 3.0
 """Absolute virtual depth at which views coincide by default; Raytrix cameras use depths from 2 on.
@@ -27,9 +33,6 @@ It is the same for all pictures, so that their slopes are comparable."""
 
 NEAREST = 1.5
 """Smallest virtual depth at which patches fit into their micro-images."""
-
-VIEWS, MOST_VIEWS = 5, 64
-"""Number of views along each axis by default, and the largest."""
 
 REACH = 1.1
 """Radius in pitches of the lenslets that contribute to a place: some of each kind, anywhere."""
@@ -40,66 +43,134 @@ OUT_OF_FOCUS = 1e-3
 HALF_PATCH = 0.6
 """Half the width of a patch, in pitches over the virtual depth: as far as a lenslet's cell goes."""
 
-SMALLEST_VIEW = 8
-"""Smallest number of rows and columns of a view."""
+LARGEST_SHIFT = 0.08
+"""Largest displacement of the lenslets in a picture from those of the calibration, in pitches."""
 
 
-class FocusedPlan:
-    """Plan for the views of one camera with focused lenslets.
+def read_focused(
+    path: str | Path,
+    calibration: str | Path,
+    *,
+    virtual_depth: float | None = None,
+    views: int | None = None,
+    white: str | Path | None = None,
+    dark: str | Path | None = None,
+    bayer: str | None = None,
+) -> LightField:
+    """Read the raw picture of a camera with focused lenslets, such as a Raytrix, as views.
 
     Each place of a view is put together from the lenslets around it: from the part of each
     micro-image around an offset p that belongs to the view, magnified by the lenslet's virtual
     depth v: a patch of pitch / v pixels for each lenslet. Lenslets of a kind that is out of focus
     at its depth count only where no other sees the place. From view to view the offset p moves
-    through the micro-image, and a place at the depth v moves by ``(reference - v) p`` pixels of the
-    raw picture: by the slope ``(reference - v) spacing / step`` in pixels of a view.
-
-    The offsets lie in a square within the round micro-image, so that all views count. Unlike a view
-    of an unfocused camera, a patch holds directions from p - pitch / (2 v) to p + pitch / (2 v).
+    through the micro-image, and a place at the depth v moves by ``(3 - v) p`` pixels of the raw
+    picture. The offsets lie in a square within the round micro-image, so that all views count.
+    Unlike a view of an unfocused camera, a patch holds directions from p - pitch / (2 v) to
+    p + pitch / (2 v).
 
     Parameters
     ----------
-    lenslets : FocusedLenslets
-        As from `read_raytrix`, or with the grid of a white image (`estimate_grid`).
-    shape : (int, int) or (int, int, int)
-        Shape of the raw pictures: rows, columns and, for colour, channels.
+    path : str or Path
+        Raw picture: grey, in colour, or a Bayer mosaic.
+    calibration : str or Path
+        Calibration of a Raytrix camera (``.xml``), or a white image, in which the micro-images are
+        found, and by which the picture is divided.
     virtual_depth : float, optional
         Virtual depth of all lenslets, and at which views coincide: a plane. Default: found for each
-        lenslet, as by `find_virtual_depth`; views coincide at 3, or at -3 if most are negative.
+        lenslet by the displacement between micro-images; views coincide at 3, or at -3 if most
+        depths are negative.
     views : int, optional
-        Number of views along each axis, 1 to 64; 1 gives a picture with everything in focus.
+        Number of views along each axis, 1 to 64; 1 for one picture in which everything is sharp.
         Default: 5.
-    white, dark : array_like, shape as raw, or without channels; optional
-        White image (flat field) and dark image. Without a white image the mean fall-off within the
-        micro-images is taken from each picture.
+    white, dark : str or Path, optional
+        White image (flat field) and image without light. Without a white image the mean fall-off
+        within the micro-images is taken from the picture.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
-        Colours of the upper left 2 x 2 pixels of a mosaic. Default: no mosaic.
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
 
-    Attributes
-    ----------
-    reference : float
-        Virtual depth at which views coincide. Unless one is stated or the lenslets have ranges, its
-        sign is that of the first picture.
-    spacing, step : float
-        Distance between the offsets of neighbouring views, and between pixels of a view, in pixels
-        of the raw picture.
+    Returns
+    -------
+    LightField
+        Views of the part of the picture that all of them see.
 
     Raises
     ------
     InputError
-        If an argument cannot be used, or the pictures are too small.
+        If a file cannot be read, the calibration does not fit the picture, or no virtual depth is
+        found or stated.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from lf_flame.formats import FocusedLenslets, FocusedPlan, LensletGrid
-    >>> raw = np.random.default_rng(1).uniform(size=(240, 320))
-    >>> lenslets = FocusedLenslets(LensletGrid(9.5, 9.5, 20))
-    >>> plan = FocusedPlan(lenslets, shape=raw.shape, virtual_depth=4.0)
-    >>> plan.decode(raw)
-    LightField(5 x 5 views of 42 x 62 pixels, grey)
-    >>> plan.depth_at(plan.slope_at(5.0))
-    5.0
+    >>> import tifffile
+    >>> from lf_flame.formats import read_focused
+    >>> y, x = np.indices((240, 320)) % 20 - 9.5
+    >>> tifffile.imwrite("white.tif", np.clip(10.5 - np.hypot(y, x), 0, 1))
+    >>> read_focused("white.tif", "white.tif", virtual_depth=4.0, views=3)
+    LightField(3 x 3 views of 42 x 62 pixels, grey)
+    """
+    plan, image = plan_focused(
+        path, calibration, virtual_depth=virtual_depth, views=views, white=white, dark=dark,
+        bayer=bayer,
+    )  # fmt: skip
+    return plan.decode(image)
+
+
+def plan_focused(
+    path: str | Path,
+    calibration: str | Path,
+    *,
+    white: str | Path | None = None,
+    dark: str | Path | None = None,
+    bayer: str | None = None,
+    **options,
+) -> tuple[FocusedPlan, np.ndarray]:
+    """Read a raw picture, and plan its views and those of others by the same camera."""
+    if is_lytro(path):
+        raise InputError(f"{path} is no raw picture of a camera with focused lenslets.")
+    image = read_image(path)
+    black, flat = (None if one is None else read_image(one) for one in (dark, white))
+    if is_raytrix(calibration):
+        lenslets = read_raytrix(calibration, image.shape)
+        seen = less_dark(image if flat is None else flat, black, "raw")
+        _check_fit(seen, lenslets, calibration)
+    else:
+        shown = read_image(calibration)
+        lenslets = FocusedLenslets(estimate_grid(less_dark(shown, black, "white")))
+        flat = shown if flat is None else flat
+    if bayer is None:
+        refuse_mosaic(less_dark(image, black, "raw"), lenslets.grid, "raw")
+    options |= {"white": flat, "dark": black, "bayer": bayer}
+    return FocusedPlan(lenslets, shape=image.shape, **options), image
+
+
+def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object) -> None:
+    """Refuse a calibration whose lenslets are not where a picture, (rows, columns), shows them.
+
+    Micro-images are dark between each other. Where a picture shows no lenslets, nothing is checked.
+    """
+    grey = np.atleast_3d(image).mean(axis=2, dtype=np.float64)
+    try:
+        found = estimate_grid(grey, layout=lenslets.grid.layout).centres(grey.shape).reshape(-1, 2)
+    except InputError:
+        return
+    stated = lenslets.array(grey.shape).centres.reshape(-1, 2)
+    away = float(cKDTree(stated).query(found)[0].max())
+    if away > LARGEST_SHIFT * lenslets.grid.pitch:
+        raise InputError(
+            f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
+            f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
+            f"picture whole, neither scaled nor cropped."
+        )
+
+
+class FocusedPlan:
+    """Plan for the views of one camera with focused lenslets; arguments as in `read_focused`.
+
+    `reference` is the virtual depth at which views coincide, `step` the distance between pixels of
+    a view, `spacing` that between the offsets of neighbouring views, `first` the place (y, x) of
+    the central view's first pixel, all in pixels of the raw picture: the slope at the virtual depth
+    v is ``(reference - v) spacing / step``. `found` says in words which depths `decode` has found.
     """
 
     def __init__(
@@ -113,164 +184,142 @@ class FocusedPlan:
         dark: ArrayLike | None = None,
         bayer: str | None = None,
     ):
-        self.lenslets, self.shape = lenslets, tuple(shape)
+        self.lenslets, self.shape, self.found = lenslets, tuple(shape), ""
         self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
-        self.views = VIEWS if views is None else views
-        if not 1 <= self.views <= MOST_VIEWS or self.views != int(self.views):
+        self.views = 5 if views is None else views
+        if not 1 <= self.views <= 64 or self.views != int(self.views):
             raise InputError(
-                f"views must be a whole number from 1 to {MOST_VIEWS} for focused lenslets, "
-                f"got {views}."
+                f"views must be a whole number from 1 to 64 for focused lenslets, got {views}."
             )
-        farthest = lenslets.grid.pitch / 2
-        if virtual_depth is not None and not NEAREST <= abs(virtual_depth) <= farthest:
+        pitch, self._plane = lenslets.grid.pitch, virtual_depth
+        if virtual_depth is not None and not NEAREST <= abs(virtual_depth) <= pitch / 2:
             raise InputError(
-                f"A virtual depth must be from {NEAREST:g} to {farthest:.4g}, half the pixels "
+                f"A virtual depth must be from {NEAREST:g} to {pitch / 2:.4g}, half the pixels "
                 f"under a lenslet, or the same below 0, got {virtual_depth}."
             )
-        self._plane = virtual_depth
         self.reference = REFERENCE if virtual_depth is None else float(virtual_depth)
+        self.step = abs(self.reference)
+        farthest = max(lenslets.radius - HALF_PATCH * pitch / self.step, 0.0) / math.sqrt(2)
+        self.spacing = 2 * farthest / (self.views - 1) if self.views > 1 else 0.0
         self._array = lenslets.array(self.shape)
         self._black = None if dark is None else as_image(dark, "dark")
-        self._gain = None
+        self._fall = None
         if white is not None:
-            light = less_dark(white, self._black, "white")
-            if light.shape[:2] != self.shape[:2]:
-                raise InputError(
-                    f"The white image must have the raw image's shape {self.shape}, "
-                    f"got {light.shape}."
-                )
-            self._gain = white_gain(self._coloured(light), lenslets)
-        self._first, self._size = self._window()
-        self._is_new = True
-
-    @property
-    def grid(self) -> LensletGrid:
-        """Positions of the micro-images."""
-        return self.lenslets.grid
-
-    @property
-    def step(self) -> float:
-        """Distance between pixels of a view, in pixels of the raw picture."""
-        return abs(self.reference)
-
-    @property
-    def spacing(self) -> float:
-        """Distance between the offsets of neighbouring views, in pixels of the raw picture."""
-        return 2 * self._farthest / (self.views - 1) if self.views > 1 else 0.0
-
-    @property
-    def _farthest(self) -> float:
-        """Largest offset along an axis."""
-        patch = HALF_PATCH * self.grid.pitch / abs(self.reference)
-        return max(self.lenslets.radius - patch, 0.0) / math.sqrt(2)
-
-    def slope_at(self, virtual_depth: float) -> float:
-        """Slope of a place at a virtual depth, in pixels of a view per view."""
-        return (self.reference - virtual_depth) * self.spacing / self.step
-
-    def depth_at(self, slope: float) -> float:
-        """Virtual depth of a place with a slope in the views."""
-        if self.views == 1:
-            raise InputError("A single view has no slopes; state more views.")
-        return self.reference - slope * self.step / self.spacing
+            light = fitting(less_dark(white, self._black, "white"), "white", self.shape)
+            self._fall = fall_off(self._coloured(light), lenslets)
+        inner = np.array(self.shape[:2]) - 1
+        room = inner - 2 * (lenslets.radius + 1 + self.step * farthest + pitch / 2)
+        size = np.floor(np.maximum(room, 0) / self.step).astype(int) + 1
+        if min(size) < 8:
+            raise InputError(
+                f"Pictures of {self.shape[0]} x {self.shape[1]} pixels are too small for views "
+                f"from lenslets of {pitch:.4g} pixels at the virtual depth {self.reference:g}."
+            )
+        check_memory(self.views**2 * int(size.prod()) * 3 * 4 * 2, "The light field of views")
+        self.first, self._size = (inner - (size - 1) * self.step) / 2, size.tolist()
 
     def decode(self, raw: ArrayLike) -> LightField:
-        """Put the views of a raw picture together.
-
-        Parameters
-        ----------
-        raw : array_like, shape as planned
-            Picture, linear in radiance, of any real type.
-
-        Returns
-        -------
-        LightField
-            Views of the part of the picture that all of them see. The pixel (t, s) of the central
-            view is the place ``first + step (t, s)`` of the raw picture.
-
-        Raises
-        ------
-        InputError
-            If the picture has another shape, or shows no virtual depth and none is stated.
-        """
+        """Put the views of a raw picture of the planned shape together."""
         image = as_image(raw, "raw")
         if image.shape != (*self.shape, 1)[:3]:
             raise InputError(
                 f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
             )
         image = self._coloured(less_dark(image, self._black, "raw").astype(np.float32, copy=False))
-        if self._gain is None:
-            image = levelled(image, self.lenslets)
-        else:
-            image = np.ascontiguousarray(image * self._gain)
+        fall = self._fall
+        if fall is None:
+            fall = fall_off(mean_white(image, self.lenslets), self.lenslets)
+        image = np.ascontiguousarray(image / fall, np.float32)
         inverse = self._inverse(image)
-        weights = (
-            np.where(self.lenslets.in_focus(self._array, 1 / inverse), 1.0, OUT_OF_FOCUS)
-            * self._array.whole
-        )
+        focused = self.lenslets.in_focus(self._array, 1 / inverse)
+        weights = np.where(focused, 1.0, OUT_OF_FOCUS) * self._array.whole
         places = centred(self.views) * self.spacing
         offsets = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
         out = np.empty((len(offsets), *self._size, image.shape[2]), np.float32)
-        view = (*self._first, self.step, self.reference)
+        view = (*self.first.tolist(), self.step, self.reference)
         first = int(self._array.rows[0]), int(self._array.columns[0])
         render(
             image, self.lenslets.lattice, first, inverse, weights, offsets, view,
-            REACH * self.grid.pitch, self.lenslets.radius, out,
+            REACH * self.lenslets.grid.pitch, self.lenslets.radius, out,
         )  # fmt: skip
-        coloured = image.shape[2] > 1
         out = out.reshape(self.views, self.views, *out.shape[1:])
-        return LightField(out if coloured else out[..., 0])
-
-    @property
-    def first(self) -> tuple[float, float]:
-        """Place (y, x) in the raw picture of the first pixel of the central view."""
-        return self._first
-
-    def _coloured(self, image: np.ndarray) -> np.ndarray:
-        return image if self.bayer is None else in_colour(image, self.bayer)
-
-    def _window(self) -> tuple[tuple[float, float], tuple[int, int]]:
-        """Place of the first pixel of the central view, and number of rows and columns."""
-        margin = self.lenslets.radius + 1 + abs(self.reference) * self._farthest
-        inner = np.array(self.shape[:2]) - 1 - 2 * (margin + self.grid.pitch / 2)
-        size = np.floor(np.maximum(inner, 0) / self.step).astype(int) + 1
-        if min(size) < SMALLEST_VIEW:
-            raise InputError(
-                f"Pictures of {self.shape[0]} x {self.shape[1]} pixels are too small for views "
-                f"from lenslets of {self.grid.pitch:.4g} pixels at the virtual depth "
-                f"{self.reference:g}."
-            )
-        first = (np.array(self.shape[:2]) - 1 - (size - 1) * self.step) / 2
-        check_memory(self.views**2 * int(size.prod()) * 3 * 4 * 2, "The light field of views")
-        return (float(first[0]), float(first[1])), (int(size[0]), int(size[1]))
+        return LightField(out if image.shape[2] > 1 else out[..., 0])
 
     def _inverse(self, image: np.ndarray) -> np.ndarray:
-        """Inverse virtual depth of each lenslet."""
+        """Inverse virtual depth of each lenslet, that of the nearest known one where unknown."""
         if self._plane is not None:
             return np.full(self._array.whole.shape, 1 / self._plane)
-        found = match_depth(image, self.lenslets)
-        known = _known(found)
-        if self._is_new and not self.lenslets.ranges:
-            self.reference = float(np.copysign(REFERENCE, np.median(known)))
-        if self._is_new:
-            low, high = np.percentile(known, [2, 98])
-            law = f"; in the views, slope = {self.slope_at(self.reference - 1):.4g}"
-            law += f" ({self.reference:g} - virtual depth)"
-            LOGGER.info(
-                f"virtual depth from {low:.3g} to {high:.3g}, known for {found.share:.0%} of the "
-                f"lenslets{law if self.views > 1 else ''}"
+        depth = find_virtual_depth(image, self.lenslets, self._array)
+        known = np.isfinite(depth)
+        if not known.any():
+            raise InputError(
+                "No virtual depth was found: neighbouring micro-images do not show the same "
+                "detail, displaced. The picture lacks texture, or the calibration does not fit it; "
+                "state the virtual depth (--virtual-depth) to render it as a plane."
             )
-        self._is_new = False
-        return found.inverse()
-
-
-def _known(found: VirtualDepth) -> np.ndarray:
-    """Known virtual depths."""
-    known = found.depth[np.isfinite(found.depth)]
-    if not known.size:
-        raise InputError(
-            "No virtual depth was found: neighbouring micro-images do not show the same detail, "
-            "displaced. The picture lacks texture, or the calibration does not fit it; state the "
-            "virtual depth (--virtual-depth) to render it as a plane."
+        self.reference = float(np.copysign(REFERENCE, np.median(depth[known])))
+        low, high = np.percentile(depth[known], [2, 98])
+        self.found = (
+            f"virtual depth from {low:.3g} to {high:.3g}, known for "
+            f"{known.sum() / self._array.whole.sum():.0%} of the lenslets; slopes of the views are "
+            f"{self.spacing / self.step:.4g} ({self.reference:g} - virtual depth)"
         )
-    return known
+        nearest = ndimage.distance_transform_edt(
+            ~known, return_distances=False, return_indices=True
+        )
+        return 1 / depth[tuple(nearest)]
+
+    def _coloured(self, image: np.ndarray) -> np.ndarray:
+        """Colours of a mosaic, (rows, columns, 1), at all pixels by linear interpolation."""
+        if self.bayer is None:
+            return image
+        kernel = np.outer([1, 2, 1], [1, 2, 1]) / 4
+        light, pixels = (np.zeros((*image.shape[:2], 3), np.float32) for _ in range(2))
+        for place, colour in enumerate(self.bayer):
+            at = np.s_[place // 2 :: 2, place % 2 :: 2, "rgb".index(colour)]
+            light[at], pixels[at] = image[at[0], at[1], 0], 1
+        sums, counts = (
+            ndimage.convolve(one, kernel[..., None], mode="constant") for one in (light, pixels)
+        )
+        return sums / counts
+
+
+def fall_off(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
+    """Brightness of a white image relative to the middle of its micro-images, and at least 0.2."""
+    array = lenslets.array(white.shape)
+    y, x = np.rint(array.centres[array.whole]).astype(int).T
+    middle = np.median(white[y, x], axis=0)
+    if not np.all(middle > 0):
+        raise InputError(
+            f"The white image must be bright in the middle of its micro-images, "
+            f"got a median there of {middle.min():g}."
+        )
+    return np.maximum(white / middle, 0.2)
+
+
+def mean_white(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
+    """White image by the mean fall-off of a picture's micro-images, which is taken to be round."""
+    array, half = lenslets.array(image.shape), int(lenslets.radius)
+    centres = np.rint(array.centres[array.whole]).astype(int)
+    centres = centres[:: max(1, len(centres) // 4000)]  # noise falls below a per cent
+    distance = np.hypot(*np.mgrid[-half : half + 1, -half : half + 1])
+    fall = np.empty((half + 1, image.shape[2]))
+    for ring in range(half + 1):
+        spots = np.argwhere(np.rint(distance) == ring) - half
+        light = [image[y + centres[:, 0], x + centres[:, 1]].mean(axis=0) for y, x in spots]
+        fall[ring] = np.mean(light, axis=0)
+    if not np.all(fall[0] > 0):  # a picture without light, or below black, has no fall-off
+        return np.ones_like(image)
+    lattice, white = lenslets.lattice, np.empty_like(image)
+    for k, out in enumerate(white):
+        y, x = k - lattice.y0, np.arange(image.shape[1]) - lattice.x0
+        down, along = lattice.cos * y - lattice.sin * x, lattice.sin * y + lattice.cos * x
+        above = np.floor(down / lattice.row_pitch)
+        nearest = np.full(len(x), np.inf)
+        for row in (above, above + 1):
+            column = along / lattice.pitch - lattice.offset * (row % 2)
+            aside = lattice.pitch * (column - np.rint(column))
+            nearest = np.minimum(nearest, np.hypot(aside, down - lattice.row_pitch * row))
+        for channel, levels in enumerate(fall.T):
+            out[:, channel] = np.interp(nearest, np.arange(half + 1), levels)
+    return white

@@ -48,37 +48,7 @@ def number_grid(files: list[File], stated: Stated) -> np.ndarray:
     second number). Where only one varies it counts all views, (running number,), unless it is one
     of the last two of as many digits, and the other always 0 or 1: a single row or column.
     """
-    names = [file.stem for file in files]
-    varying, line = _columns(names)
-    split, _ = _columns(names, decimals=False)
-    if line:
-        return _arranged(files, line, stated)
-    try:
-        return _arranged(files, varying, stated)
-    except InputError:
-        if len(varying) != 1 or len(split) != 2:
-            raise
-    return _arranged(files, split, stated)  # 01.02.png is a row and a column, and no decimal number
-
-
-def _columns(names: list[str], *, decimals: bool = True) -> tuple[list[Column], list[Column]]:
-    """Columns of numbers that vary, and the last two of all if they may be a row and a column."""
-    parts = split_numbers(names, decimals=decimals)
-    if len({one[::2] for one in parts}) > 1:
-        return [], []  # what is a number in one name is none in another
-    columns: list[Column] = list(zip(*(one[1::2] for one in parts), strict=True))
-    varying = [column for column in columns if len(set(column)) > 1]
-    if len(varying) != 1 or len(columns) < 2 or varying[0] not in (last := columns[-2:]):
-        return varying, []
-    digits = [re.findall(r"[0-9]+", name)[-2:] for name in names]
-    alike = len({min(map(len, column)) for column in zip(*digits, strict=False)}) == 1
-    whole = all(number % 1 == 0 for number in varying[0])
-    constant = any(set(column) in ({0}, {1}) for column in last)
-    return varying, last if alike and whole and constant else []
-
-
-def _arranged(files: list[File], columns: list[Column], stated: Stated) -> np.ndarray:
-    """Arrange files by the last pair of numbers with the smallest grid, or by a running number."""
+    columns = _columns([file.stem for file in files])
     faults: list[InputError] = []
     found: list[tuple[list[Axis], Sequence[Column]]] = []
     for pair in list(pairwise(columns))[::-1]:
@@ -103,6 +73,22 @@ def _arranged(files: list[File], columns: list[Column], stated: Stated) -> np.nd
     for file, *place in zip(files, *numbers, strict=True):
         grid[tuple(axis.places[one] for axis, one in zip(axes, place, strict=True))] = file
     return grid
+
+
+def _columns(names: list[str]) -> list[Column]:
+    """Columns of numbers that vary, or the last two of all if they may be a row and a column."""
+    parts = split_numbers(names)
+    if len({one[::2] for one in parts}) > 1:
+        return []  # what is a number in one name is none in another
+    columns: list[Column] = list(zip(*(one[1::2] for one in parts), strict=True))
+    varying = [column for column in columns if len(set(column)) > 1]
+    if len(varying) != 1 or len(columns) < 2 or varying[0] not in (last := columns[-2:]):
+        return varying
+    digits = [re.findall(r"[0-9]+", name)[-2:] for name in names]
+    alike = len({min(map(len, column)) for column in zip(*digits, strict=False)}) == 1
+    whole = all(number % 1 == 0 for number in varying[0])
+    constant = any(set(column) in ({0}, {1}) for column in last)
+    return last if alike and whole and constant else varying
 
 
 def _running_number(
@@ -174,15 +160,13 @@ def _axis(numbers: Column, size: int | None, stated: Stated) -> Axis:
     return Axis({number: int(number) - start for number in found}, size, 1.0, 0.0)
 
 
-def split_numbers(
-    names: Sequence[str], *, decimals: bool = True
-) -> list[tuple[str | Decimal, ...]]:
+def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:
     """Split names into text and numbers in turn, so that they sort in natural order.
 
     A hyphen is a minus sign if it follows neither a letter nor a digit (``pos_-40``, unlike
     ``view-40`` and ``2024-01-05``), or if only some names have it there (``y-4, y0, y4``). A point
     is a decimal point if it is the only one of a number, and if all numbers have the same count of
-    decimals or none ends in 0 (``5.48``, unlike ``1.9, 1.10``); without `decimals` none is.
+    decimals or none ends in 0 (``5.48``, unlike ``1.9, 1.10``).
 
     Returns
     -------
@@ -197,7 +181,7 @@ def split_numbers(
     for k in reversed(range(1, max(map(len, pieces), default=0), 2)):
         ends = [one[k].partition(".")[2] for one in pieces if k < len(one)]
         uneven = len({len(end) for end in ends if end}) > 1
-        if not decimals or (uneven and any(end.endswith("0") for end in ends)):
+        if uneven and any(end.endswith("0") for end in ends):
             for one in pieces:
                 one[k : k + 1] = [
                     part for word in one[k : k + 1] for part in re.split(r"(\.)", word)
