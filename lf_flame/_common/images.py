@@ -203,6 +203,8 @@ def pictures(file: tifffile.TiffFile, path: Source) -> list[tifffile.TiffPageSer
 
     Thumbnails and masks, which NewSubfileType declares, are left out.
     """
+    if not file.series:
+        raise InputError(f"{path} cannot be read: it is damaged, or holds no picture.")
     whole = [one for one in file.series if not one.keyframe.subfiletype & (REDUCED | MASK)]
     forms = {f"{one.shape} of {one.dtype}" for one in whole}
     if len(forms) != 1:
