@@ -31,7 +31,7 @@ from lf_flame.formats import DecodePlan, LensletGrid
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.fitting import ShuffledSamples
 from lf_flame.learning.training import compile_for_training
-from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
+from lf_flame.optics.ray_bundle import trace_footprint
 
 SLOPES = (2.1, 1.15, 0.35, -1.25)
 
@@ -189,8 +189,10 @@ def _dense(scene, camera) -> np.ndarray:
         for axis in (0, 1):
             seen = trace_footprint(camera, layer.depth_mm, axis)
             edges = layer.cell_edges_mm(axis) - seen.centres_mm.reshape(-1, 1)
-            widths = abs(seen.lenslet_width_mm), abs(seen.pixel_width_mm)
-            shares.append(np.diff(trapezoid_cdf(edges, *widths), axis=1))
+            a, b = abs(seen.lenslet_width_mm), max(abs(seen.pixel_width_mm), 1e-6)
+            ends = (-a - b, 1), (b - a, -1), (a - b, -1), (a + b, 1)  # of a trapezoid, twice
+            ramps = (sign * np.maximum(edges - end / 2, 0) ** 2 for end, sign in ends)
+            shares.append(np.diff(sum(ramps) / (2 * a * b), axis=1))
         image = image + shares[0] @ layer.texture @ shares[1].T
     n = camera.views
     return image.reshape(n, camera.lenslets[0], n, camera.lenslets[1]).swapaxes(1, 2)

@@ -7,8 +7,9 @@ import numpy as np
 
 from experiments.hard_cases.report import UNIT, Values, as_exact, hard_case
 from lf_flame.optics.camera import PAPER_CAMERA
-from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
+from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.optics.ray_transfer import chain, free_space, inverse, thin_lens
+from lf_flame.simulation.exact import trapezoid_cdf
 
 CAMERA = PAPER_CAMERA
 F, A0, I0 = CAMERA.main_lens_focal_mm, CAMERA.focus_distance_mm, CAMERA.image_distance_mm
@@ -166,5 +167,5 @@ def narrow_bundles() -> Values:
         x = np.sort([*-shoulder, *np.linspace(-0.13, 0.13, 21), *shoulder])
         exact.extend(exact_share(n, wide, other) for n in x)
         obvious.extend(ramps(n, np.float64(wide), other) for n in x)
-        ours.extend(trapezoid_cdf(x, wide, other))
+        ours.extend(trapezoid_cdf(n, wide, other) for n in x)
     return Values(np.array(exact), obvious, ours, scale=1.0)

@@ -153,9 +153,7 @@ class PlenopticCamera(Lens):
         lengths += ["rim_diameter_mm", "wavelength_nm", "exit_pupil_mm"]
         for name in lengths:
             value = getattr(self, name)
-            if value is None and name not in lengths[:4]:
-                continue
-            if not SHORTEST <= value <= LONGEST:
+            if value is not None and not SHORTEST <= value <= LONGEST:
                 raise InputError(
                     f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
                     f"{SHORTEST:g} to {LONGEST:g}, got {value}."

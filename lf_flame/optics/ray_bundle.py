@@ -115,25 +115,3 @@ def _trace(camera, to_array, axis: int, lenslet_scale: float, neighbour: int, pa
         pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
         shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),
     )
-
-
-def trapezoid_cdf(
-    x: np.ndarray, width_a: float | np.ndarray, width_b: float | np.ndarray
-) -> np.ndarray:
-    """Cumulative distribution at x of the sum of two centred uniform variables of these widths.
-
-    It is written for ``|x|`` in a linear and a quadratic part, so that nothing cancels and widths
-    may be zero: one zero width makes a box, two make a step with the value 1/2 at its centre.
-    """
-    wide, narrow = np.maximum(width_a, width_b), np.minimum(width_a, width_b)
-    if np.any(wide == 0):
-        stepped = trapezoid_cdf(x, np.where(wide == 0, 1.0, wide), narrow)
-        return np.where(wide == 0, 0.5 + 0.5 * np.sign(x), stepped)
-    distance = np.abs(x)
-    half = distance / wide
-    rest = (wide + narrow) / 2 - distance
-    # In this order no product of widths underflows.
-    ramp = np.clip(rest, 0, narrow)
-    ramp = ramp / wide * (ramp / np.maximum(narrow, np.finfo(float).tiny)) / 2
-    half = np.where(rest < narrow, 0.5 - ramp, half)
-    return 0.5 + np.sign(x) * np.minimum(half, 0.5)

@@ -10,43 +10,35 @@ with them the views, by 180 degrees changes the sign of every number here.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame._common.arrays import Number, number_or_array
 from lf_flame.errors import InputError
 
-
-class Convention(NamedTuple):
-    """A number proportional to the slope; N is the number of views along an axis."""
-
-    formula: str  # number in terms of the slope and of N
-    slope: float | Callable[[int], float]  # for a number of 1; a function of N if it depends on it
-
-
-CONVENTIONS = {
+CONVENTIONS: dict[str, float | Callable[[int], float]] = {
     # Motion of an image in lenslets per view; the slope of this package.
-    "motion": Convention("slope", 1),
+    "motion": 1.0,
     # Disparity in pixels per view, positive for what is nearer than the focus distance: 4D Light
     # Field Benchmark, Honauer et al., ACCV 2016, depth2disp of its toolkit; EPINET's output, too.
-    "hci": Convention("-slope", -1),
+    "hci": -1.0,
     # LFToolbox 0.5, LFFiltShiftSum: views are read at linspace(-0.5, 0.5, N) Slope N.
-    "lftoolbox": Convention("slope (N - 1) / N", lambda n: n / (n - 1)),
+    "lftoolbox": lambda n: n / (n - 1),
     # LiFF, FocalStack.c: views are read at + slope per view.
-    "liff": Convention("slope", 1),
+    "liff": 1.0,
     # PlenoptiCam 0.9, refo_from_vp: views are moved by + a, a whole number.
-    "plenopticam": Convention("-slope", -1),
+    "plenopticam": -1.0,
     # PlenoptiCam 0.9 with refinement: views are enlarged N times and moved by + a of the finer
     # pixels (T of them become N T by (T - 1) / (N T - 1) and not 1 / N, which is left aside).
-    "plenopticam-refined": Convention("-slope N", lambda n: -1 / n),
+    "plenopticam-refined": lambda n: -1 / n,
     # plenpy 0.9, get_refocus: views are moved by + slope N / (N - 1).
-    "plenpy": Convention("-slope (N - 1) / N", lambda n: -n / (n - 1)),
+    "plenpy": lambda n: -n / (n - 1),
     # Fourier Disparity Layers, refocusFFT.m: views are moved by + d U, U to the right and V upward;
     # Le Pendu, Guillemot, Smolic, IEEE Trans. Image Process. 28, 5740, 2019.
-    "fdl": Convention("-slope", -1),
+    "fdl": -1.0,
 }
-"""Conventions of known programs by name."""
+"""Slope for a number of 1 in the convention of a known program, by name; a function of the number N
+of views along an axis if it depends on that."""
 
 
 def to_slope(number: Number, convention: str, views: int | None = None) -> Number:
@@ -80,12 +72,12 @@ def to_slope(number: Number, convention: str, views: int | None = None) -> Numbe
     """
     if convention not in CONVENTIONS:
         raise InputError(f"convention must be one of {', '.join(CONVENTIONS)}, got {convention!r}.")
-    formula, slope = CONVENTIONS[convention]
+    slope = CONVENTIONS[convention]
     if callable(slope):
         if views is None or views != int(views) or views < 2:
             raise InputError(
-                f"This number depends on the N views along an axis ({formula}), of which "
-                f"there must be 2 or more, got views={views}."
+                f"This number depends on the number of views along an axis, which must be 2 or "
+                f"more, got views={views}."
             )
         slope = slope(views)
     return number_or_array(np.asarray(number, float) * slope)

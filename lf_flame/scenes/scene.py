@@ -204,9 +204,8 @@ def _checked_absorption(
 ) -> np.ndarray:
     """Optical thickness of each cell; an opaque layer has neither it nor an extent."""
     if np.ndim(optical_thickness) == 0:
-        optical_thickness = np.broadcast_to(
-            np.asarray(optical_thickness, np.float64), shape
-        )  # takes none
+        # takes no memory
+        optical_thickness = np.broadcast_to(np.asarray(optical_thickness, np.float64), shape)
     tau = _checked_cells(optical_thickness, "optical_thickness", shape)
     if not 0 <= thickness_mm < LARGEST_MM:
         raise InputError(

@@ -7,7 +7,7 @@ import numpy as np
 from skimage.util import img_as_float64
 
 from lf_flame._common.config import build, strict
-from lf_flame._common.images import PER_VALUE, check_levels, read_pixels, read_shape
+from lf_flame._common.images import check_levels, read_pixels, read_shape
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
@@ -16,12 +16,9 @@ from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import LARGEST_MM, Layer, Scene
 from lf_flame.scenes.shapes import SHAPES, shape_texture
 
-LAYER_BYTES, MORE_BYTES = 26, 16
-"""Bytes of memory per pixel that a layer takes while it is made of an image: for its radiance,
-twice, and its absorption; and for the coverage of an opaque layer, or the absorption of soot."""
-
-ROWS = 64
-"""Number of rows of an image that are turned into radiance at a time."""
+PIXEL_BYTES, VALUE_BYTES = 36, 14
+"""Bytes of memory that a layer takes for a pixel of an image and for each value of a pixel, while
+it is made: for copies of the image, for radiance, coverage and absorption."""
 
 
 @strict
@@ -65,9 +62,7 @@ class LayerEntry:
         if self.image is None:
             return 0
         rows, columns, channels = read_shape(folder / self.image)
-        more = MORE_BYTES * (self.opaque + (self.optical_thickness != 0))
-        # The image is gone before the layer is made of the arrays.
-        return rows * columns * max(LAYER_BYTES + more, PER_VALUE * channels + MORE_BYTES)
+        return rows * columns * (PIXEL_BYTES + VALUE_BYTES * channels)
 
     def layer(self, folder: Path) -> Layer:
         """Make the layer; its image file is relative to `folder`."""
@@ -187,15 +182,10 @@ def _read_grey(path: Path, opaque: bool) -> tuple[np.ndarray, np.ndarray | None]
     check_levels(pixels, path)
     if pixels.ndim not in (2, 3):
         raise InputError(f"{path} must be one image, got an array of shape {pixels.shape}.")
-    clear = pixels.ndim == 3 and pixels.shape[2] in (2, 4)
-    texture = np.empty(pixels.shape[:2])
-    coverage = np.ones(pixels.shape[:2]) if opaque else None
-    for first in range(0, len(pixels), ROWS):  # a copy of the whole as floats would take too much
-        rows = slice(first, first + ROWS)
-        image = img_as_float64(pixels[rows])
-        if clear and coverage is not None:
-            coverage[rows] = image[..., -1]
-        if clear:
-            image = image[..., :-1] * image[..., -1:]  # transparent pixels emit nothing
-        texture[rows] = image.mean(axis=2) if image.ndim == 3 else image
-    return texture, coverage
+    image = img_as_float64(pixels)
+    alpha = image[..., -1] if image.ndim == 3 and image.shape[2] in (2, 4) else None
+    if alpha is not None:
+        image = image[..., :-1] * alpha[..., None]  # transparent pixels emit nothing
+    texture = image.mean(axis=2) if image.ndim == 3 else image
+    coverage = np.ones(texture.shape) if alpha is None else alpha
+    return texture, coverage if opaque else None

@@ -24,6 +24,10 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"views": 10**20}, "of 1 to 100000 each"),
             ({"lenslets": (0, 5)}, "lenslets two, of 1 to 100000"),
             ({"pixel_pitch_mm": 0.1}, "pixel_pitch_mm must be at most 0.0074"),
+            ({"aperture_diameter_mm": 312.0}, "at most 311.* 4 times what matches .* got 312"),
+            ({"chromatic_shift": -5e-4}, "chromatic_shift must lie between 0 and 0.2, got"),
+            ({"lenslet_rotation_rad": 0.1005}, "lenslet_rotation_rad must lie between -0.1 and"),
+            ({"lenslet_pitch_error": -0.1005}, "lenslet_pitch_error must lie between -0.1 and"),
         ),
         (partial(PAPER_CAMERA.depth_to_slope, -326.0), "above -326"),
         *each(

@@ -2,7 +2,6 @@ import numba
 import numpy as np
 import pytest
 
-from lf_flame import InputError
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves
 
@@ -47,23 +46,6 @@ def test_lengths_are_as_frequent_as_their_inverse_cube(rng):
     assert lengths.max() <= 60
     expected = (4**-2 - 8**-2) / (4**-2 - 60**-2)
     assert np.mean(lengths < 8) == pytest.approx(expected, abs=0.005)
-
-
-def test_leaves_and_their_waves_point_everywhere_alike(rng):
-    """Of angles all around, the means of cos, sin, cos 2 and sin 2 vanish, within 5 / sqrt(2 n)."""
-    of = DeadLeaves(leaves=50_000, wavelength=(8.0, 8.0))._draw_leaves(IMAGE, rng)
-    np.testing.assert_allclose(of["cosine"] ** 2 + of["sine"] ** 2, 1)
-    np.testing.assert_allclose(np.hypot(of["wave_y"], of["wave_x"]), 2 * np.pi / 8)
-    for cosine, sine in ((of["cosine"], of["sine"]), (of["wave_y"], of["wave_x"])):
-        angle = np.arctan2(sine, cosine)
-        for k in (1, 2):
-            assert abs(np.exp(1j * k * angle).mean()) < 5 / np.sqrt(50_000)
-
-
-def test_the_smallest_leaves_are_half_a_pixel_long():
-    assert DeadLeaves(smallest=0.5, largest=0.5, wavelength=(2.0, 2.0)).smallest == 0.5
-    with pytest.raises(InputError, match="rise from 0.5 pixels or more"):
-        DeadLeaves(smallest=0.49)
 
 
 def test_same_seed_same_leaves_for_any_number_of_threads():
