@@ -22,7 +22,6 @@ FLOORS = [
     ["simulation"],
     ["simulation.planning"],
     ["simulation.rendering"],
-    ["simulation.measuring"],
     ["formats", "refocus"],
     ["calibration"],
     ["projection", "tomography", "viewer"],

@@ -25,7 +25,7 @@ WITHOUT_EXAMPLE = {
 """Names that need a trained network, or take longer than an example may."""
 
 
-NAMES = [
+NAMES = ["projection.Projector"] + [
     f"{room}.{name}"
     for room in ROOMS
     for name in re.findall(

@@ -87,7 +87,7 @@ def plan(scene, tolerance, on, off, assume, measure) -> None:
     if measure:
         from tqdm import tqdm
 
-        from lf_flame.simulation.measuring import measure_changes
+        from lf_flame.simulation import measure_changes
 
         bar = partial(tqdm, desc="measuring", unit="effect", leave=False)
         found = replace(found, measured=measure_changes(layers, camera, found, progress=bar))

@@ -36,11 +36,6 @@ def as_views(views: Views) -> np.ndarray:
     return views
 
 
-def shape_of(views: Views) -> tuple[int, ...]:
-    """Shape of the views."""
-    return as_views(views).shape
-
-
 def as_readable(views: np.ndarray, *, raw: bool = False) -> np.ndarray:
     """Convert views to the type and memory order of the kernels, with a copy only if needed.
 
@@ -53,6 +48,13 @@ def as_readable(views: np.ndarray, *, raw: bool = False) -> np.ndarray:
     if raw and views.ndim == 4 and views.strides[1::2] == (size, views.shape[1] * size):
         return views
     return np.ascontiguousarray(views)
+
+
+def as_grey(light_field: Views) -> np.ndarray:
+    """Average the channels of finite views: shape (v, u, t, s), of a type that kernels read."""
+    views = as_views(light_field)
+    refuse_not_finite(views)
+    return as_readable(views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32))
 
 
 def as_numbers(values: ArrayLike, name: str) -> np.ndarray:
@@ -92,7 +94,7 @@ def farthest_slope(views: Views) -> float:
     >>> farthest_slope(np.ones((5, 5, 24, 30)))
     12.0
     """
-    v, u, t, s = shape_of(views)[:4]
+    v, u, t, s = as_views(views).shape[:4]
     limits = [2 * n / (count - 1) for n, count in ((t, v), (s, u)) if count > 1]
     return min(limits, default=2.0 * max(t, s))
 
@@ -132,7 +134,7 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
     InputError
         If they cannot be used, or all products are 0.
     """
-    shape = shape_of(views)[:2]
+    shape = as_views(views).shape[:2]
     own = views.weights if isinstance(views, LightField) else None
     stated = (
         np.ones(shape)
@@ -181,6 +183,20 @@ def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]
             f"{lenslets[1]}."
         )
     return down, across
+
+
+def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:
+    """Check rows and columns of views against the light field's number of views, [k, 2]."""
+    indices = np.asarray(view_indices)
+    if indices.ndim != 2 or indices.shape[1:] != (2,) or indices.dtype.kind not in "iu":
+        raise InputError(f"Views are indexed by pairs of row and column, got {view_indices!r}.")
+    for v, u in indices.tolist():
+        if not (0 <= v < shape[0] and 0 <= u < shape[1]):
+            raise InputError(
+                f"There is no view ({v}, {u}) in a light field of {shape[0]} x {shape[1]} views, "
+                f"counted from 0."
+            )
+    return indices
 
 
 def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str) -> None:

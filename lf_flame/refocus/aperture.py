@@ -4,7 +4,7 @@ The views divide the square aperture of the main lens into squares. The weight o
 of its square inside the smaller, round or annular aperture.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -110,31 +110,6 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     (0.7854, 0.7854)
     """
     return aperture_weights(views, diameter)
-
-
-def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Weights of views that select some views, all with weight 1.
-
-    Parameters
-    ----------
-    views : (int, int)
-        Number of views along v and u.
-    view_indices : sequence of (int, int)
-        Row and column of each view to use.
-
-    Returns
-    -------
-    ndarray of float64, shape (v, u), 0 or 1
-
-    Examples
-    --------
-    >>> from lf_flame.refocus import sparse_aperture
-    >>> sparse_aperture((2, 3), [(0, 0), (1, 2)]).tolist()
-    [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    weights = np.zeros(views)
-    weights[tuple(np.transpose(view_indices))] = 1
-    return weights
 
 
 def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Figures of slopes: sharpness curves, slope maps, and regions in focus."""
 
 from functools import partial
+from itertools import product
 
 import numpy as np
 from matplotlib.patches import Rectangle
@@ -66,13 +67,9 @@ def draw_searches(axis, searches, labels) -> None:
     axis.grid(alpha=0.3)
 
 
-def shown_slope(slope: float, digits: int) -> str:
-    """Write a slope without a minus sign before zero."""
-    return f"{round(slope, digits) + 0.0:.{digits}f}"
-
-
 def _shown_slope(slope: float, camera: PlenopticCamera | None) -> str:
-    return with_depth(shown_slope(slope, 3), slope, camera)
+    """Write a slope, without a minus sign before zero, and its depth."""
+    return with_depth(f"{round(slope, 3) + 0.0:.3f}", slope, camera)
 
 
 def slope_map_figure(focus_map, camera=None):
@@ -88,45 +85,32 @@ def slope_map_figure(focus_map, camera=None):
     -------
     matplotlib.figure.Figure
     """
-    height, width = focus_map.slope.shape
-    figure, axes = subplots(1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained")
     picture = focus_map.all_in_focus
-    axes[0].imshow(np.clip(picture / max(picture.max(), 1e-30), 0, 1), cmap="gray", vmin=0, vmax=1)
-    axes[0].set_title("everything in focus", fontsize=10)
+    titles = "everything in focus", "slope of sharpest focus, paler where less certain"
     trust = np.clip(focus_map.confidence / 0.5, 0.15, 1)
-    slopes = axes[1].imshow(focus_map.slope, cmap="viridis", alpha=trust, interpolation="none")
-    axes[1].set_title("slope of sharpest focus, paler where less certain", fontsize=10)
-    for axis in axes:
-        axis.axis("off")
-    bar = figure.colorbar(slopes, ax=axes[1], shrink=0.85)
-    bar.set_label(_slope_axis(bar.ax.yaxis, camera))
-    return figure
+    shown = picture / max(picture.max(), 1e-30), focus_map.slope
+    return _image_beside_slopes(*shown, titles, camera, alpha=trust)[0]
 
 
 def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
-    """Draw an image with some regions in focus, beside the slope of each pixel.
+    """Draw an image, from 0 to 1, with some regions in focus, beside the slope of each pixel."""
+    titles = "the framed regions in focus", "slope that each pixel is refocused at"
+    figure, axes = _image_beside_slopes(image, surface, titles)
+    for axis, (t0, t1, s0, s1) in product(axes, regions):
+        frame = Rectangle((s0 - 0.5, t0 - 0.5), s1 - s0, t1 - t0, fill=False, color="orange")
+        axis.add_patch(frame)
+    return figure
 
-    Parameters
-    ----------
-    image : ndarray, shape (t, s) or (t, s, 3), from 0 to 1
-    surface : ndarray, shape (t, s)
-    regions : sequence of (int, int, int, int)
-        First row, last row + 1, first column, last column + 1 of each region.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    height, width = surface.shape
+def _image_beside_slopes(image, slopes, titles, camera=None, **options):
+    """Draw an image beside a slope map; gives the figure and both axes."""
+    height, width = slopes.shape
     figure, axes = subplots(1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained")
     axes[0].imshow(np.clip(image, 0, 1), cmap="gray", vmin=0, vmax=1)
-    axes[0].set_title("the framed regions in focus", fontsize=10)
-    slopes = axes[1].imshow(surface, cmap="viridis", interpolation="none")
-    axes[1].set_title("slope that each pixel is refocused at", fontsize=10)
-    for axis in axes:
+    drawn = axes[1].imshow(slopes, cmap="viridis", interpolation="none", **options)
+    for axis, title in zip(axes, titles, strict=True):
+        axis.set_title(title, fontsize=10)
         axis.axis("off")
-        for t0, t1, s0, s1 in regions:
-            frame = Rectangle((s0 - 0.5, t0 - 0.5), s1 - s0, t1 - t0, fill=False, color="orange")
-            axis.add_patch(frame)
-    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
-    return figure
+    bar = figure.colorbar(drawn, ax=axes[1], shrink=0.85)
+    bar.set_label(_slope_axis(bar.ax.yaxis, camera))
+    return figure, axes

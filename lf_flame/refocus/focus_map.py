@@ -19,13 +19,14 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import (
     Views,
+    as_grey,
     as_steps,
     as_views,
     as_weights,
     farthest_slope,
     refuse_uncounted,
 )
-from lf_flame.refocus.matching import ComparedViews, as_grey
+from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.refinement import refine_slopes
 from lf_flame.refocus.search import find_sharpest_slopes
 from lf_flame.refocus.semi_global import choose_slopes
@@ -34,9 +35,6 @@ from lf_flame.refocus.surface import refocus_surface
 
 TRUSTED = 0.2
 """Smallest confidence of a certain slope."""
-
-RESOLVED = 1.0
-"""Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
 
 MAP_STEPS = 33
 """Number of slopes in the stack from which commands and pages make a slope map."""
@@ -151,7 +149,8 @@ def all_in_focus(
     """
     weights = as_weights(weights, light_field)
     check_interpolation(interpolation)
-    _check_window(window)
+    if not 0 < window < np.inf:
+        raise InputError(f"window must be a number of lenslets above 0, got {window}.")
     views, slopes = as_grey(light_field), as_steps(slopes)
     down, right = (((n - 1) // 2, n // 2) for n in views.shape[:2])
     refuse_uncounted(
@@ -177,26 +176,20 @@ def _matched(
     slopes, limit = compared.slopes, compared.limit()
     costs = compared.costs(limit)
     best = slopes[costs.argmin(axis=2)]
-    guide = _guide(_middle(as_views(light_field), best))
+    picture = _middle(as_views(light_field), best)
+    grey = picture.mean(axis=2) if picture.ndim == 3 else picture
+    guide = gaussian_filter(grey, 1.0)  # smooth enough that noise is no edge
     return *choose_slopes(costs, slopes, guide, window, distinct_by(weights)), guide, limit
 
 
 def distinct_by(weights: np.ndarray) -> float:
-    """Smallest difference of slopes that views with these weights, (v, u), can distinguish."""
-    used = zip(weights.shape, _used(weights), strict=True)
-    farthest = max(np.abs(centred(n))[some].max() for n, some in used)
-    return RESOLVED / max(farthest, 0.5)
+    """Smallest difference of slopes that views with these weights, (v, u), can distinguish.
 
-
-def _guide(picture: np.ndarray) -> np.ndarray:
-    """Grey image, smooth enough that noise is no edge."""
-    grey = picture.mean(axis=2) if picture.ndim == 3 else picture
-    return gaussian_filter(grey, 1.0)
-
-
-def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of views with any weight above 0."""
-    return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
+    It moves the outermost view by a lenslet.
+    """
+    used = np.argwhere(weights > 0) - (np.array(weights.shape) - 1) / 2
+    farthest = float(np.abs(used).max())
+    return 1.0 / max(farthest, 0.5)
 
 
 def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -205,11 +198,6 @@ def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
     if down.sum() == right.sum() == 1:
         return views[views.shape[0] // 2, views.shape[1] // 2].astype(np.float32, copy=False)
     return refocus_surface(views, slope, weights=np.outer(down, right))
-
-
-def _check_window(window: float) -> None:
-    if not 0 < window < np.inf:
-        raise InputError(f"window must be a number of lenslets above 0, got {window}.")
 
 
 @dataclass(frozen=True)
@@ -262,9 +250,9 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     """
     weights = as_weights(None, light_field)
     limit = farthest_slope(light_field)
-    small, block = _reduced(as_views(light_field))
+    small, block = _reduced(as_grey(light_field))
     tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
-    found = find_sharpest_slopes(small, tiles=tiles, weights=weights)
+    found = find_sharpest_slopes(small, tiles, weights)
     slopes = block * np.array([one.slope for one in found]).reshape(tiles)
     sure = slopes[_certain(slopes, np.array([one.confidence for one in found]).reshape(tiles))]
     if not sure.size:
@@ -289,15 +277,14 @@ def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
 
 
 def _reduced(views: np.ndarray) -> tuple[np.ndarray, int]:
-    """Grey views, averaged over blocks of lenslets to a longer side of about `SIDE`.
+    """Average grey views over blocks of lenslets to a longer side of about `SIDE`.
 
     Incomplete blocks at the ends are left out. Also returns the lenslets along a block's side, by
     which slopes are smaller.
     """
-    block = max(1, round(max(views.shape[2:4]) / SIDE))
-    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
-    v, u, t, s = grey.shape
+    block = max(1, round(max(views.shape[2:]) / SIDE))
+    v, u, t, s = views.shape
     t, s = t // block, s // block
-    cut = grey[:, :, : t * block, : s * block].reshape(v, u, t, block, s, block)
+    cut = views[:, :, : t * block, : s * block].reshape(v, u, t, block, s, block)
     # Sums may exceed float32.
     return cut.mean(axis=(3, 5), dtype=np.float64).astype(np.float32), block

@@ -30,7 +30,6 @@ from scipy.ndimage import gaussian_filter1d
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame._common.threads import parallel
-from lf_flame.refocus._arguments import Views, as_readable, as_views, refuse_not_finite
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
 MARGIN = 0.07
@@ -91,13 +90,6 @@ def sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 shares.append(share.ravel())
                 margins.append(MARGIN * ((i > 0) + (j > 0)))
     return np.array(shares, np.float32), np.array(margins, np.float32)
-
-
-def as_grey(light_field: Views) -> np.ndarray:
-    """Average the channels of finite views: shape (v, u, t, s), of a type that kernels read."""
-    views = as_views(light_field)
-    refuse_not_finite(views)
-    return as_readable(views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32))
 
 
 class WeightedViews(NamedTuple):

@@ -1,7 +1,8 @@
-"""Shift-and-sum refocusing in space: a plan of the shifts, then one compiled pass."""
+"""Refocusing by shifting views: in space, with a plan of the shifts and one compiled pass."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numba
@@ -13,8 +14,10 @@ from lf_flame.errors import InputError
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
     Views,
+    as_block,
     as_readable,
     as_slopes,
+    as_view_indices,
     as_views,
     as_weights,
     for_slopes,
@@ -97,6 +100,64 @@ def shift_and_sum(
         some = slice(first, first + SLOPES_AT_ONCE)
         _shift_and_sum(lines, channels, steps[some], interpolation, weights, stack[some])
     return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
+
+
+def align_views(
+    light_field: Views,
+    slopes: ArrayLike,
+    view_indices: Sequence[tuple[int, int]],
+    *,
+    block: tuple[int, int] = (1, 1),
+) -> np.ndarray:
+    """Shift some views so that objects at a slope are at the same place in all of them.
+
+    View (v, u) becomes ``L[v, u, t + slope (v - vc), s + slope (u - uc)]``, interpolated linearly,
+    coordinates clamped at the edges; the mean over all views is `shift_and_sum`.
+
+    Parameters
+    ----------
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        Views; those without an index are not read.
+    slopes : float or sequence of float
+        Slopes in lenslets per view step, whatever the block.
+    view_indices : sequence of (int, int)
+        Row and column of each view, counted from 0.
+    block : (int, int), optional
+        Number of lenslets averaged into one pixel, along (t, s), after shifting.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, views, t / block, s / block), or with a last axis of channels
+        Aligned views; without the first axis for a single slope.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a pixel that was read is NaN or infinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> aligned = refocus.align_views(views, 0.5, [(0, 0), (2, 2), (4, 4)])
+    >>> aligned.shape
+    (3, 24, 30)
+    >>> np.allclose(aligned[1], views[2, 2])  # the central view stays where it is
+    True
+    """
+    views, steps = as_readable(as_views(light_field)), as_slopes(slopes)
+    indices = as_view_indices(view_indices, views.shape[:2])
+    block = as_block(block, views.shape[2:4])
+    height, width = (n // m for n, m in zip(views.shape[2:4], block, strict=True))
+    out = np.empty((len(steps), len(indices), height, width, *views.shape[4:]), np.float32)
+    for k, index in enumerate(indices):
+        alone = np.zeros(views.shape[:2])
+        alone[tuple(index)] = 1
+        cells = (len(steps), height, block[0], width, block[1], *views.shape[4:])
+        out[:, k] = shift_and_sum(views, steps, weights=alone).reshape(cells).mean(axis=(2, 4))
+    return for_slopes(out, slopes)
 
 
 class ShiftPlan(NamedTuple):

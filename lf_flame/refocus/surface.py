@@ -14,12 +14,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.ndimage import gaussian_filter
 
-from lf_flame._common.arrays import centred
 from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import (
+    Region,
     Views,
     as_readable,
     as_region,
@@ -81,8 +81,7 @@ def refocus_surface(
     >>> from lf_flame import refocus
     >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
 
-    >>> slopes = refocus.planar_slopes((24, 30), 0.5)
-    >>> surface = refocus.refocus_surface(views, slopes)
+    >>> surface = refocus.refocus_surface(views, np.full((24, 30), 0.5))
     >>> np.allclose(surface, refocus.shift_and_sum(views, 0.5), atol=1e-6)
     True
     """
@@ -106,45 +105,9 @@ def refocus_surface(
     return out.reshape(slopes.shape if grey else (*slopes.shape, -1))
 
 
-def planar_slopes(
-    shape: Sequence[int], at: float, *, gradient: Sequence[float] | np.ndarray = (0.0, 0.0)
-) -> np.ndarray:
-    """Slope map of a plane in object space: linear in t and s.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Number of lenslet rows and columns, (t, s).
-    at : float
-        Slope at the centre of the image, in lenslets per view step.
-    gradient : (float, float), optional
-        Change of the slope from one lenslet to the next, along t and along s.
-
-    Returns
-    -------
-    ndarray of float64, shape (t, s)
-
-    Raises
-    ------
-    InputError
-        If a number cannot be used.
-
-    Examples
-    --------
-    >>> from lf_flame.refocus import planar_slopes
-    >>> planar_slopes((2, 3), 1.0, gradient=(0.0, 0.1)).round(3).tolist()
-    [[0.9, 1.0, 1.1], [0.9, 1.0, 1.1]]
-    """
-    height, width = _as_shape(shape)
-    if np.shape(gradient) != (2,):
-        raise InputError(f"gradient must be two numbers, along t and along s, got {gradient}.")
-    slopes = at + gradient[0] * centred(height)[:, None] + gradient[1] * centred(width)
-    return _as_slope_maps(slopes, (height, width))
-
-
 def region_slopes(
     shape: Sequence[int],
-    regions: Iterable[tuple[ArrayLike, float]],
+    regions: Iterable[tuple[Region, float]],
     *,
     background: float,
     soften: float = 0.0,
@@ -156,8 +119,8 @@ def region_slopes(
     shape : (int, int)
         Number of lenslet rows and columns, (t, s).
     regions : iterable of (region, slope)
-        Regions with their slopes. A region is ``(t_start, t_stop, s_start, s_stop)`` in lenslets,
-        or a mask, bool of shape (t, s). A later region covers earlier ones.
+        Regions ``(t_start, t_stop, s_start, s_stop)`` in lenslets, with their slopes. A later
+        region covers earlier ones.
     background : float
         Slope elsewhere; far from the slopes of the scene, the background is blurred.
     soften : float, optional
@@ -181,39 +144,17 @@ def region_slopes(
     >>> region_slopes((2, 3), [((0, 2, 1, 2), 1.5)], background=0.0).tolist()
     [[0.0, 1.5, 0.0], [0.0, 1.5, 0.0]]
     """
-    shape = _as_shape(shape)
     if not 0 <= soften < np.inf:
         raise InputError(f"soften must be a number of lenslets, 0 or above, got {soften}.")
     reach = max(int(WINDOW * soften), 1) if soften else 0
     slopes = np.full(shape, background, dtype=float)
-    masks = [(_as_mask(region, shape), slope) for region, slope in regions]
-    for width in (2 * reach + 1, 1):  # widened regions may cover their neighbours
-        for mask, slope in masks:
-            slopes[maximum_filter(mask, width)] = slope
-    slopes = _as_slope_maps(slopes, shape)
+    checked = [(as_region(region, slopes.shape), slope) for region, slope in regions]
+    for beyond in (reach, 0):  # widened regions may cover their neighbours
+        for (top, bottom, left, right), slope in checked:
+            down, across = max(top - beyond, 0), max(left - beyond, 0)
+            slopes[down : bottom + beyond, across : right + beyond] = slope
+    slopes = _as_slope_maps(slopes, slopes.shape)
     return gaussian_filter(slopes, soften, mode="nearest", radius=reach) if reach else slopes
-
-
-def _as_shape(shape: Sequence[int]) -> tuple[int, int]:
-    counts = tuple(shape)
-    if len(counts) != 2 or any(n != int(n) or n < 1 for n in counts):
-        raise InputError(f"shape must be two numbers of lenslets, (t, s), got {shape}.")
-    return int(counts[0]), int(counts[1])
-
-
-def _as_mask(region: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
-    """Mask of a region."""
-    given = np.asarray(region)
-    if given.dtype == bool and given.ndim == 2:
-        if given.shape != shape:
-            raise InputError(
-                f"The mask of a region must have the shape of the map, {shape}, got {given.shape}."
-            )
-        return given
-    mask = np.zeros(shape, bool)
-    top, bottom, left, right = as_region(region, shape)
-    mask[top:bottom, left:right] = True
-    return mask
 
 
 def _as_slope_maps(slopes: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

@@ -13,6 +13,7 @@ from numba import njit
 from lf_flame._common.threads import parallel
 from lf_flame.simulation._weight_kernels import shade
 from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange, seen_range
+from lf_flame.simulation.ray_tables import falloff_table
 from lf_flame.simulation.slabs import Plane
 
 Width = float | np.ndarray
@@ -68,7 +69,7 @@ def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
     for p, (_, weight) in enumerate(bands[0]):
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
-    falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
+    falloff, seen = falloff_table(optics, layout), weights.any(axis=3)
     integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
 
 
@@ -121,7 +122,11 @@ def band_weights(
 
 @njit
 def trapezoid_cdf(x, wide, narrow):
-    """`lf_flame.optics.ray_bundle.trapezoid_cdf` of one number, for widths in order."""
+    """Distribution at x of the sum of two centred uniform variables of these widths.
+
+    It is written for ``|x|`` in a linear and a quadratic part, so that nothing cancels and widths
+    may be zero: one zero width makes a box, two make a step with the value 1/2 at its centre.
+    """
     distance, half = abs(x), 0.5
     if wide > 0.0:
         rest = (wide + narrow) / 2 - distance

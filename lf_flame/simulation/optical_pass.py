@@ -7,7 +7,8 @@ a = b = 0. One kernel therefore writes all layouts.
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,6 @@ from lf_flame.optics.ray_bundle import (
     trace_footprint,
     trace_stop,
 )
-from lf_flame.simulation.ray_tables import FalloffTable, TiltTable
 from lf_flame.simulation.slabs import Plane
 
 
@@ -254,23 +254,35 @@ class OpticalPass:
         offsets = self.offsets_mm(axis)
         return towards_lenslet + offsets / camera.lenslet_focal_mm
 
-    def falloff_table(self, layout: Layout) -> FalloffTable | None:
-        """Squared tangents in the order of an image, or None without cos^4."""
-        if not self.falloff:
-            return None
-        tangents = [self.tangents(axis) for axis in (0, 1)]
-        if self.square_micro_images:  # of the part of a pixel that is lit
-            for axis in (0, 1):
-                tangents[axis] += self.lit_parts(axis)[0] / self.camera.lenslet_focal_mm
-        rows, columns = (arrange(table, layout, axis) for axis, table in enumerate(tangents))
-        patch = (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 6
-        return FalloffTable(rows**2, columns**2, patch)
 
-    def tilt_table(self, layout: Layout) -> TiltTable:
-        """Add to the rays' tangents what misplaced lenslets do."""
-        views, focal_mm = self.camera.views, self.camera.lenslet_focal_mm
-        rows, columns = (  # by the lenslet's place on the other axis
-            arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout, 1 - axis)
-            for axis in (0, 1)
-        )
-        return TiltTable(rows, columns, -self.lenslet_pitch_mm / focal_mm)
+def optical_passes(
+    camera: PlenopticCamera, kept: Collection[str], traced: Collection[str], colours: int
+) -> list[OpticalPass]:
+    """Set up a camera with the effects that are kept: a pass for each colour.
+
+    traced: kept effects that treat the rays of one bundle differently, see `EffectPlan`.
+    """
+    angle = camera.lenslet_rotation_rad if "lenslet_rotation" in traced else 0.0
+    scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
+    stops: list[tuple[float, float]] = []
+    width = camera.aperture_mm
+    if "round_aperture" in traced:
+        if "f_number_mismatch" in traced:
+            width = camera.aperture_diameter_mm or width
+        stops.append((camera.aperture_before_lens_mm, width / 2))
+    if "vignetting" in traced and camera.rim_diameter_mm is not None:
+        stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
+    ideal = OpticalPass(
+        camera,
+        share=1 / colours,
+        defocus="defocus" in kept,
+        falloff="cos4" in kept and not camera.falloff_corrected,
+        lenslet_scale=scale * math.cos(angle),
+        lenslet_skew=scale * math.sin(angle),
+        stops=tuple(stops),
+        every_lenslet=angle != 0 or scale != 1 or width > camera.aperture_mm,
+        round_aperture="round_aperture" in traced,
+    )
+    middles = (np.arange(colours) + 0.5) / colours - 0.5
+    focal = [camera.main_lens_focal_mm * (1 + camera.chromatic_shift * place) for place in middles]
+    return [replace(ideal, focal_mm=focal_mm) for focal_mm in focal]

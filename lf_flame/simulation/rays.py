@@ -1,30 +1,135 @@
-"""The ray integrator: each pixel's ray bundle by tracing rays backward, with every effect."""
+"""Gathering the light of planes into an image, by one of two integrators.
+
+The ray integrator traces each pixel's bundle backward, with every effect; the exact one is
+`lf_flame.simulation.exact`.
+"""
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from lf_flame._common import progress
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import ROW_SPACING
+from lf_flame.optics.ray_bundle import ArrayPart
 from lf_flame.simulation import _ray_kernels
-from lf_flame.simulation.exact import band_weights
-from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange, seen_range
-from lf_flame.simulation.ray_grid import PlaneRays, RayGrid, Tiling, ray_grid
+from lf_flame.simulation.exact import band_weights, integrate
+from lf_flame.simulation.optical_pass import (
+    Layout,
+    Lines,
+    OpticalPass,
+    arrange,
+    blank_image,
+    seen_range,
+)
 from lf_flame.simulation.ray_tables import (
     LensletTables,
     MicroImageTable,
+    PlaneRays,
     PlaneTable,
     RayFalloffTable,
+    RayGrid,
     RayTable,
     SeenTable,
     ShiftTable,
     SquareTable,
     StopTable,
+    Tiling,
+    TiltTable,
     WeightTable,
+    ray_grid,
 )
 from lf_flame.simulation.slabs import Plane
 
 CELLS_AT_ONCE = 1 << 30
 """Number of crossings of rays and cells between steps of the progress bar: a few seconds."""
+
+FEW_PORTIONS = 4
+"""Portions of light that are added in float32; more are added in float64."""
+
+STRIPS = 6
+"""Number of boxes in place of each of the two tapering ends of a hexagonal lenslet."""
+
+
+def gather(
+    planes: list[Plane], passes: list[OpticalPass], layout: Layout, rays: int | None
+) -> np.ndarray:
+    """Gather the light of planes, front to back, on the sensor, without diffraction.
+
+    Returns float32 in the order of the layout. rays: number along each axis; None for the exact
+    integrator. passes: one for each colour.
+    """
+    camera = passes[0].camera
+    if camera.layout == "hexagonal" and not isinstance(layout, Lines):
+        views = _gather_hexagonal(planes, passes, rays)
+        if layout == "views":
+            return views
+        return LightField.trusted(views).to_raw()[None, None]
+    # Where light comes in many portions, float32 would round after each.
+    portions = len(planes) if rays else len(passes[0].lit_neighbours())
+    many = len(passes) * portions > FEW_PORTIONS
+    image = blank_image(camera, layout, np.float64 if many else np.float32)
+    for optics in passes:
+        if rays:
+            trace(planes, optics, layout, rays, image)
+        else:
+            integrate(planes, optics, layout, image)
+    return image.astype(np.float32, copy=False)
+
+
+def _gather_hexagonal(
+    planes: list[Plane], passes: list[OpticalPass], rays: int | None
+) -> np.ndarray:
+    """Gather through hexagons, and interpolate along their rows to the square grid of the views.
+
+    Even and odd rows are two rectangular arrays. A hexagon with two sides upright is a box between
+    two triangles, each replaced by `STRIPS` boxes of its widths.
+    """
+    camera, pitch = passes[0].camera, passes[0].camera.lenslet_pitch_mm
+    rows, columns = camera.lenslets
+    spacing = ROW_SPACING["hexagonal"]
+    # Row 0 has a lenslet half a pitch to the left of column 0, row 1 one at column 0.
+    left = -(columns - 1) / 2 * spacing - 0.5
+    count = math.floor((columns - 1) * spacing + 0.5) + 2
+    lenslets = np.empty((camera.views, camera.views, rows, count), np.float32)
+    for parity in range(min(rows, 2)):
+        array = replace(camera, lenslets=(len(range(parity, rows, 2)), count))
+        first = (parity - (rows - 1) / 2) * spacing * pitch, (left + parity / 2) * pitch
+        parts = [
+            replace(optics, camera=array, share=optics.share * share,
+                    part=ArrayPart(first, (2 * spacing * pitch, pitch), size, aside))
+            for optics in passes
+            for share, size, aside in _hexagon(pitch)
+        ]  # fmt: skip
+        image = blank_image(array, "views", np.float64)
+        for optics in parts:
+            if rays:
+                trace(planes, optics, "views", rays, image)
+            else:
+                integrate(planes, optics, "views", image)
+        lenslets[:, :, parity::2] = image
+    views = np.empty((camera.views, camera.views, rows, columns), np.float32)
+    for parity in range(min(rows, 2)):
+        place = 0.5 + spacing * np.arange(columns) - parity / 2
+        near = np.minimum(place.astype(int), count - 2)
+        lines, share = lenslets[:, :, parity::2], place - near
+        views[:, :, parity::2] = lines[..., near] * (1 - share) + lines[..., near + 1] * share
+    return views
+
+
+def _hexagon(pitch: float) -> Iterator[tuple[float, tuple[float, float], tuple[float, float]]]:
+    """Boxes of a hexagon: share of its area, height and width, place from its centre, in mm."""
+    side = pitch / math.sqrt(3)
+    area = 1.5 * side * pitch
+    yield side * pitch / area, (side, pitch), (0.0, 0.0)
+    height = side / 2 / STRIPS
+    for strip in range(STRIPS):
+        width = pitch * (1 - (strip + 0.5) / STRIPS)
+        place = side / 2 + (strip + 0.5) * height
+        for sign in (-1, 1):
+            yield height * width / area, (height, width), (sign * place, 0.0)
 
 
 def trace(
@@ -75,7 +180,7 @@ def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
         micro_images=_micro_image_table(optics, layout),
         squares=_square_table(y.tiling, x.tiling, optics),
         falloff=_falloff_table(y.tiling, x.tiling, optics, layout),
-        tilt=optics.tilt_table(layout) if optics.falloff else None,
+        tilt=_tilt_table(optics, layout) if optics.falloff else None,
     )
     return _ray_kernels.trace_lenslets, (tables,)
 
@@ -142,6 +247,16 @@ def _falloff_table(
         -pixel * x.along_pixel,
         patch=(boxes[0] ** 2 + boxes[1] ** 2) / 12,
     )
+
+
+def _tilt_table(optics: OpticalPass, layout: Layout) -> TiltTable:
+    """Add to the rays' tangents what misplaced lenslets do."""
+    views, focal_mm = optics.camera.views, optics.camera.lenslet_focal_mm
+    rows, columns = (  # by the lenslet's place on the other axis
+        arrange(np.tile(-optics.skew_mm(axis) / focal_mm, (views, 1)), layout, 1 - axis)
+        for axis in (0, 1)
+    )
+    return TiltTable(rows, columns, -optics.lenslet_pitch_mm / focal_mm)
 
 
 def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:

@@ -6,7 +6,7 @@ import numpy as np
 
 from lf_flame.datasets.encodings import area_average, spread
 from lf_flame.errors import InputError
-from lf_flame.refocus import align_views, fourier_slice, shift_and_sum, sparse_aperture
+from lf_flame.refocus import fourier_slice, shift_and_sum
 from lf_flame.systems.base import RefocusingSystem, ViewIndices
 
 
@@ -53,6 +53,13 @@ def cross_of_views(rows: int, columns: int) -> ViewIndices:
     return [(v, across[4]) for v in down] + [(down[4], u) for u in across if u != across[4]]
 
 
+def only_views(shape: tuple[int, ...], indices: ViewIndices) -> np.ndarray:
+    """Weights of views, (v, u), that select some: 1 for these, 0 for others."""
+    weights = np.zeros(shape)
+    weights[tuple(np.transpose(indices))] = 1
+    return weights
+
+
 def _check_count(side: int, rows: int, columns: int) -> None:
     if min(rows, columns) < side:
         raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
@@ -87,11 +94,7 @@ class ShiftAndSum(RefocusingSystem):
         return self._selection(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        indices = self.view_indices(*views.shape[:2])
-        if max(block) > 1 and len(indices) < views.shape[0] * views.shape[1]:
-            # For few views, aligning directly into blocks is faster than averaging the images.
-            return align_views(views, slopes, indices, block=block).mean(axis=1)
-        weights = sparse_aperture(views.shape[:2], indices)
+        weights = only_views(views.shape[:2], self.view_indices(*views.shape[:2]))
         return average(shift_and_sum(views, slopes, weights=weights), block)
 
 

@@ -19,10 +19,9 @@ from lf_flame.refocus import (
     find_sharpest_slope,
     refocus_surface,
     region_slopes,
-    sparse_aperture,
 )
 from lf_flame.refocus._arguments import Views, as_views
-from lf_flame.systems.formulas import cross_of_views
+from lf_flame.systems.formulas import cross_of_views, only_views
 
 if TYPE_CHECKING:
     from lf_flame.systems.sparse_unet import SparseUNet
@@ -94,7 +93,7 @@ def refocus_regions(
     if unet is not None:
         unet.check(views)
     shape = views.shape[:2]
-    weights = sparse_aperture(shape, cross_of_views(*shape)) if cross else None
+    weights = only_views(shape, cross_of_views(*shape)) if cross else None
     found = [_find(light_field, region, slopes, weights) for region in regions]
     if not found:
         raise InputError("regions must hold at least one region, got none.")

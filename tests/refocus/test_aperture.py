@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lf_flame import PAPER_CAMERA, InputError
-from lf_flame.refocus import shift_and_sum
 from lf_flame.refocus.aperture import (
     aperture_weights,
     f_number_aperture,
@@ -49,33 +48,9 @@ def test_a_disc_inside_has_the_area_of_a_disc(views):
     np.testing.assert_allclose(round_aperture(views, math.sqrt(2)), 1, rtol=1e-9)
 
 
-def test_a_smaller_aperture_deepens_the_field(rng):
-    """Out of focus, the blur is as wide as the aperture."""
-    views = np.zeros((9, 9, 41, 41), np.float32)
-    views[:, :, 20, 20] = 1  # a point at slope 0
-    widths = []
-    for f_number in (3.6, 7.2, 14.4):
-        weights = round_aperture((9, 9), 3.6 / f_number)
-        image = shift_and_sum(views, 2.0, weights=weights)
-        widths.append(np.count_nonzero(image.sum(axis=0) > 1e-6))
-    assert widths == [9, 5, 3]
-
-
 def test_f_numbers_are_working_ones():
     own = 0.4 / 0.112
     weights = f_number_aperture(PAPER_CAMERA, 2 * own)
     np.testing.assert_allclose(weights, round_aperture((15, 15), 0.5), atol=0.01)
     with pytest.raises(InputError, match="must be 3.57, at which all views are used, or more"):
         f_number_aperture(PAPER_CAMERA, 2.0)
-
-
-def test_what_is_in_focus_stands_still_when_the_viewpoint_moves(rng):
-    texture = rng.uniform(size=(20, 30)).astype(np.float32)
-    views = np.stack(
-        [[np.roll(texture, (v - 2, u - 2), (0, 1)) for u in range(5)] for v in range(5)]
-    )
-    inner = (slice(4, -4), slice(4, -4))
-    for centre in ((0, 0), (2, -1.5)):
-        weights = aperture_weights((5, 5), 0.4, shape="square", centre=centre)
-        image = shift_and_sum(views, 1.0, weights=weights)
-        np.testing.assert_allclose(image[inner], texture[inner], atol=1e-6)

@@ -3,7 +3,6 @@
 Tests of whole maps, which come nearer to the truth by it, are in test_focus_map.py.
 """
 
-import numba
 import numpy as np
 import pytest
 
@@ -36,21 +35,6 @@ def test_a_change_is_the_ratio_of_the_sums_over_pixels_of_the_same_surface(rng):
     nothing = fit_changes(slope, (1e-9 * change, 1e-9 * weight), np.ones(slope.shape), 0.1, 0.1)
     assert np.abs(nothing).max() < 1e-6
     assert not fit_changes(slope, (3 * change * weight, weight), slope, 0.1, 1e-9)[:, :15].any()
-
-
-def test_threads_change_nothing(rng):
-    views = rng.random((3, 3, 40, 30), np.float32)
-    compared = ComparedViews(views, np.linspace(-1, 1, 9), np.ones((3, 3)))
-    slope, guide = rng.uniform(-1, 1, (40, 30)), rng.uniform(size=(40, 30))
-    threads = numba.get_num_threads()
-    found = refine_slopes(compared, slope, guide, 0.3)
-    assert not np.array_equal(found, slope)
-    try:
-        numba.set_num_threads(1)
-        again = refine_slopes(compared, slope, guide, 0.3)
-    finally:
-        numba.set_num_threads(threads)
-    np.testing.assert_array_equal(found, again)
 
 
 def test_after_a_coarse_search_a_change_moves_no_view_by_more_than_a_lenslet():

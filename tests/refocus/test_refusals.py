@@ -13,10 +13,8 @@ from lf_flame.refocus import (
     all_in_focus,
     aperture_weights,
     find_sharpest_slope,
-    find_sharpest_slopes,
     fourier_refocus,
     fourier_slice,
-    planar_slopes,
     refocus,
     refocus_surface,
     region_slopes,
@@ -35,8 +33,6 @@ ALIGNMENT = [
     ({"view_indices": [(0, -1)]}, r"no view \(0, -1\)"),
     ({"view_indices": []}, "pairs of row and column"),
     ({"view_indices": [(0.5, 1)]}, "pairs of row and column"),
-    ({"view_indices": [(0, 1, 1)]}, "pairs of row and column"),
-    ({"view_indices": [0, 1]}, "pairs of row and column"),
     ({"block": (3, 3)}, "Blocks of 3 x 3 lenslets do not divide an image of 4 x 5"),
     ({"block": (0, 1)}, "Blocks of 0 x 1"),
     ({"slopes": NAN}, "slopes must be"),
@@ -54,10 +50,8 @@ WEIGHTS = [
     (-np.eye(3), "0 or above"),
     (np.full((3, 3), NAN), "finite"),
     ("round", "^weights must be real numbers, got .*[.]$"),
-    ({"width": 0.5}, "^weights must be real numbers, got .*[.]$"),
     (np.ones((3, 3)) * 1j, "^weights must be real numbers, got .*[.]$"),
     ([[1], [1, 2]], "^weights must be real numbers, got .*[.]$"),
-    ([["a"] * 3] * 3, "^weights must be real numbers, got .*[.]$"),
 ]
 VIEWS = [
     (np.ones((3, 3, 4)), 1.0, r"views\[v, u, t, s\]"),
@@ -71,15 +65,6 @@ METHODS = [
     ({"interpolation": "sinc", "method": "space"}, "'space' does not know 'sinc'"),
     ({"interpolation": "linear", "method": "slice"}, "'slice' does not know 'linear'"),
     ({"interpolation": "spline"}, "linear, nearest, cubic, sinc, got 'spline'"),
-]
-SEARCHES = [
-    ({}, "tiles or regions, and not both"),
-    ({"tiles": (2, 2), "regions": [(0, 4, 0, 4)]}, "tiles or regions, and not both"),
-    ({"tiles": (0, 2)}, r"at least 1 and at most the 12 x 14 lenslets, got \(0, 2\)"),
-    ({"tiles": (13, 2)}, r"got \(13, 2\)"),
-    ({"regions": []}, "at least one region"),
-    ({"regions": [(0, 4, 0, 15)]}, "region must be .* inside the 12 x 14"),
-    ({"regions": [(0, 4)]}, "region must be"),
 ]
 MAPS = [
     ([0, 1], {}, "three or more in equal steps"),
@@ -97,7 +82,6 @@ SURFACES = [
 ]
 REGIONS = [
     ([((0, 9, 0, 5), 1.0)], {}, r"got \(0, 9, 0, 5\)"),
-    ([(np.ones((5, 4), bool), 1.0)], {}, r"\(5, 4\)"),
     ([], {"soften": -1.0}, "soften must"),
     ([], {"soften": INF}, "soften must .* got inf"),
     ([], {"background": INF}, "got 20 NaN or infinite slopes"),
@@ -105,7 +89,6 @@ REGIONS = [
 MASKS = [
     (np.ones((2, 2, 2, 2)), r"valid must have the shape .* \(2, 2, 2, 3\), got .* \(2, 2, 2, 2\)"),
     (np.full((2, 2, 2, 3), 0.5), r"valid must be True \(1\)"),
-    (np.full((2, 2, 2, 3), NAN), r"valid must be True \(1\)"),
     (np.full((2, 2, 2, 3), "yes"), r"valid must be True \(1\)"),
 ]
 
@@ -153,15 +136,17 @@ REFUSED = [
     ),
     (partial(fourier_slice, SQUARE * NAN, 1.0), "must be finite, got 144"),
     (partial(fourier_refocus, SQUARE * INF, 1.0), "must be finite, got 144"),
-    *((partial(find_sharpest_slopes, WIDE, **options), said) for options, said in SEARCHES),
-    *(
-        (
-            partial(find_sharpest_slope, np.ones((5, 5, 40, 50)), [-slope, 0, slope]),
-            r"within -20 to 20, .* more than the image, got -[\d.e+]",
-        )
-        for slope in (21.0, 1e9, 1e307)
+    (
+        partial(find_sharpest_slope, WIDE, region=(0, 4, 0, 15)),
+        "region must be .* inside the 12 x 14",
+    ),
+    (partial(find_sharpest_slope, WIDE, region=(0, 4)), "region must be"),
+    (
+        partial(find_sharpest_slope, np.ones((5, 5, 40, 50)), [-1e307, 0, 1e307]),
+        r"within -20 to 20, .* more than the image, got -[\d.e+]",
     ),
     (partial(find_sharpest_slope, WIDE * 0), "No slope is sharpest"),
+    (partial(find_sharpest_slope, SQUARE * NAN), "must be finite, got 144"),
     (searches_a_peak_that_still_rises, "still rises at the end.*; search a range that goes beyond"),
     (partial(find_sharpest_slope, WIDE, region=(0, 50, 0, 10)), "region must be"),
     (partial(find_sharpest_slope, WIDE, [0, 1, 3]), "equal steps"),
@@ -172,8 +157,6 @@ REFUSED = [
         (partial(refocus_surface, views, slopes, **options), said)
         for views, slopes, options, said in SURFACES
     ),
-    (partial(planar_slopes, (4, 0), 1.0), "two numbers of lenslets"),
-    (partial(planar_slopes, (4, 5), 1.0, gradient=0.1), "gradient must be two numbers"),
     *(
         (partial(region_slopes, (4, 5), regions, **{"background": 0.0, **options}), said)
         for regions, options, said in REGIONS

@@ -2,7 +2,6 @@
 
 from itertools import product
 
-import numba
 import numpy as np
 import pytest
 
@@ -77,16 +76,3 @@ def test_slopes_that_cannot_be_distinguished_are_never_certain():
     slope, confidence = choose_slopes(costs, SLOPES, np.zeros((12, 20)), 2.0, width=3.0)
     assert confidence.max() == 0
     assert np.abs(slope - 0.1).max() < 0.01
-
-
-def test_threads_change_nothing(rng):
-    costs = rng.uniform(size=(30, 40, 9)).astype(np.float32)
-    guide = rng.uniform(size=(30, 40))
-    threads = numba.get_num_threads()
-    found = choose_slopes(costs, SLOPES, guide, 2.0, 0.25)
-    try:
-        numba.set_num_threads(1)
-        again = choose_slopes(costs, SLOPES, guide, 2.0, 0.25)
-    finally:
-        numba.set_num_threads(threads)
-    np.testing.assert_array_equal(found, again)

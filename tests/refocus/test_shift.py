@@ -10,6 +10,7 @@ from experiments.timing import on_threads
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.refocus import (
     _kernels,
+    align_views,
     find_sharpest_slope,
     fourier_refocus,
     refocus_surface,
@@ -118,26 +119,10 @@ def test_whole_slope_equals_shifted_copies(rng):
     np.testing.assert_allclose(found[inside], np.mean(rolled, axis=0)[inside], rtol=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [(5, 5), (3, 3), (7, 3), (9, 9)])
-def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
-    """No digit of a sum is lost before the last: up to 81 x 255 it fits into float32."""
-    views = rng.integers(0, 256, (*shape, 12, 14)).astype(np.uint8)
-    expected = (views.sum(axis=(0, 1)) / np.prod(shape)).astype(np.float32)
-    np.testing.assert_array_equal(shift_and_sum(views, 0), expected)
-
-
 def test_constant_light_field_keeps_its_value():
     views = np.full((5, 5, 12, 11), 0.3, np.float32)
     np.testing.assert_allclose(shift_and_sum(views, [-1.3, 0.4, 2]), 0.3, rtol=1e-7)
     np.testing.assert_allclose(fourier_refocus(views, [-1.3, 0.4, 2]), 0.3, rtol=1e-6)
-
-
-def test_flux_of_a_bounded_object_is_kept():
-    views = np.zeros((5, 5, 40, 40), np.float32)
-    views[:, :, 15:25, 18:22] = 1
-    for refocus in (shift_and_sum, fourier_refocus):
-        np.testing.assert_allclose(refocus(views, [0.7, -1.9]).sum(axis=(1, 2)), 40, rtol=1e-5)
 
 
 def test_colour_is_refocused_channel_by_channel(rng):
@@ -168,6 +153,27 @@ def test_nearest_rounds_halves_up(slope, rng):
         refocus_surface(views, np.full((9, 10), slope), interpolation="nearest"),
     ):
         np.testing.assert_allclose(found[inside], expected, atol=1e-6)
+
+
+def test_aligned_views_have_shift_and_sum_as_their_mean_and_are_averaged_over_blocks(rng):
+    views = rng.uniform(0, 200, (3, 4, 8, 18, 3)).astype(np.uint8)
+    every, slopes = list(np.ndindex(3, 4)), [1.3, -9.4]
+    aligned = align_views(views, slopes, every)
+    assert aligned.dtype == np.float32
+    np.testing.assert_allclose(aligned.mean(axis=1), shift_and_sum(views, slopes), atol=1e-4)
+    cells = aligned.reshape(2, 12, 4, 2, 6, 3, 3).mean(axis=(3, 5))
+    found = align_views(views, slopes, every[:3], block=(2, 3))
+    np.testing.assert_allclose(found, cells[:, :3], rtol=1e-5)
+
+
+def test_a_view_is_moved_by_the_slope_times_its_distance_from_the_middle():
+    """Views that are not chosen are not read."""
+    views = np.full((3, 3, 9, 9), np.nan, np.float32)
+    views[0, 2], views[0, 2, 4, 4] = 0, 1
+    aligned = align_views(views, 2.0, [(0, 2)])[0]
+    assert aligned[6, 2] == aligned.sum() == 1
+    with pytest.raises(InputError, match="must be finite"):
+        align_views(views, 2.0, [(1, 1)])
 
 
 @pytest.mark.jit

@@ -1,4 +1,3 @@
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -6,7 +5,7 @@ from hypothesis import strategies as st
 
 from lf_flame import LightField
 from lf_flame.refocus import shift_and_sum
-from lf_flame.refocus.surface import planar_slopes, refocus_surface, region_slopes
+from lf_flame.refocus.surface import refocus_surface, region_slopes
 
 KERNELS = {
     "linear": lambda x: np.maximum(1 - np.abs(x), 0),
@@ -64,7 +63,7 @@ def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
     views = rng.uniform(0.5, 1, size=(*shape, 3)).astype(np.float32)
     weights = rng.uniform(size=shape[:2])
     found = refocus_surface(
-        views, planar_slopes(shape[2:], slope), interpolation=interpolation, weights=weights
+        views, np.full(shape[2:], slope), interpolation=interpolation, weights=weights
     )
     expected = shift_and_sum(views, slope, interpolation=interpolation, weights=weights)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
@@ -79,18 +78,6 @@ def test_several_maps_and_colour_keep_their_order(rng):
     np.testing.assert_array_equal(stack[1, ..., 2], refocus_surface(views[..., 2], slopes[1]))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["u1", "i8", "f2", ">f4", "bool"])
-def test_pixels_of_any_type_and_layout_are_read(dtype, rng):
-    views = rng.integers(0, 200, size=(3, 3, 8, 9)).astype(dtype)
-    slopes = rng.uniform(-2, 2, size=(8, 9))
-    expected = refocus_surface(views.astype(float), slopes)
-    np.testing.assert_array_equal(refocus_surface(views, slopes), expected)
-    strided = np.asfortranarray(views)
-    strided.flags.writeable = False
-    np.testing.assert_array_equal(refocus_surface(strided, slopes), expected)
-
-
 def test_views_without_weight_are_not_read(rng):
     views = rng.uniform(size=(3, 3, 8, 9)).astype(np.float32)
     views[0, 0] = np.nan
@@ -103,29 +90,14 @@ def test_views_without_weight_are_not_read(rng):
     np.testing.assert_array_equal(only, views[1, 1])
 
 
-@pytest.mark.jit
-def test_bits_do_not_depend_on_the_number_of_threads(rng):
-    views = rng.uniform(size=(5, 5, 30, 40)).astype(np.float32)
-    slopes = rng.uniform(-3, 3, size=(30, 40))
-    before = numba.get_num_threads()
-    try:
-        images = []
-        for count in (1, before):
-            numba.set_num_threads(count)
-            images.append(refocus_surface(views, slopes, interpolation="cubic"))
-    finally:
-        numba.set_num_threads(before)
-    np.testing.assert_array_equal(*images)
-
-
 def test_regions_are_refocused_at_their_slopes(rng):
     views = rng.uniform(size=(3, 3, 20, 24)).astype(np.float32)
-    mask = np.hypot(*(np.indices((20, 24)) - np.array([14, 17])[:, None, None])) < 4
-    slopes = region_slopes((20, 24), [((2, 9, 1, 12), 1.2), (mask, -0.7)], background=-3.0)
+    regions = [((2, 9, 1, 12), 1.2), ((10, 18, 13, 22), -0.7)]
+    slopes = region_slopes((20, 24), regions, background=-3.0)
     found = refocus_surface(views, slopes)
     stack = shift_and_sum(views, [1.2, -0.7, -3.0])
     np.testing.assert_allclose(found[2:9, 1:12], stack[0, 2:9, 1:12], rtol=1e-6)
-    np.testing.assert_allclose(found[mask], stack[1][mask], rtol=1e-6)
+    np.testing.assert_allclose(found[10:18, 13:22], stack[1, 10:18, 13:22], rtol=1e-6)
     np.testing.assert_allclose(found[:2], stack[2, :2], rtol=1e-6)
 
 
@@ -155,9 +127,3 @@ def test_the_seam_of_two_regions_lies_between_them(later):
     soft = region_slopes((40, 40), regions, background=3.0, soften=4.0)
     np.testing.assert_allclose(soft, -soft[:, ::-1], atol=1e-12)
     assert soft[20, 30] == pytest.approx(later)
-
-
-def test_planar_slopes_count_from_the_middle():
-    slopes = planar_slopes((3, 5), 0.5, gradient=(0.1, -0.2))
-    assert slopes[1, 2] == 0.5
-    np.testing.assert_allclose(slopes[2, 0], 0.5 + 0.1 + 0.4)

@@ -17,9 +17,6 @@ TINY = replace(BASE, views=3, lenslets=(8, 10))
 """For scenes of many slabs or colours."""
 
 
-LONG = replace(BASE, views=3, lenslets=(3, 200))
-
-
 def glow(depth=6.0, size=(1.4, 1.7), centre=(0.05, -0.05), cells=(5, 6), seed=5, **matter):
     """A coarse texture, whose cells and edges every effect moves."""
     rng = np.random.default_rng(seed)
@@ -36,12 +33,8 @@ def net(depth, size=(0.8, 1.0)):
     )  # fmt: skip
 
 
-WHITE = Layer([[1.0]], 0.0, (400.0, 400.0))
 BROAD = glow(15.0, (9.0, 100.0), cells=(9, 60))
 """As broad as the field of the short lens."""
-
-SHARP = glow(0.0, cells=(11, 13))
-"""Cells about as large as what a lenslet sees of the focal plane."""
 
 ROUND = {"aperture_diameter_mm": MATCHED}
 WIDE = {"aperture_diameter_mm": 1.3 * MATCHED}
@@ -69,7 +62,6 @@ class Case:
 CASES = {
     "defocus": Case([glow(10.0)], rays=None, allowed=1e-5),
     "occlusion": Case([glow(10.0), net(-5.0)], rays=None, allowed=1e-5),
-    "occlusion by rays": Case([glow(10.0), net(-5.0)], camera=TINY, rays=80, allowed=1e-3),
     "absorption": Case([glow(10.0), glow(2.0, seed=6, sooty=True)], rays=None, allowed=1e-5),
     "thickness": Case([glow(1.0, thickness_mm=4.5)], tolerance=4e-3, rays=None),
     "thick absorption": Case(
@@ -88,10 +80,7 @@ CASES = {
         [BROAD], FALLOFF | STRETCHED | {"lenslet_rotation_rad": 0.01}, SHORT
     ),
     "turned, rim": Case([glow()], TURNED | RIM, TINY),
-    "stretched, round": Case([glow()], STRETCHED | ROUND),
-    "stretched, in focus": Case([SHARP], {"lenslet_pitch_error": 0.1} | WIDE),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
-    "long, turned": Case([BROAD], TURNED, LONG),
 }
 
 

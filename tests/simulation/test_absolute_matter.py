@@ -27,17 +27,6 @@ def by_rays(scene, camera, rays=60, tolerance=1e-3, **options):
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_slabs_keep_the_middle_the_width_and_the_light_of_a_thick_layer(count):
-    """Midpoints of n parts: mean at the middle, variance thickness^2 (1 - 1 / n^2) / 12."""
-    layer = Layer([[0.8, 0.3]], 7.0, (1.0, 2.0), optical_thickness=[[0.6, 2.0]], thickness_mm=12.0)
-    planes = slice_scene(Scene([layer]), {layer: count}, False, set())
-    depths = np.array([plane.depth_mm for plane in planes])
-    assert depths.mean() == pytest.approx(7.0, abs=1e-12)
-    assert depths.var() == pytest.approx(12.0**2 * (1 - 1 / count**2) / 12, rel=1e-12)
-    assert np.all(np.diff(depths) > 0)
-
-
-@pytest.mark.parametrize("count", [1, 3])
 def test_slabs_that_absorb_keep_them_too(count):
     """Each slab is as thick as its share of the optical thickness; together they are the layer."""
     layer = Layer([[0.8, 0.3]], 7.0, (1.0, 2.0), optical_thickness=[[0.6, 2.0]], thickness_mm=12.0)

@@ -8,15 +8,14 @@ import pytest
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.simulation import rays as rays_module
 from lf_flame.simulation.optical_pass import Lines, OpticalPass, blank_image
+from lf_flame.simulation.ray_tables import ray_grid
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 
 WHITE = Scene([Layer([[0.8]], 0.0, (90.0, 90.0))])
 
 MISPLACED = [
-    {"lenslet_rotation_rad": 0.01},
     {"lenslet_rotation_rad": -0.05},
-    {"lenslet_pitch_error": 0.005},
     {"lenslet_pitch_error": -0.03},
     {"lenslet_rotation_rad": 0.02, "lenslet_pitch_error": -0.01},
 ]
@@ -31,38 +30,36 @@ def test_square_micro_images_keep_a_white_field(small_camera, error, integrator)
     np.testing.assert_allclose(image.views, 0.8, rtol=1e-6)
 
 
-def test_only_lenslets_whose_light_arrives_are_looked_through(small_camera):
-    ideal = OpticalPass(small_camera)
-    assert ideal.lit_neighbours() == [(0, 0)]
-    assert replace(ideal, every_lenslet=True).lit_neighbours() == [(0, 0)]
-    long = replace(small_camera, lenslets=(8, 200))
-    steps = OpticalPass(long, lenslet_scale=1.01, every_lenslet=True).lit_neighbours()
-    assert {row for row, _ in steps} == {-1, 0, 1}
-    # The last lenslet stands 0.995 pitches too far out.
-    assert {column for _, column in steps} == {-1, 0, 1}
-    longer = replace(small_camera, lenslets=(8, 400))
-    steps = OpticalPass(longer, lenslet_scale=1.01, every_lenslet=True).lit_neighbours()
-    assert {column for _, column in steps} == {-2, -1, 0, 1, 2}
-
-
 def test_chosen_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, monkeypatch):
-    """As where a number of rays is looked for, with lenslets that are not where they should be."""
+    """As where a number of rays is looked for."""
     scene = Scene([Layer(rng.uniform(size=(30, 30)), 5.0, (2.0, 2.0))])
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
-    turned = OpticalPass(
-        small_camera, stops=((0.0, 30.0),), lenslet_skew=0.01, every_lenslet=True, falloff=True
-    )
     rows, columns = np.array([3, 40, 77, 100]), np.array([0, 14, 65, 149, 120])
     lines = Lines(rows, columns)
-    for optics in (OpticalPass(small_camera), turned):
-        whole, some = blank_image(small_camera, "views"), blank_image(small_camera, lines)
-        trace(planes, optics, "views", 2, whole)
-        with monkeypatch.context() as patch:
-            patch.setattr(rays_module, "CELLS_AT_ONCE", 1)
-            trace(planes, optics, lines, 2, some)
-        (v, t), (u, s) = np.divmod(rows, 24), np.divmod(columns, 30)
-        assert np.ptp(some) > 0.1
-        np.testing.assert_array_equal(some[0, 0], whole[v[:, None], u, t[:, None], s])
+    optics = OpticalPass(small_camera, falloff=True)
+    whole, some = blank_image(small_camera, "views"), blank_image(small_camera, lines)
+    trace(planes, optics, "views", 2, whole)
+    monkeypatch.setattr(rays_module, "CELLS_AT_ONCE", 1)
+    trace(planes, optics, lines, 2, some)
+    (v, t), (u, s) = np.divmod(rows, 24), np.divmod(columns, 30)
+    assert np.ptp(some) > 0.1
+    np.testing.assert_array_equal(some[0, 0], whole[v[:, None], u, t[:, None], s])
+
+
+@pytest.mark.parametrize("rays", [1, 2, 7, 20])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_boxes_have_the_mean_and_variance_of_the_bundle(small_camera, rays, axis):
+    optics = OpticalPass(small_camera)
+    layer = Layer([[1.0]], 10.0, (30.0, 30.0))
+    grid = ray_grid(slice_scene(Scene([layer]), {}, True, set()), optics, "views", rays, axis)
+    bundle, edges = optics.footprint(10.0, axis), grid.planes.edges_mm[0]
+    cell_mm = edges[1] - edges[0]
+    middles = edges[0] + cell_mm * grid.planes.positions[0]
+    assert grid.count >= rays
+    np.testing.assert_allclose(middles.mean(axis=-1), bundle.centres_mm, atol=1e-12)
+    found = middles.var(axis=-1) + (grid.planes.boxes[0] * cell_mm) ** 2 / 12
+    expected = (bundle.lenslet_width_mm**2 + bundle.pixel_width_mm**2) / 12
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def opened(camera, rays, *stops):

@@ -13,7 +13,6 @@ from builders import OPTICS
 from experiments.effects.tracer import flat_views
 from experiments.hard_cases.light import filling as filling_at
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
-from lf_flame.optics.ray_bundle import trace_footprint
 
 UNIT32 = 2.0**-24
 """Unit roundoff of float32, in which light fields are stored."""
@@ -154,28 +153,10 @@ def matter(unit=1.0, **card):
     )  # fmt: skip
 
 
-def imperfect(unit):
-    """Stops, an array that is turned and stretched, and falloff."""
-    return small(
-        unit,
-        aperture_diameter_mm=70.0 * unit,
-        rim_diameter_mm=60.0 * unit,
-        rim_distance_mm=20.0 * unit,
-        lenslet_rotation_rad=0.02,
-        lenslet_pitch_error=0.01,
-        falloff_corrected=False,
-    )
-
-
 SETUPS = {
     "exact": (matter, small, {}),
     "rays": (matter, small, RAYS),
     "occlusion": (lambda unit: matter(unit, opaque=True), small, RAYS),
-    "imperfect": (
-        lambda unit: matter(unit, opaque=True),
-        imperfect,
-        {"integrator": "rays", "rays": 6},
-    ),
 }
 
 
@@ -204,43 +185,3 @@ def test_the_order_in_which_layers_are_named_changes_no_bit(name):
     images = [rendered(order, camera, **options) for order in orders]
     for image in images[1:]:
         np.testing.assert_array_equal(image, images[0])
-
-
-def as_wide_as_lenslets(camera, depth, parts):
-    lenslet = abs(trace_footprint(camera, depth, 0).lenslet_width_mm)
-    count = parts * np.array(camera.lenslets)
-    chequered = np.indices(count).sum(axis=0) % 2
-    return Layer(chequered, depth, tuple(count * lenslet / parts))
-
-
-TEXTURES = {
-    "one cell": lambda camera, depth: filling(camera, depth, [[0.7]], 0.6),
-    "cells as wide as lenslets": lambda camera, depth: as_wide_as_lenslets(camera, depth, 1),
-    "cells of half a lenslet": lambda camera, depth: as_wide_as_lenslets(camera, depth, 2),
-    "700 x 700 over 1 mm": lambda camera, depth: Layer(cells(700, 700), depth, (1.0, 1.0)),
-    "a point of 1 nm": lambda camera, depth: Layer([[1.0]], depth, (1e-6, 1e-6), (0.01, 0.02)),
-}
-
-
-@pytest.mark.parametrize(
-    ("texture", "depth"),
-    [
-        ("one cell", 10.0),
-        ("cells as wide as lenslets", 10.0),
-        ("cells of half a lenslet", 10.0),
-        ("700 x 700 over 1 mm", 0.0),
-        ("700 x 700 over 1 mm", 10.0),
-        ("a point of 1 nm", 0.0),
-        ("a point of 1 nm", 10.0),
-    ],
-)
-def test_rays_meet_their_tolerance_on_cells_of_any_size(texture, depth):
-    camera, tolerance = small(views=3, lenslets=(4, 5)), 0.01
-    layer = TEXTURES[texture](camera, depth)
-    truth = true_image(layer, camera)
-
-    def error(image):
-        return np.sqrt(np.mean((image - truth) ** 2)) / truth.max()
-
-    image = rendered([layer], camera, tolerance=tolerance, integrator="rays")
-    assert error(image) <= tolerance

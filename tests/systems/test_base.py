@@ -4,7 +4,7 @@ import keras
 import numpy as np
 import pytest
 
-from lf_flame.refocus import shift_and_sum, sparse_aperture
+from lf_flame.refocus import shift_and_sum
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.formulas import (
     FourierSlice,
@@ -12,6 +12,7 @@ from lf_flame.systems.formulas import (
     cross_of_views,
     diamond_of_views,
     every_view,
+    only_views,
     outer_square_of_views,
     square_of_views,
 )
@@ -74,7 +75,7 @@ def test_only_the_selected_views_are_used(system, views):
 
 @pytest.mark.parametrize("selection", [every_view, square_of_views, cross_of_views])
 def test_formulas_are_shift_and_sum_of_their_views(views, selection):
-    weights = sparse_aperture((9, 9), selection(9, 9))
+    weights = only_views((9, 9), selection(9, 9))
     stack, few = shift_and_sum(views, [0.7, -0.4], weights=weights), ShiftAndSum("few", selection)
     np.testing.assert_allclose(few.refocus(views, [0.7, -0.4]), stack, atol=1e-6)
     blocks = stack.reshape(2, 50, 2, 36, 3).mean(axis=(2, 4))

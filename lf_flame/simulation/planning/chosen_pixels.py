@@ -18,8 +18,8 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.diffraction import blur_on_sensor, tiled_sensor
-from lf_flame.simulation.gathering import gather, optical_passes
-from lf_flame.simulation.optical_pass import Lines, OpticalPass, as_views
+from lf_flame.simulation.optical_pass import Lines, OpticalPass, as_views, optical_passes
+from lf_flame.simulation.rays import gather
 from lf_flame.simulation.slabs import Plane, slice_scene
 
 BRIGHTEST, CHANGING, EVEN = 4, 8, 12

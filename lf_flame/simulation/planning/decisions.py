@@ -100,45 +100,22 @@ def plan_effects(
     ['defocus']
     """
     forced = dict(effects or {})
-    _check_request(TOLERANCE if tolerance is None else tolerance, forced)
+    _check_request(tolerance, forced)
     bounds = bound_scene(scene, camera)
     noise = OF_NOISE * _noise(bounds, forced)
     by_noise = tolerance is None and noise > TOLERANCE
     if tolerance is None:
         tolerance = max(noise, TOLERANCE)
-    allowance = LEFT_OUT_SHARE * tolerance
-    # Where defocus may be left out, the blur that softens other changes may be missing.
-    defocus = EFFECTS["defocus"](bounds).bound
-    bounds = replace(bounds, defocus=forced.get("defocus", defocus > allowance))
-    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
-    kept = _choose({name: found.bound for name, found in estimates.items()}, forced, allowance)
-    traced = _traced(bounds, {name for name in kept if estimates[name].bound > 0})
+    bounds, planned = _decide(bounds, forced, LEFT_OUT_SHARE * tolerance, stated)
+    kept = {effect.name for effect in planned if effect.kept}
+    traced = _traced(bounds, {one.name for one in planned if one.kept and one.bound > 0})
     counts = find_counts(bounds.pixels, kept, traced, tolerance, rays)
     options = {"slabs": counts.slabs, "colours": counts.colours, "rays": counts.rays}
     seconds = counts.parts**2 * bounds.pixels.time(kept=kept, traced=traced, **options)
-    planned = tuple(
-        PlannedEffect(
-            name,
-            estimate.bound,
-            name in kept,
-            name in forced,
-            estimate.criterion,
-            stated=is_stated(camera, name, stated) or estimate.bound > 0,
-        )
-        for name, estimate in estimates.items()
-    )
     return EffectPlan(
-        tolerance,
-        planned,
-        counts.slabs,
-        counts.colours,
-        traced,
-        rays=counts.rays,
-        parts=counts.parts,
-        typical=typical_bounds(bounds, stated) if typical else {},
-        seconds=seconds,
-        tolerance_by_noise=by_noise,
-    )
+        tolerance, planned, traced=traced, **counts._asdict(), seconds=seconds,
+        tolerance_by_noise=by_noise, typical=typical_bounds(bounds, stated) if typical else {},
+    )  # fmt: skip
 
 
 class Counts(NamedTuple):
@@ -215,9 +192,28 @@ def _noise(bounds: SceneBounds, forced: Mapping[str, bool]) -> float:
     return math.hypot(shot, read) / electrons
 
 
-def _check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
+def _decide(
+    bounds: SceneBounds, forced: dict[str, bool], allowance: float, stated: Collection[str]
+) -> tuple[SceneBounds, tuple[PlannedEffect, ...]]:
+    """Decide on all effects; also gives the bounds as the decision on defocus leaves them."""
+    # Where defocus may be left out, the blur that softens other changes may be missing.
+    defocus = EFFECTS["defocus"](bounds).bound
+    bounds = replace(bounds, defocus=forced.get("defocus", defocus > allowance))
+    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    kept = _choose({name: found.bound for name, found in estimates.items()}, forced, allowance)
+    planned = tuple(
+        PlannedEffect(
+            name, found.bound, name in kept, name in forced, found.criterion,
+            stated=is_stated(bounds.camera, name, stated) or found.bound > 0,
+        )
+        for name, found in estimates.items()
+    )  # fmt: skip
+    return bounds, planned
+
+
+def _check_request(tolerance: float | None, forced: Mapping[str, bool]) -> None:
     """Refuse a tolerance that is not above 0, and effects that are unknown or no booleans."""
-    if not (tolerance > 0 and math.isfinite(tolerance)):
+    if tolerance is not None and not (tolerance > 0 and math.isfinite(tolerance)):
         raise InputError(f"tolerance must be above 0, got {tolerance}.")
     unknown = [repr(name) for name in forced if name not in EFFECTS]
     if unknown:

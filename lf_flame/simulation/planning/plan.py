@@ -122,7 +122,7 @@ class EffectPlan:
         Bounds of effects whose causes are not stated, each at a typical value; see
         `lf_flame.simulation.planning.plan.typical_bounds`. Empty unless requested.
     measured : mapping of str to float
-        Measured changes of the image, see `lf_flame.simulation.measuring`. Empty unless requested.
+        Measured changes of the image, see `measure_changes`. Empty unless requested.
     seconds : float
         Estimated time in seconds for the whole image on this machine.
     tolerance_by_noise : bool

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import PAPER_CAMERA, Layer, Scene, Sensor, plan_effects
-from lf_flame.simulation.measuring import measure_changes
+from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects
+from lf_flame.simulation import measure_changes
 from lf_flame.simulation.planning.effects import EFFECTS
 from lf_flame.simulation.planning.plan import CAUSES, assume
 
@@ -75,11 +75,6 @@ def test_typical_bounds_are_those_of_the_stated_cause():
 )
 def test_words_of_a_data_sheet(word, field, value):
     assert getattr(assume(CAMERA, [word]), field) == pytest.approx(value)
-
-
-def test_a_sensor_that_is_there_keeps_the_rest():
-    sensor = Sensor(100.0, 200.0, 8, 5.0)
-    assert assume(replace(CAMERA, sensor=sensor), ["10bit"]).sensor == replace(sensor, bits=10)
 
 
 def test_measured_changes_are_those_of_a_closed_form():

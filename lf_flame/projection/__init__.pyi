@@ -1,1 +1,0 @@
-from .projector import Projector as Projector
