@@ -36,16 +36,13 @@ def metadata(model, shape, zoom=-297, focus=309, pitch=14.0, offset=(0.0, 0.0), 
         },
         "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": first},
     }
-    old, matrix = model == "F01", [2.0, -0.8, -0.2, -0.4, 1.7, -0.3, -0.2, -0.7, 1.9]
-    colour = {"whiteBalanceGain": {"r": 1.4, "gr": 1.0, "gb": 1.0, "b": 1.2}}
-    colour |= {"ccmRgbToSrgbArray": matrix, "gamma": 0.41666} if old else {"ccm": matrix}
-    image = {"height": shape[0], "width": shape[1], "orientation": 1, "color": colour}
+    old = model == "F01"
+    image = {"height": shape[0], "width": shape[1]}
     image |= {"rawDetails": form} if old else form | {"iso": 80}
     return {
         "image": image,
-        "camera": {"make": "Lytro, Inc.", "model": model, "firmware": "1.1.1 (23)"},
+        "camera": {"make": "Lytro, Inc.", "model": model},
         "devices": {
-            "clock": {"zuluTime": "2015-05-17T13:31:37.412Z"},
             "sensor": {"pixelPitch": 1.4e-6, **({"iso": 200} if old else {})},
             "shutter": {"frameExposureDuration": 0.004},
             "mla": {

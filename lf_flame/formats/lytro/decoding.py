@@ -16,10 +16,6 @@ from lf_flame.formats.raw.lenslet_search import estimate_grid
 
 LOGGER = logging.getLogger(__name__)
 
-AGREEMENT = 2e-3
-"""Largest difference between a grid found in a picture and that of its metadata: in the pitches,
-relative; in the rotation, in rad. Over half of an Illum's frame that is a half lenslet."""
-
 
 def plan_lytro(
     path: str | Path,
@@ -98,11 +94,11 @@ def _grid_without_white(picture: LytroPicture) -> tuple[LensletGrid, str]:
         found = estimate_grid(picture.radiance, stated.pitch, stated.layout)
     except InputError:
         return stated, "the metadata place them, as the picture shows none"
-    agrees = (
-        abs(found.pitch / stated.pitch - 1) <= AGREEMENT
-        and abs(found.row_pitch / stated.row_pitch - 1) <= AGREEMENT
-        and abs(found.rotation - stated.rotation) <= AGREEMENT
+    differs = max(
+        abs(found.pitch / stated.pitch - 1),
+        abs(found.row_pitch / stated.row_pitch - 1),
+        abs(found.rotation - stated.rotation),
     )
-    if not agrees:
+    if differs > 2e-3:  # half a lenslet over half of an Illum's frame
         return stated, "the metadata place them, as those found in the picture differ"
     return found, "the picture shows them"

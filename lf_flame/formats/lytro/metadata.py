@@ -18,9 +18,6 @@ PACKINGS = {10: ("little", 4), 12: ("big", 2)}
 LAYOUTS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "rectangular"}
 """Layout of the lenslets by its name in the metadata."""
 
-LARGEST_SIDE = 1 << 16
-"""Largest number of rows and of columns of a frame."""
-
 
 class NestedValues:
     """Values in nested tables, each at the first of several paths that leads to one."""
@@ -132,9 +129,7 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
     around = NestedValues(first, source)
     frame = around.find("frame/metadata")
     tree = NestedValues(frame if isinstance(frame, dict) else {}, source)
-    rows, columns = (
-        round(tree.within(2, LARGEST_SIDE, f"image/{side}")) for side in ("height", "width")
-    )
+    rows, columns = (round(tree.within(2, 65536, f"image/{side}")) for side in ("height", "width"))
     names = _mosaic(tree)
     black, white = (_levels(tree, level, names) for level in ("black", "white"))
     if not np.all(white > black):

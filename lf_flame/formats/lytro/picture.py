@@ -14,12 +14,6 @@ from lf_flame.formats.images import CONTAINER_SUFFIXES
 from lf_flame.formats.lytro.container import parse_table, read_bytes, read_container
 from lf_flame.formats.lytro.metadata import LytroMetadata, NestedValues, parse_metadata
 
-DESCRIPTIONS = (".json", ".JSON", ".txt", ".TXT")
-"""File endings of the metadata beside a ``.raw`` file."""
-
-BYTES_A_PIXEL = 16
-"""Memory of a picture in bytes per pixel: packed, as levels, and as floats with a copy."""
-
 
 @dataclass(frozen=True, eq=False)
 class LytroPicture:
@@ -49,7 +43,7 @@ class LytroPicture:
     def mosaic(self) -> np.ndarray:
         """Levels as the sensor counted them, one colour a pixel: uint16, (rows, columns)."""
         rows, columns = self.metadata.shape
-        check_memory(BYTES_A_PIXEL * rows * columns, self.source)
+        check_memory(16 * rows * columns, self.source)  # also for floats with a copy
         data = np.frombuffer(self.packed, np.uint8)
         if self.metadata.bits == 10:
             # Four pixels in five bytes: the high 8 bits of each, then the low 2 bits of all four.
@@ -144,7 +138,7 @@ def read_lytro(path: str | Path) -> LytroPicture:
 
 def _description(path: Path) -> dict[str, Any]:
     """Metadata of a ``.raw`` file, from the file of the same name beside it."""
-    for ending in DESCRIPTIONS:
+    for ending in (".json", ".JSON", ".txt", ".TXT"):
         beside = path.with_suffix(ending)
         if beside.is_file():
             return parse_table(read_bytes(beside), beside)

@@ -27,13 +27,6 @@ LOGGER = logging.getLogger(__name__)
 PAIRED = re.compile(r"(MOD_\d{1,8})\.(TXT|RAW)", re.IGNORECASE)
 """Name of a white image's pixels or metadata."""
 
-MOST_WHITES = 2000
-"""Largest number of white images that are compared; a camera comes with some 60."""
-
-LEAST_MEAN = 500 / 4095
-"""Smallest mean of a white image, relative to the highest level. The F01 comes with dark ones too,
-which LFToolbox leaves out below 500 of 4095."""
-
 TAR_ERRORS = (
     tarfile.TarError, OSError, EOFError, ValueError, OverflowError, IndexError, TypeError,
 )  # fmt: skip
@@ -110,7 +103,8 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
     fitting = [one for one in files if _is_alike(one.metadata, facts)]
     for one in sorted(fitting, key=lambda one: _distance(one.metadata, facts)):
         white = one.picture()
-        if white.mosaic.mean() >= LEAST_MEAN * (2**facts.bits - 1):
+        # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
+        if white.mosaic.mean() >= 500 / 4095 * (2**facts.bits - 1):
             LOGGER.info(
                 f"White image {printable(one.name)}, at zoom and focus step "
                 f"{_steps(one.metadata)}; the picture's are {_steps(facts)}"
@@ -156,10 +150,6 @@ def white_files(where: Path) -> list[WhiteFile]:
         if named := PAIRED.fullmatch(place.name):
             pairs.setdefault(str(place.parent / named[1].upper()), {})[named[2].upper()] = file
     whole = [pair for _, pair in sorted(pairs.items()) if len(pair) == 2]
-    if len(whole) > MOST_WHITES:
-        raise InputError(
-            f"{where} holds {len(whole)} white images, and {MOST_WHITES} are the most."
-        )
     return [_described(pair["TXT"], pair["RAW"], where) for pair in whole]
 
 

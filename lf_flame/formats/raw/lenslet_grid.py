@@ -17,12 +17,6 @@ from lf_flame.errors import InputError
 
 LAYOUTS = ("rectangular", "hexagonal")
 
-HEXAGONAL_ROW_PITCH = math.sqrt(3) / 2
-"""Row distance over pitch in an array where every lenslet touches six others."""
-
-EDGE_SLACK = 0.5
-"""Largest overhang, in pixels, of a micro-image at the image's edge that still counts as whole."""
-
 
 @dataclass(frozen=True, init=False)
 class LensletGrid:
@@ -80,7 +74,7 @@ class LensletGrid:
     ):
         check_layout(layout)
         if row_pitch is None:
-            row_pitch = (HEXAGONAL_ROW_PITCH if layout == "hexagonal" else 1.0) * pitch
+            row_pitch = (math.sqrt(3) / 2 if layout == "hexagonal" else 1.0) * pitch
         numbers = {"x0": x0, "y0": y0, "pitch": pitch, "rotation": rotation, "row_pitch": row_pitch}
         for name, number in numbers.items():
             object.__setattr__(self, name, float(number))
@@ -199,12 +193,12 @@ class LensletGrid:
         cos, sin = math.cos(self.rotation), abs(math.sin(self.rotation))
         height, width = self.window
         half_y, half_x = (cos * height + sin * width) / 2, (cos * width + sin * height) / 2
-        low, high = -0.5 - EDGE_SLACK, -0.5 + EDGE_SLACK
+        # The image ends half a pixel beyond its last ones, and half a pixel more may be missing.
         return (
-            (y - half_y >= low)
-            & (y + half_y <= shape[0] + high)
-            & (x - half_x >= low)
-            & (x + half_x <= shape[1] + high)
+            (y - half_y >= -1)
+            & (y + half_y <= shape[0])
+            & (x - half_x >= -1)
+            & (x + half_x <= shape[1])
         )
 
 
@@ -228,14 +222,9 @@ def _largest_block(first: np.ndarray, last: np.ndarray) -> tuple[int, int, int, 
 
 
 def grid_from_pitch(
-    shape: tuple[int, ...],
-    pitch: float,
-    centre: tuple[float, float] | None = None,
-    rotation: float = 0.0,
-    layout: str = "rectangular",
-    row_pitch: float | None = None,
+    shape: tuple[int, ...], pitch: float, layout: str = "rectangular"
 ) -> LensletGrid:
-    """Grid of micro-images for a stated pitch, without a white image (flat field).
+    """Grid of an upright array that is centred in the image, with as many lenslets as fit.
 
     Parameters
     ----------
@@ -243,11 +232,7 @@ def grid_from_pitch(
         Number of rows and columns of the image; further entries are ignored.
     pitch : float
         Distance between neighbouring micro-image centres along a row, in pixels.
-    centre : (float, float), optional
-        Centre ``(y, x)`` of any one micro-image, in pixels. Default: the array is centred in the
-        image, with as many whole micro-images as fit.
-    rotation, layout, row_pitch : optional
-        As in `LensletGrid`.
+    layout : {"rectangular", "hexagonal"}, optional
 
     Raises
     ------
@@ -260,11 +245,7 @@ def grid_from_pitch(
     >>> grid_from_pitch((60, 80), 10.0).count((60, 80))
     (6, 8)
     """
-    if centre is not None:
-        if np.shape(centre) != (2,):
-            raise InputError(f"centre must be (y, x) of one micro-image, got {centre}.")
-        return LensletGrid(centre[1], centre[0], pitch, rotation, layout, row_pitch)
-    grid = LensletGrid(0.0, 0.0, pitch, rotation, layout, row_pitch)
+    grid = LensletGrid(0.0, 0.0, pitch, layout=layout)
     height, width = grid.window
     half = 0.5 if layout == "hexagonal" else 0.0
     # Slightly more, so that rounding does not cost a row where micro-images tile the image.
@@ -275,5 +256,5 @@ def grid_from_pitch(
             f"No micro-image of {height:.4g} x {width:.4g} pixels lies whole in the image of "
             f"{shape[0]} x {shape[1]}."
         )
-    up, left = grid.turned((rows - 1) / 2 * grid.row_pitch, ((columns - 1 + half) / 2) * pitch)
+    up, left = (rows - 1) / 2 * grid.row_pitch, (columns - 1 + half) / 2 * pitch
     return replace(grid, y0=(shape[0] - 1) / 2 - up, x0=(shape[1] - 1) / 2 - left)

@@ -19,19 +19,10 @@ from scipy import fft, ndimage
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, check_layout
+from lf_flame.formats.raw.sensor_images import as_image
 
 SMALLEST_PITCH = 4.0
 """Smallest pitch in pixels; a smaller micro-image has no shape that could be found."""
-
-PATCH = 1024
-"""Side in pixels of the central part of an image that gives the first guess."""
-
-SHARP = 12
-"""Smallest number of lenslets along a patch whose spectrum has sharp lines."""
-
-SHARPEST = 5.0
-"""Smallest ratio of a line of the spectrum to the mean around it. The highest of some thousand
-values of noise, which have a Rayleigh distribution, is 3.5."""
 
 FIRST_REACH = 4
 """Number of lenslets around the central one with which the first guess is refined."""
@@ -39,9 +30,6 @@ FIRST_REACH = 4
 WINDOW, WINDOWS = 20, 7
 """Side in pitches, and number along each axis, of the windows in which the micro-images of a large
 image are located: some thousands suffice."""
-
-LARGEST_RESIDUAL = 0.1
-"""Largest root-mean-square distance, in pitches, of micro-images from the fitted grid."""
 
 
 def estimate_grid(
@@ -123,26 +111,15 @@ def _no_grid(reason: str) -> InputError:
 
 def _as_white(white: ArrayLike) -> np.ndarray:
     """Check an image, and give it as (rows, columns) with the mean of each colour the same."""
-    white = np.asarray(white)
-    if white.ndim not in (2, 3) or white.size == 0 or white.dtype.kind not in "uif":
-        raise InputError(
-            f"A white image must be grey or coloured, (rows, columns[, channels]), "
-            f"got an array of shape {white.shape} and type {white.dtype}."
-        )
-    white = white.astype(np.float64) if white.ndim == 2 else white.mean(axis=2, dtype=np.float64)
-    if not np.all(np.isfinite(white)):
-        raise InputError(
-            f"A white image must be finite, "
-            f"got {np.count_nonzero(~np.isfinite(white))} NaN or infinite pixels."
-        )
-    if min(white.shape) < 4 * SMALLEST_PITCH:
+    image = as_image(white, "white").mean(axis=2, dtype=np.float64)
+    if min(image.shape) < 4 * SMALLEST_PITCH:
         raise InputError(
             f"A white image must be at least {4 * SMALLEST_PITCH:g} pixels high and wide, "
-            f"got {white.shape[0]} x {white.shape[1]}."
+            f"got {image.shape[0]} x {image.shape[1]}."
         )
     for at in (np.s_[i::2, j::2] for i, j in np.ndindex(2, 2)):  # pixels of a mosaic
-        white[at] /= white[at].mean() or 1.0
-    return white
+        image[at] /= image[at].mean() or 1.0
+    return image
 
 
 def flattened(image: np.ndarray, width: float) -> np.ndarray:
@@ -155,8 +132,8 @@ def flattened(image: np.ndarray, width: float) -> np.ndarray:
 
 def _guess(white: np.ndarray, pitch: float | None) -> LensletGrid:
     """Grid of about the right vectors, with an arbitrary phase."""
-    starts = [max(0, (n - PATCH) // 2) for n in white.shape]
-    patch = white[starts[0] : starts[0] + PATCH, starts[1] : starts[1] + PATCH]
+    top, left = (max(0, (n - 1024) // 2) for n in white.shape)
+    patch = white[top : top + 1024, left : left + 1024]  # the central part suffices
     vectors = _sharpened(_shortest_vectors(patch, pitch), patch)
     one, other = sorted(vectors, key=abs)
     third = min(one - other, one + other, key=abs)
@@ -223,7 +200,7 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
     A line is sharp by its ratio to the mean around it: that of contents is broad.
     """
     longest = max(map(abs, vectors))
-    if min(patch.shape) < SHARP * longest:
+    if min(patch.shape) < 12 * longest:  # too few lenslets for sharp lines
         return vectors
     contrast = np.clip(flattened(patch, 2 * longest), -1, 1)
     window = np.hanning(patch.shape[0])[:, None] * np.hanning(patch.shape[1])
@@ -241,7 +218,8 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
         y, x = (np.linspace(-1, 1, 2 * f + 1) for f in far)
         near = ratio[np.ix_(*places)] * (np.hypot(y[:, None], x) <= 1)
         sharpest = np.unravel_index(near.argmax(), near.shape)
-        if near[sharpest] < SHARPEST:
+        # The highest of some thousand values of noise, in a Rayleigh distribution, is 3.5.
+        if near[sharpest] < 5.0:
             raise _no_grid("what repeats itself does so over a few lenslets only, as contents do")
         y, x = (p[k] for p, k in zip(places, sharpest, strict=True))
         tops = []
@@ -256,18 +234,20 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
 
 def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
     """Fit a guessed grid to the micro-images, from the centre of the image outwards."""
-    down, right = (_windows(length, grid.pitch) for length in white.shape)
-    windows = list(product(down, right))
-    middle = windows[len(windows) // 2]
-    contrast = _gaps(white[middle], grid)
+    windows = {
+        (y.start, x.start): _gaps(white[y, x], grid)
+        for y, x in product(*(_windows(length, grid.pitch) for length in white.shape))
+    }
+    middle = list(windows)[len(windows) // 2]
+    contrast = windows[middle]
     grid = _seen_from(middle, _in_phase(_seen_from(middle, grid), contrast), -1)
     # Neighbours average contents out; near the border of a small image there are none.
     reach = 3.5 if min(white.shape) > 2 * WINDOW * grid.pitch else 0.5
     shape = _mean_micro_image(_seen_from(middle, grid), contrast, reach)
-    likenesses = {}
-    for window in windows:
-        likeness = scipy.signal.oaconvolve(_gaps(white[window], grid), shape, mode="same")
-        likenesses[window[0].start, window[1].start] = ndimage.spline_filter(likeness)
+    likenesses = {
+        window: ndimage.spline_filter(scipy.signal.oaconvolve(contrast, shape, mode="same"))
+        for window, contrast in windows.items()
+    }
     reach, extent = FIRST_REACH, max(len(i) for i in grid.indices(white.shape))
     while True:
         row, column, y, x, found = _micro_images(grid, likenesses, reach)
@@ -277,7 +257,7 @@ def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
         if reach >= extent:
             break
         reach *= 2
-    if residual > LARGEST_RESIDUAL * grid.pitch:
+    if residual > 0.1 * grid.pitch:
         raise _no_grid(f"what repeats itself is {residual:.2g} pixels off a grid")
     return grid
 
@@ -300,10 +280,9 @@ def _windows(length: int, pitch: float) -> list[slice]:
     return [slice(int(start), int(start) + side) for start in starts]
 
 
-def _seen_from(window: tuple[slice, slice], grid: LensletGrid, sign: int = 1) -> LensletGrid:
-    """Grid in the pixels of a window; with sign -1, back in those of the image."""
-    down, right = window
-    return replace(grid, y0=grid.y0 - sign * down.start, x0=grid.x0 - sign * right.start)
+def _seen_from(window: tuple[int, int], grid: LensletGrid, sign: int = 1) -> LensletGrid:
+    """Grid in the pixels of a window that begins at (y, x); with sign -1, back in the image's."""
+    return replace(grid, y0=grid.y0 - sign * window[0], x0=grid.x0 - sign * window[1])
 
 
 def _mean_micro_image(grid: LensletGrid, contrast: np.ndarray, reach: float) -> np.ndarray:
@@ -341,33 +320,27 @@ def _between(image: np.ndarray, y: np.ndarray, x: np.ndarray, order: int = 1) ->
 
 
 def _micro_images(grid: LensletGrid, likenesses: dict, reach: int):
-    """Find micro-images up to `reach` lenslets from the central one."""
-    seen = [
-        _peaks_in_window(grid, first, likeness, reach) for first, likeness in likenesses.items()
-    ]
+    """Rows, columns, y and x of micro-images up to `reach` lenslets from the central one.
+
+    Also which of them were found. Those that a window's border cuts off are left out.
+    """
+    seen = []
+    for window, likeness in likenesses.items():
+        local, (height, width) = _seen_from(window, grid), likeness.shape
+        rows, columns = (i[np.abs(i) <= reach] for i in local.indices(likeness.shape))
+        row, column = (i.ravel() for i in np.meshgrid(rows, columns, indexing="ij"))
+        y, x = local.position(row, column)
+        clear = 0.55 * grid.pitch
+        inside = (y >= clear) & (y <= height - 1 - clear) & (x >= clear) & (x <= width - 1 - clear)
+        row, column, y, x = (values[inside] for values in (row, column, y, x))
+        top_y, top_x, curvature = _peaks(likeness, y, x, grid.pitch / 6)
+        away = np.hypot(top_y - y, top_x - x)
+        seen.append((row, column, top_y + window[0], top_x + window[1], away, curvature))
     row, column, y, x, away, curvature = (np.concatenate(each) for each in zip(*seen, strict=True))
     if not row.size:
         raise _no_grid("no micro-image lies clear of its border")
     found = (curvature > 0.2 * np.median(curvature)) & (away < grid.pitch / 4)
     return row, column, y, x, found
-
-
-def _peaks_in_window(
-    grid: LensletGrid, first: tuple[int, int], likeness: np.ndarray, reach: int
-) -> tuple[np.ndarray, ...]:
-    """Rows and columns of a window's micro-images, their y, x, distances and curvatures."""
-    (top, left), (height, width) = first, likeness.shape
-    local = replace(grid, y0=grid.y0 - top, x0=grid.x0 - left)
-    rows, columns = (i[np.abs(i) <= reach] for i in local.indices(likeness.shape))
-    row, column = (i.ravel() for i in np.meshgrid(rows, columns, indexing="ij"))
-    y, x = local.position(row, column)
-    clear = 0.55 * grid.pitch  # excludes those cut off by the border
-    inside = (y >= clear) & (y <= height - 1 - clear) & (x >= clear) & (x <= width - 1 - clear)
-    row, column, y, x = (values[inside] for values in (row, column, y, x))
-    if not row.size:
-        return row, column, y, x, y, x
-    top_y, top_x, curvature = _peaks(likeness, y, x, grid.pitch / 6)
-    return row, column, top_y + top, top_x + left, np.hypot(top_y - y, top_x - x), curvature
 
 
 def _peaks(likeness: np.ndarray, y, x, step: float):

@@ -125,9 +125,8 @@ def read_raw(
     >>> light_field
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    plan, image = plan_raw(
-        path, white, pitch, layout, views, lenslets=lenslets, dark=dark, bayer=bayer
-    )
+    options = locals()
+    plan, image = plan_raw(**options)
     return plan.decode(image), plan.grid
 
 
@@ -159,26 +158,23 @@ def plan_raw(
             )
         return plan_lytro(path, white, views, lenslets=lenslets, dark=dark)
     image = read_image(path)
-    white_image, black, shown = (
-        None if name is None else read_image(name) for name in (white, dark, lenslets)
+    flat, black, shown = (
+        None if one is None else read_image(one) for one in (white, dark, lenslets)
     )
-    if shown is None:
-        shown = white_image
-    elif shown.shape[:2] != image.shape[:2]:
+    if shown is not None and shown.shape[:2] != image.shape[:2]:
         raise InputError(
             f"The image of the lenslets, {lenslets}, must have the raw image's {image.shape[0]} x "
             f"{image.shape[1]} pixels, got {shown.shape[0]} x {shown.shape[1]}."
         )
+    shown = flat if shown is None else shown
     if shown is not None:
         grid = estimate_grid(less_dark(shown, black, "white"), pitch, layout)
     elif pitch is not None:
-        grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
+        grid = grid_from_pitch(image.shape, pitch, layout or "rectangular")
     else:
         raise InputError(
             f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
             f"must be given."
         )
-    plan = DecodePlan(
-        grid, shape=image.shape, views=views, white=white_image, dark=black, bayer=bayer
-    )
+    plan = DecodePlan(grid, shape=image.shape, views=views, white=flat, dark=black, bayer=bayer)
     return plan, image

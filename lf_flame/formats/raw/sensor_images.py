@@ -178,9 +178,10 @@ def _pattern(image: np.ndarray, grid: LensletGrid) -> tuple[np.ndarray, int]:
         return none
     logs = np.log(sums)
     contrast = logs[:, 0, 0] + logs[:, 1, 1] - logs[:, 0, 1] - logs[:, 1, 0]
-    # Log of red blue / green^2: 1.4 in daylight, 0.9 in lamp light. Round grey micro-images reach
-    # 0.12 if their pixels repeat like those of a mosaic, and 0.54 below a pitch of 10 pixels.
-    least = 0.6 if grid.pitch < 10 else 0.15
+    # Log of red blue / green^2: 1.4 in daylight, 0.9 in lamp light. Where the centres lie evenly on
+    # the four pixels, amplifiers alone reach 0.03; round grey micro-images reach 0.54 elsewhere.
+    is_even = abs(np.exp(1j * math.pi * centres.sum(axis=1)).mean()) < 0.01
+    least = 0.03 if is_even else 0.6
     if abs(contrast.mean()) < max(least, 8 * contrast.std(ddof=1) / math.sqrt(8)):
         return none
     return sums.sum(axis=0), int(np.sign(contrast.mean()))
