@@ -1,6 +1,5 @@
 from .exposure import read_exposure as read_exposure
 from .focused.views import read_focused as read_focused
-from .hci_files import read_true_slopes as read_true_slopes
 from .images import write_movie as write_movie
 from .images import write_picture as write_picture
 from .lenslet_image import read_lenslet_image as read_lenslet_image

@@ -15,7 +15,6 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from lf_flame import InputError, read_light_field
 from lf_flame._common.memory import LIMIT
 from lf_flame.commands.cli import commands
-from lf_flame.formats import read_true_slopes
 from lf_flame.formats.reading import find_light_field
 from lf_flame.refocus import find_sharpest_slope
 
@@ -188,11 +187,8 @@ def test_hci_files_give_the_slopes_of_their_depths(tmp_path, rng, flipped):
     np.testing.assert_array_equal(found.views[..., 0], views / np.float32(255))
     order = find_light_field(path).order
     assert order.order == ("-row,col", "row,-col")[flipped]
-    truth = read_true_slopes(path)
-    assert truth.shape == views.shape
     for part, z in ((np.s_[5:-5, 5:38], DEPTHS[0]), (np.s_[5:-5, 52:85], DEPTHS[1])):
         slope = FACTS["shift"] - FACTS["dH"] * FACTS["focalLength"] / z
-        np.testing.assert_allclose(truth[(2, 2, *part)], slope, atol=1e-5)
         seen = find_sharpest_slope(found.views[(..., *part, 0)], np.arange(-2, 2.01, 0.1))
         assert seen.slope == pytest.approx(slope, abs=0.03)
     stated = read_light_field(path, order="row,-col").views
@@ -203,13 +199,6 @@ def test_hci_files_without_depths_are_turned_by_the_parallax(tmp_path, rng):
     views, depth = scene(rng)
     path = write_hci(tmp_path / "a.h5", views[::-1])
     np.testing.assert_array_equal(read_light_field(path).views[..., 2], views / np.float32(255))
-    with pytest.raises(InputError, match="holds no true slopes: it needs the arrays LF and GT_D"):
-        read_true_slopes(path)
-    write_hci(path, views, np.where(depth == DEPTHS[0], depth, 0)[2, 2])
-    truth = read_true_slopes(path)
-    assert truth.shape == (60, 90)
-    assert np.isnan(truth[:, 45:]).all()
-    assert not np.isnan(truth[:, :45]).any()
 
 
 def test_nothing_but_the_file_itself_is_opened(tmp_path):

@@ -99,7 +99,7 @@ RUN = {f"{n}.png": levels(3, 4) for n in range(9)}
 HOLE = {name: view for name, view in square(3).items() if name != "1_1.png"}
 FIELD = np.ones((2, 2, 3, 4))
 FOLDERS = [
-    *((of(RUN, grid=grid), "grid must be rows x columns") for grid in ("9", "0x9", "axb", (3,))),
+    *((of(RUN, grid=grid), "grid must be rows x columns") for grid in ("0x9", (3,))),
     (of(RUN, grid="2x4"), "do not count 8 places from 1"),
     (of(square(3), grid="1x9"), "do not count 1 places from 0"),
     (of(RUN, "0.png", grid="1x1"), "0.png is a stack|holds 1|must be|does not apply|state"),
@@ -116,7 +116,6 @@ FOLDERS = [
     (of({**square(3), "0_2.png": levels(3, 4, 3)}), r"0_2.png has shape \(3, 4, 3\), 0_0.png"),
     (of(square(2, "{}_{}.tif", (6, 7, 5))), r"0_0.tif must have 1 or 3 .*\(6, 7, 5\)"),
     (of(square(2, "{}_{}.tif", dtype=np.int32)), "0_0.tif .* unsigned .* or floats, got int32"),
-    (of(square(), axes="vuts"), "axes does not apply to ., which is read as a folder of views"),
     (of(square(), white="0_0.png"), "white does not apply to ., which is read as a folder of vie"),
     (lambda: all_in_focus(of(HOLE)(), [-1.0, 0.0, 1.0]), "slope map, .* needs the view in row 1"),
     (lambda: ShiftAndSum("nine views").refocus(of(HOLE)(), 0.5), "needs the view in row 1, col"),
@@ -144,21 +143,13 @@ FILES = [
     ("line.npy", VIEWS.ravel(), {}, r"got shape \(36,\)"),
     ("nan.npy", VIEWS * NAN, {}, "must be finite, got 36 NaN"),
     ("a.npz", {"views": VIEWS, "weights": np.ones((2, 3))}, {}, "weights must"),
-    ("a.npz", {"views": VIEWS, "weights": -np.ones((2, 2))}, {}, "weights must"),
-    ("a.npz", {"views": VIEWS, "weights": np.full((2, 2), NAN)}, {}, "weights must"),
     ("a.npz", {"views": VIEWS, "valid": np.ones((2, 2, 3, 4))}, {}, "valid must"),
-    ("a.npz", {"views": VIEWS, "valid": np.full((2, 2, 3, 3), 2)}, {}, "valid must"),
-    ("a.npz", {"views": VIEWS, "valid": np.full((2, 2, 3, 3), 1j)}, {}, "valid must"),
     ("a.npy", FIELD, {"grid": "3x2"}, "grid of 3 x 2 views does not fit a.npy, of 2 x 2"),
     ("a.npy", np.ones((40, 50, 6, 7, 9)), {}, "hardly be vutsc: state its axes .* --axes AXES"),
     ("a.npy", FIELD, {"axes": ""}, "axes must be one letter for each axis of .*, got "),
-    ("a.npy", FIELD, {"axes": "vut"}, "axes must be one letter for each axis of .*, got "),
-    ("a.npy", FIELD, {"axes": "vutt"}, "axes must be one letter for each axis of .*, got "),
-    ("a.npy", FIELD, {"axes": "nvts"}, "axes must be one letter for each axis of .*, got "),
     ("a.npy", FIELD, {"axes": "xyzw"}, "axes must be one letter for each axis of .*, got "),
     ("a.png", LENSLETS, {}, r"28 x 42 .*\(2, 7, 14\); to decode a raw image"),
     ("a.png", LENSLETS, {"views": 15}, "got 15; 2, 7, 14 would"),
-    ("a.png", LENSLETS, {"views": 0}, "got 0; 2, 7, 14 would"),
     ("a.png", levels(9, 8), {"views": 3}, "only 1 would"),
     ("a.png", b"no picture", {"views": 2}, "a.png cannot be read"),
     ("a.xyz", b"", {}, "a.xyz is no light field: it must be a folder of views"),
@@ -166,7 +157,6 @@ FILES = [
     ("a.mat", {"LF": np.ones((3, 4))}, {}, r"a\.mat is no MATLAB file of version 5 or 7\.3"),
     ("seven.tif", STACK, {}, "seven.tif holds 7 views .* make no square: .* --grid ROWSxCO"),
     ("text.tif", "no picture", {}, "text.tif"),
-    ("text.tif", "no picture", {"views": 2}, "text.tif"),
 ]
 ARRAYS = [
     *((one(name, content, **options), said) for name, content, options, said in FILES),

@@ -384,16 +384,6 @@ def test_a_running_number_counts_the_stated_grid_row_by_row(tmp_path, rng, kind)
         read_light_field(path, grid="2x5", **stated)
 
 
-@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row", "col,-row"])
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_square_needs_no_grid_and_its_order_is_found(tmp_path, rng, kind, order):
-    views = drawn(rng, (3, 3))
-    path, stated = counted(tmp_path / "a", STORED[order](views).reshape(9, 60, 72), kind)
-    for one in (None, order):
-        found = read_light_field(path, order=one, **stated).views
-        np.testing.assert_array_equal(found, views / np.float32(255))
-
-
 def in_a_row(rng, count, axis=1):
     """Draw views along one row, or one column, with the numbers 0, 1 ..."""
     shape = (count, 1) if axis == 0 else (1, count)

@@ -299,27 +299,21 @@ def fall_off(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
 
 def mean_white(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
     """White image by the mean fall-off of a picture's micro-images, which is taken to be round."""
-    array, half = lenslets.array(image.shape), int(lenslets.radius)
-    centres = np.rint(array.centres[array.whole]).astype(int)
-    centres = centres[:: max(1, len(centres) // 4000)]  # noise falls below a per cent
-    distance = np.hypot(*np.mgrid[-half : half + 1, -half : half + 1])
-    fall = np.empty((half + 1, image.shape[2]))
-    for ring in range(half + 1):
-        spots = np.argwhere(np.rint(distance) == ring) - half
-        light = [image[y + centres[:, 0], x + centres[:, 1]].mean(axis=0) for y, x in spots]
-        fall[ring] = np.mean(light, axis=0)
-    if not np.all(fall[0] > 0):  # a picture without light, or below black, has no fall-off
-        return np.ones_like(image)
-    lattice, white = lenslets.lattice, np.empty_like(image)
-    for k, out in enumerate(white):
+    lattice, half = lenslets.lattice, int(lenslets.radius)
+    away = np.full(image.shape[:2], np.inf, np.float32)  # from the nearest micro-image's centre
+    for k, nearest in enumerate(away):
         y, x = k - lattice.y0, np.arange(image.shape[1]) - lattice.x0
         down, along = lattice.cos * y - lattice.sin * x, lattice.sin * y + lattice.cos * x
         above = np.floor(down / lattice.row_pitch)
-        nearest = np.full(len(x), np.inf)
         for row in (above, above + 1):
             column = along / lattice.pitch - lattice.offset * (row % 2)
             aside = lattice.pitch * (column - np.rint(column))
-            nearest = np.minimum(nearest, np.hypot(aside, down - lattice.row_pitch * row))
-        for channel, levels in enumerate(fall.T):
-            out[:, channel] = np.interp(nearest, np.arange(half + 1), levels)
+            across = down - lattice.row_pitch * row
+            np.minimum(nearest, np.hypot(aside, across), out=nearest)
+    rings, white = np.rint(away).astype(np.intp).ravel(), np.empty_like(image)
+    for channel in range(image.shape[2]):
+        light = np.bincount(rings, image[..., channel].ravel()) / np.bincount(rings)
+        # A picture without light, or below black, has no fall-off.
+        light = light[: half + 1] if light[0] > 0 else np.ones(half + 1)
+        white[..., channel] = np.interp(away, np.arange(half + 1), light)
     return white
