@@ -10,14 +10,14 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
-from pathlib import PurePath
-from typing import IO, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import tifffile
 from PIL import Image, ImageFile
 
-from lf_flame._common.input_files import PackedFile, Source, open_bytes, readable
+from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
@@ -68,7 +68,7 @@ REDUCED, MASK = 1, 4
 """Bits of NewSubfileType: smaller version of another picture, and mask of transparency."""
 
 
-def read_pixels(path: Source) -> np.ndarray:
+def read_pixels(path: str | Path) -> np.ndarray:
     """Read an image file at full bit depth: (h, w) or (h, w, channels), in its shown orientation.
 
     Levels are as stored, 0 is black; those of TIFF files of 12 bits and the like are divided by the
@@ -80,16 +80,15 @@ def read_pixels(path: Source) -> np.ndarray:
 
     with readable(path, (*PILLOW_ERRORS, PngError)), open_image(path, FORMATS) as image:
         _check_picture(image, path)
-        check_memory(prod(image.size) * len(image.getbands()) * PER_VALUE, path)
+        check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
         turn = image.getexif().get(ORIENTATION, 1)
         if image.format == "PNG":  # Pillow drops the low bytes of deep colours
-            with open_bytes(path) as file:
-                return oriented(png_decode(file.read()), turn)
+            return oriented(png_decode(Path(path).read_bytes()), turn)
         pixels = np.asarray(image.convert("RGB") if image.mode == "P" else image)
     return oriented(pixels.astype(np.uint16) if pixels.dtype == np.int32 else pixels, turn)
 
 
-def read_shape(path: Source) -> tuple[int, int, int]:
+def read_shape(path: str | Path) -> tuple[int, int, int]:
     """Rows, columns and channels of an image, from its header alone."""
     if is_tiff(path):
         with open_tiff(path) as file:
@@ -97,11 +96,14 @@ def read_shape(path: Source) -> tuple[int, int, int]:
         rows, columns = page.imagelength, page.imagewidth
         return rows, columns, values // max(rows * columns, 1)
     with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
-        colours = 3 if image.mode == "P" else len(image.getbands())
-        return image.height, image.width, colours
+        return image.height, image.width, _channels(image)
 
 
-def check_levels(pixels: np.ndarray, source: Source) -> None:
+def _channels(image: ImageFile.ImageFile) -> int:
+    return 3 if image.mode == "P" else len(image.getbands())
+
+
+def check_levels(pixels: np.ndarray, source: str | Path) -> None:
     """Refuse values other than unsigned integers of 8 or 16 bits and floats."""
     kind = pixels.dtype.kind
     if kind not in "bf" and not (kind == "u" and pixels.dtype.itemsize <= 2):
@@ -110,7 +112,7 @@ def check_levels(pixels: np.ndarray, source: Source) -> None:
         )
 
 
-def to_unit(pixels: np.ndarray, source: Source) -> np.ndarray:
+def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
     """Scale unsigned levels of 8 or 16 bits to 0 to 1; floats stay as they are; float32."""
     check_levels(pixels, source)
     if pixels.dtype.kind == "u":
@@ -128,12 +130,12 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
     return np.flip(pixels, tuple(axes[k] for k in turned))
 
 
-def open_image(path: Source, formats: tuple[str, ...]) -> ImageFile.ImageFile:
+def open_image(path: str | Path, formats: tuple[str, ...]) -> ImageFile.ImageFile:
     """Open an image with Pillow; the caller closes it."""
-    return Image.open(open_bytes(path) if isinstance(path, PackedFile) else path, formats=formats)
+    return Image.open(path, formats=formats)
 
 
-def _check_picture(image: ImageFile.ImageFile, path: Source) -> None:
+def _check_picture(image: ImageFile.ImageFile, path: str | Path) -> None:
     """Refuse inks, films, and 16-bit colours of Netpbm, of which Pillow would keep 8."""
     if image.mode in ("CMYK", "LAB", "HSV"):
         raise InputError(
@@ -179,26 +181,26 @@ class Pages(NamedTuple):
     is_transparent: bool
 
 
-def is_tiff(path: Source) -> bool:
+def is_tiff(path: str | Path) -> bool:
     """Whether a file is TIFF, by its ending or its first bytes."""
-    if PurePath(str(path)).suffix.lower() in TIFF_SUFFIXES:
+    if Path(path).suffix.lower() in TIFF_SUFFIXES:
         return True
-    with readable(path, (OSError,)), open_bytes(path) as file:
+    with readable(path, (OSError,)), Path(path).open("rb") as file:
         return file.read(4) in TIFF_STARTS
 
 
 @contextmanager
-def open_tiff(path: Source) -> Iterator[tifffile.TiffFile]:
+def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
     """Open a TIFF file; other files that it names are not opened."""
-    with readable(path, TIFF_ERRORS):
-        stream: IO[bytes] = (
-            open_bytes(path) if isinstance(path, PackedFile) else io.BufferedReader(_Apart(path))
-        )
-        with stream, tifffile.TiffFile(stream) as file:
-            yield file
+    with (
+        readable(path, TIFF_ERRORS),
+        io.BufferedReader(_Apart(path)) as stream,
+        tifffile.TiffFile(stream) as file,
+    ):
+        yield file
 
 
-def pictures(file: tifffile.TiffFile, path: Source) -> list[tifffile.TiffPageSeries]:
+def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPageSeries]:
     """Series of an open TIFF file that are its picture in full resolution, or its like pictures.
 
     Thumbnails and masks, which NewSubfileType declares, are left out.
@@ -233,7 +235,7 @@ def find_axes(
     return axes, [k for k in pages if k not in colours], image
 
 
-def read_tiff(path: Source) -> Pages:
+def read_tiff(path: str | Path) -> Pages:
     """Read the pictures of a TIFF file, if all of them fit into memory as floats."""
     with open_tiff(path) as file:
         metadata, series = file.imagej_metadata or {}, pictures(file, path)
@@ -265,7 +267,7 @@ def read_tiff(path: Source) -> Pages:
     return Pages(pixels, letters, metadata, is_transparent)
 
 
-def _check_page(page: tifffile.TiffPage, path: Source) -> None:
+def _check_page(page: tifffile.TiffPage, path: str | Path) -> None:
     """Refuse samples that are not light, of no stated meaning, or packed in another way."""
     known = page.photometric if "PhotometricInterpretation" in page.tags else GREY
     if int(known) not in (GREY, RGB, LINEAR_RAW):

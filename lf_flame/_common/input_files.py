@@ -1,6 +1,5 @@
-"""Input files: regular files only; TOML, JSON and ZIP archives of bounded size and depth."""
+"""Input files: regular files only; TOML and JSON of bounded size and depth."""
 
-import io
 import json
 import lzma
 import math
@@ -10,12 +9,10 @@ import tomllib
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
-from typing import IO, Any
-from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
+from pathlib import Path
+from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipInfo
 
-from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
 LARGEST_TOML = 1 << 20
@@ -42,37 +39,8 @@ NOT_REGULAR = {
 }
 
 
-@dataclass(frozen=True)
-class PackedFile:
-    """A file of an archive, in memory; no path is made of `member`, its name in the archive."""
-
-    archive: Path
-    member: str
-    content: bytes = field(repr=False)
-
-    name = property(lambda self: PurePosixPath(self.member).name)
-    stem = property(lambda self: PurePosixPath(self.member).stem)
-    suffix = property(lambda self: PurePosixPath(self.member).suffix)
-
-    def __str__(self) -> str:
-        return f"{self.archive}/{self.member}"
-
-
-File = Path | PackedFile
-"""A file, or one of an archive in memory."""
-
-Source = str | File
-
-
-def open_bytes(path: Source) -> IO[bytes]:
-    """Open a file for reading bytes."""
-    return io.BytesIO(path.content) if isinstance(path, PackedFile) else Path(path).open("rb")
-
-
-def check_regular(path: Source) -> int:
+def check_regular(path: str | Path) -> int:
     """Size of a regular file in bytes; any other is refused, because a pipe may block for ever."""
-    if isinstance(path, PackedFile):
-        return len(path.content)
     try:
         found = os.stat(path)  # noqa: PTH116 - for text and paths alike
     except FileNotFoundError:
@@ -89,7 +57,7 @@ def check_regular(path: Source) -> int:
 
 @contextmanager
 def readable(
-    path: Source,
+    path: str | Path,
     errors: tuple[type[Exception], ...],
     fault: str = "of a kind that is not known",
 ) -> Iterator[None]:
@@ -205,32 +173,6 @@ def _too_deep(source: str | Path) -> InputError:
 
 def _is_odd(text: str) -> bool:
     return "\0" in text or any("\ud800" <= letter <= "\udfff" for letter in text)
-
-
-# ZIP archives -------------------------------------------------------------------------------------
-
-
-def list_zip(path: str | Path) -> list[PurePosixPath]:
-    """Names of the files in an archive, as paths inside it."""
-    with readable(path, ZIP_ERRORS, "no ZIP archive"), ZipFile(path) as archive:
-        members = [one.filename for one in archive.infolist() if not one.is_dir()]
-    return [PurePosixPath(name) for name in members]
-
-
-def read_zip(path: str | Path, names: list[PurePosixPath]) -> list[PackedFile]:
-    """Read files of an archive into memory, by their names from `list_zip`."""
-    with readable(path, (KeyError, *ZIP_ERRORS), "no ZIP archive"), ZipFile(path) as archive:
-        members = [archive.getinfo(str(name)) for name in names]
-        for member in members:
-            check_member(member, path)
-        check_memory(sum(member.file_size for member in members), path)
-        found = []
-        for member in members:
-            with archive.open(member) as file:
-                # Without the number of bytes, all would be unpacked whatever the entry says.
-                content = file.read(member.file_size)
-            found.append(PackedFile(Path(path), member.filename, content))
-        return found
 
 
 def check_member(member: ZipInfo, path: str | Path) -> None:

@@ -17,7 +17,6 @@ from lf_flame.formats.coding import note_on_coding
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
 from lf_flame.formats.reading import Found, find_light_field
 from lf_flame.formats.stacks import is_stack
-from lf_flame.formats.view_files.folder import ARCHIVE
 from lf_flame.formats.view_files.names import split_numbers
 from lf_flame.lightfield import LightField
 
@@ -50,7 +49,7 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
     kinds: dict[str, list[Path]] = {}
     for path in folder.iterdir():
         kind = "folder" if path.is_dir() else path.suffix.lower()
-        known = kind in ("folder", ARCHIVE, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES, *LYTRO_SUFFIXES)
+        known = kind in ("folder", *ARRAY_SUFFIXES, *IMAGE_SUFFIXES, *LYTRO_SUFFIXES)
         if known and not path.name.startswith(".") and path.resolve() not in not_frames:
             kinds.setdefault(kind, []).append(path)
     if len(kinds) == 1:

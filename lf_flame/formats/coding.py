@@ -14,7 +14,6 @@ from lf_flame._common.images import (
     pictures,
     read_pixels,
 )
-from lf_flame._common.input_files import File, open_bytes
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.view_files.folder import first_image, is_view_folder
@@ -36,10 +35,10 @@ def note_on_coding(source: str | Path) -> str:
     that its levels are linear (gAMA of a PNG, TransferFunction of a TIFF file). The note says how
     many pixels are saturated. There is none on what cannot be read or is no image.
     """
-    path: File | None = Path(source)
+    path: Path | None = Path(source)
     try:
-        path = first_image(Path(source)) if is_view_folder(source) else path
-        if path is None or Path(path.name).suffix.lower() not in IMAGE_SUFFIXES:
+        path = first_image(Path(source)) if is_view_folder(source) else Path(source)
+        if path is None or path.suffix.lower() not in IMAGE_SUFFIXES:
             return ""
         kind = _coded_tiff(path) if is_tiff(path) else _coded_image(path)
         return f"{path} is {kind}{_saturated(path)}. {CODED}" if kind else ""
@@ -47,7 +46,7 @@ def note_on_coding(source: str | Path) -> str:
         return ""  # the reader reports the error
 
 
-def _saturated(path: File) -> str:
+def _saturated(path: Path) -> str:
     """Say how many pixels have the highest level in a channel, if a noticeable part has."""
     pixels = np.atleast_3d(read_pixels(path))
     if pixels.dtype.kind != "u":
@@ -56,7 +55,7 @@ def _saturated(path: File) -> str:
     return f", {share:.2g} of whose pixels are saturated" if share >= 0.001 else ""
 
 
-def _coded_tiff(path: File) -> str:
+def _coded_tiff(path: Path) -> str:
     """Name the kind of a TIFF file that is probably gamma-coded.
 
     TIFF 6.0, TransferFunction: without it, levels have a gamma of 2.2; 16 bits of cameras have not.
@@ -69,7 +68,7 @@ def _coded_tiff(path: File) -> str:
     return _named("TIFF", bits, profile, 1 < bits <= 8 and not linear)
 
 
-def _coded_image(path: File) -> str:
+def _coded_image(path: Path) -> str:
     """Name the kind of another image that is probably gamma-coded (PNG: ISO/IEC 15948, 11.3.3)."""
     with open_image(path, FORMATS) as image:
         kind, said = image.format or "", image.info
@@ -78,7 +77,7 @@ def _coded_image(path: File) -> str:
         return _named("Netpbm", 8, False, top < 256)
     if kind != "PNG":
         return f"a {kind} file"
-    with open_bytes(path) as file:
+    with path.open("rb") as file:
         bits, gamma = file.read(25)[24], said.get("gamma")
     coded = "srgb" in said or (bits <= 8 if gamma is None else gamma < 0.99)
     return _named("PNG", bits, "icc_profile" in said, coded)

@@ -97,14 +97,14 @@ def describe(
 
 
 def _folder(source: Path) -> Found:
-    """Folder or archive of views."""
+    """Folder of views."""
     folder = scan_view_folder(source)
     rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
     v, u = folder.files.shape
     colour = "grey" if channels < 3 else "colour"
     notes = [*folder.describe().splitlines()[1:], note_on_coding(source)]
     return Found(
-        f"{'folder' if source.is_dir() else 'archive'} with one image for each view",
+        "folder with one image for each view",
         {"views": f"{v} x {u}, of {rows} x {columns} pixels, {colour}"},
         list(filter(None, notes)),
         command=typed("refocus", source),

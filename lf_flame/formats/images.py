@@ -10,7 +10,6 @@ from PIL import Image, PngImagePlugin
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.images import TIFF_SUFFIXES, read_pixels, to_unit
-from lf_flame._common.input_files import Source
 from lf_flame.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
@@ -31,12 +30,12 @@ def is_lytro(path: str | Path) -> bool:
     return Path(path).suffix.lower() in LYTRO_SUFFIXES and not Path(path).is_dir()
 
 
-def read_image(path: Source) -> np.ndarray:
+def read_image(path: str | Path) -> np.ndarray:
     """Read an image of one or three channels.
 
     Parameters
     ----------
-    path : str or Path or PackedFile
+    path : str or Path
 
     Returns
     -------

@@ -16,7 +16,7 @@ from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro
 from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.raw.reading import plan_raw, read_frame
 from lf_flame.formats.stacks import is_stack, read_mosaic, read_view_pages
-from lf_flame.formats.view_files.folder import ARCHIVE, is_view_folder, scan_view_folder
+from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
 from lf_flame.formats.view_files.orders import (
     FoundOrder,
     Grid,
@@ -49,7 +49,7 @@ def read_light_field(
     """Read a light field from a file or folder of any supported kind.
 
     ====================================  ===================================================
-    a folder, or ``.zip`` of one          one image for each view: `scan_view_folder`
+    a folder                              one image for each view: `scan_view_folder`
     ``.npy``, ``.npz``, ``.zarr``,        an array of views, or a raw array
     ``.h5``, ``.hdf5``, ``.mat``
     ``.tif``, ``.tiff`` of many pages     one view a page
@@ -170,7 +170,7 @@ def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found
         return "an array", _read_array, "axes array views order grid dark"
     if suffix not in IMAGE_SUFFIXES:
         raise InputError(
-            f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one), an "
+            f"{path} is no light field: it must be a folder of views (unpacked), an "
             f"array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
             f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
         )

@@ -6,7 +6,6 @@ import tracemalloc
 import zlib
 from functools import partial
 from pathlib import Path
-from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -46,13 +45,6 @@ def write_folder(path):
         Image.new("L", (1000, 500)).save(path / f"view_{view}.png")
 
 
-def write_zip(path):
-    write_folder(path.with_suffix(""))
-    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
-        for view in path.with_suffix("").iterdir():
-            archive.write(view, view.name)
-
-
 def write_hdf5(path):
     with File(path, "w") as file:
         file.create_dataset("LF", data=VIEWS, compression="gzip")
@@ -79,7 +71,6 @@ SEARCH = 240 * 0.5 + 8 * 0.5
         ("a.npy", partial(np.save, arr=VIEWS), 16, {}),
         ("a.npz", partial(np.savez_compressed, views=VIEWS), 16, {}),
         ("folder", write_folder, 4 + SEARCH, {"grid": "2x2"}),
-        ("folder.zip", write_zip, 4 + SEARCH, {"grid": "2x2"}),
         ("a.h5", write_hdf5, 16, {}),
         ("a.zarr", partial(write_light_field, LightField(VIEWS)), 16, {}),
         ("a.mat", partial(savemat, mdict={"LF": VIEWS}, do_compression=True), 16 + 16, {}),

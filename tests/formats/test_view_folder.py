@@ -441,6 +441,30 @@ def test_a_folder_comes_back(tmp_path_factory, shape, bits, seed):
     np.testing.assert_array_equal(read_light_field(folder).views, expected)
 
 
+# Views side by side -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("order", "colour"), [("row,col", True), ("-row,col", False), ("col,row", True)]
+)
+def test_views_side_by_side_are_cut_apart(tmp_path, rng, order, colour):
+    views = drawn(rng, (3, 4))
+    views = np.stack([views, views // 2, 255 - views], axis=-1) if colour else views
+    lines = views[::-1] if "-row" in order else views
+    lines = lines.swapaxes(0, 1) if order.startswith("col") else lines
+    picture = np.concatenate([np.concatenate(list(line), axis=1) for line in lines])
+    Image.fromarray(picture).save(tmp_path / "mosaic.png")
+    Image.fromarray(picture // 20).save(tmp_path / "dark.png")
+    mosaic = f"{lines.shape[0]}x{lines.shape[1]}"
+    expected = views / np.float32(255)
+    found = read_light_field(tmp_path / "mosaic.png", mosaic=mosaic)
+    np.testing.assert_array_equal(found.views, expected)
+    stated = read_light_field(tmp_path / "mosaic.png", order=order, mosaic=mosaic)
+    np.testing.assert_array_equal(stated.views, expected)
+    less = read_light_field(tmp_path / "mosaic.png", mosaic=mosaic, dark=tmp_path / "dark.png")
+    np.testing.assert_allclose(less.views, (views - views // 20) / 255, atol=1e-6)
+
+
 # Real light fields --------------------------------------------------------------------------------
 
 

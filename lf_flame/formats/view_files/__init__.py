@@ -1,1 +1,1 @@
-"""Light fields as one picture for each view: folders, archives, lists, mosaics, and their order."""
+"""Light fields as one picture for each view: folders, mosaics, and their order."""

@@ -1,4 +1,4 @@
-"""One image file for each view of a light field, in a folder or in a ZIP archive."""
+"""One image file for each view of a light field, in a folder."""
 
 import os
 import re
@@ -13,7 +13,6 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.images import FLOAT, read_shape
-from lf_flame._common.input_files import File, PackedFile, list_zip, read_zip
 from lf_flame._common.memory import check_memory
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
@@ -33,9 +32,6 @@ from lf_flame.formats.view_files.orders import (
 from lf_flame.formats.zarr_arrays import is_zarr
 from lf_flame.lightfield import LightField
 
-ARCHIVE = ".zip"
-"""File ending of an archive of views."""
-
 
 @dataclass(frozen=True, eq=False)
 class ViewFolder:
@@ -44,7 +40,7 @@ class ViewFolder:
     Attributes
     ----------
     path : Path
-    files : ndarray of Path or PackedFile, shape (v, u)
+    files : ndarray of Path, shape (v, u)
         Files of the views; None for a missing view.
     found : FoundOrder
         Order in which the file names count the views, and how it was found.
@@ -118,7 +114,7 @@ class ViewFolder:
         return LightField(views.reshape(shape + first.shape), weights=weights)
 
 
-def check_view_memory(files: list[File], folder: Path, places: int) -> None:
+def check_view_memory(files: list[Path], folder: Path, places: int) -> None:
     """Refuse views, or a search for their order, that need too much memory, before decoding."""
     shape = read_shape(files[0])
     values = prod(shape)
@@ -127,34 +123,31 @@ def check_view_memory(files: list[File], folder: Path, places: int) -> None:
     decoding = 2 * FLOAT * prod(shape)
     # One byte per value stores whether it is finite.
     reading = (FLOAT + 1) * values * places + decoding * _readers(files)
-    packed = sum(len(file.content) for file in files if isinstance(file, PackedFile))
-    check_memory(packed + max(reading, order_memory(shape) + decoding), folder)
+    check_memory(max(reading, order_memory(shape) + decoding), folder)
 
 
-def _readers(files: list[File]) -> int:
+def _readers(files: list[Path]) -> int:
     """Count the files that are decoded at the same time."""
     return min(len(files), os.cpu_count() or 1)
 
 
 def is_view_folder(path: str | Path) -> bool:
-    """Whether a path is read as one file for each view: a folder or an archive."""
+    """Whether a path is read as one file for each view: a folder, but none of Zarr."""
     if Path(path).suffix.lower() == ".zarr" and is_zarr(path):
         return False
-    return Path(path).is_dir() or Path(path).suffix.lower() == ARCHIVE
+    return Path(path).is_dir()
 
 
-def first_image(path: Path) -> File | None:
-    """First image of a folder or an archive by its name; None if there is none."""
-    found = min(_images(path, None)[0], default=None)
-    return found if found is None or path.is_dir() else read_zip(path, [found])[0]
+def first_image(path: Path) -> Path | None:
+    """First image of a folder by its name; None if there is none."""
+    return min(_images(path, None)[0], default=None)
 
 
-def _images(path: Path, names: str | None) -> tuple[list, int]:
-    """Paths of the images of a folder, or in an archive, and the number of all files."""
-    if not path.is_dir() and path.suffix.lower() != ARCHIVE:
+def _images(path: Path, names: str | None) -> tuple[list[Path], int]:
+    """Paths of the images of a folder, and the number of all files."""
+    if not path.is_dir():
         raise InputError(f"The views cannot be read: {path} is no folder.")
-    every = list(path.iterdir() if path.is_dir() else list_zip(path))
-    every = sorted(one for one in every if "__MACOSX" not in one.parts)
+    every = sorted(path.iterdir())
     images = [
         one
         for one in every
@@ -165,7 +158,7 @@ def _images(path: Path, names: str | None) -> tuple[list, int]:
     return images, len(every)
 
 
-def _find_files(path: Path, names: str | None) -> tuple[list[File], int]:
+def _find_files(path: Path, names: str | None) -> tuple[list[Path], int]:
     """Find the images whose names differ only in numbers, and the number of other files."""
     images, count = _images(path, names)
     kinds: dict[str, list] = {}
@@ -186,7 +179,7 @@ def _find_files(path: Path, names: str | None) -> tuple[list[File], int]:
             f"{path} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
             f"numbers only{'' if names is None else f' and are like {names}'}."
         )
-    return found if path.is_dir() else list(read_zip(path, found)), count - len(found)
+    return found, count - len(found)
 
 
 def scan_view_folder(
@@ -209,7 +202,7 @@ def scan_view_folder(
     Parameters
     ----------
     path : str or Path
-        A folder; or a ``.zip`` archive of one, which is read without being extracted.
+        Folder with the images.
     order : str, optional
         Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
         way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from decimal import Decimal
 from itertools import pairwise
 from math import gcd, prod
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame._common.input_files import File, Source
 from lf_flame.errors import InputError
 from lf_flame.formats.view_files.orders import Grid, by_columns
 
@@ -26,7 +26,7 @@ Column = tuple[Decimal, ...]
 class Stated(NamedTuple):
     """Folder of the views, for messages, and arguments of `scan_view_folder` on their numbers."""
 
-    source: Source
+    source: Path
     grid: Grid | None = None
     order: str | None = None
     first: int | None = None
@@ -41,7 +41,7 @@ class Axis(NamedTuple):
     error: float
 
 
-def number_grid(files: list[File], stated: Stated) -> np.ndarray:
+def number_grid(files: list[Path], stated: Stated) -> np.ndarray:
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
     The last two numbers that vary and lie on a grid are places along its axes: (first number,
@@ -92,7 +92,7 @@ def _columns(names: list[str]) -> list[Column]:
 
 
 def _running_number(
-    files: list[File], columns: list[Column], stated: Stated
+    files: list[Path], columns: list[Column], stated: Stated
 ) -> tuple[list[Axis], Sequence[Column]]:
     """Find the number that counts all views; gaps need a stated grid."""
     unique = [column for column in columns if len(set(column)) == len(files)][:1]
