@@ -11,12 +11,6 @@ from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
 from lf_flame.formats.raw.sensor_images import refuse_mosaic
 from lf_flame.lightfield import LightField
 
-MOST_VIEWS = 64
-"""Largest number of pixels under a lenslet that error messages offer as a divisor."""
-
-SMALLEST_MOSAIC = 5
-"""Fewest pixels under a lenslet for the mosaic check; with fewer, views look like colours."""
-
 
 def read_lenslet_image(path: str | Path, views: int | None = None) -> LightField:
     """Read a rectified lenslet image, such as the ESLF files of the Lytro cameras.
@@ -57,7 +51,7 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
     """Cut a raw lenslet array into views; if `views` does not fit, the error says what would."""
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
         common = math.gcd(*raw.shape[:2])
-        fit = [str(n) for n in range(2, min(common, MOST_VIEWS) + 1) if common % n == 0]
+        fit = [str(n) for n in range(2, min(common, 64) + 1) if common % n == 0]
         size = f"the {raw.shape[0]} x {raw.shape[1]} pixels of {source}"
         if views is None:
             raise InputError(
@@ -69,7 +63,7 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
             f"The pixels under a lenslet (views) must divide {size}, got {views}; "
             f"{', '.join(fit) or 'only 1'} would."
         )
-    if raw.ndim == 2 and views >= SMALLEST_MOSAIC:
+    if raw.ndim == 2 and views >= 5:  # with fewer pixels under a lenslet, views look like colours
         refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
     return LightField.from_raw(raw, views=views).views
 

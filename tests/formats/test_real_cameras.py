@@ -16,7 +16,7 @@ from scipy.io import loadmat
 
 from lf_flame import InputError, LightField
 from lf_flame.commands.cli import commands
-from lf_flame.formats import DecodePlan, LensletGrid, decode_raw, estimate_grid, read_raw
+from lf_flame.formats import DecodePlan, decode_raw, estimate_grid, read_raw
 from lf_flame.formats.images import read_image
 from lf_flame.refocus import find_sharpest_slope
 
@@ -269,10 +269,3 @@ def test_info_proposes_what_divides_the_sides_of_a_picture(tmp_path):
         assert "14." not in said.replace(str(file), "")
         assert re.search(r"N divides both sides: .*\b15\b", said)
         assert "only the camera's data say which N it is" in said
-
-
-def test_a_plan_takes_a_grid_that_was_found_elsewhere():
-    sensor = Sensor((200, 220), 12.0, sub=2)
-    grid = LensletGrid(109.5 + 2.3, 99.5 + 0.8, 12.0, layout="hexagonal")
-    found = DecodePlan(grid, shape=sensor.shape).decode(sensor.plane(0.1))
-    assert slope_of(found) == pytest.approx(sensor.slope(0.1, 11), rel=0.01)

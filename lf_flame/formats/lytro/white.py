@@ -33,17 +33,25 @@ TAR_ERRORS = (
 """Exceptions of tarfile for a damaged archive."""
 
 
+class PackedFile(NamedTuple):
+    """File of a folder or an archive, and what reads it."""
+
+    name: str
+    size: int
+    read: Callable[[], bytes]
+
+
 class WhiteFile(NamedTuple):
     """White image in a folder or an archive, of which only the metadata are read."""
 
     name: str
     metadata: LytroMetadata
-    read: Callable[[], bytes]
-    """Reads the packed pixels."""
+    pixels: PackedFile
 
     def picture(self) -> LytroPicture:
         """Read the white image."""
-        return LytroPicture(self.metadata, self.read(), self.name)
+        self.metadata.check_size(self.pixels.size, self.name)  # before that many bytes are read
+        return LytroPicture(self.metadata, self.pixels.read(), self.name)
 
 
 def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
@@ -106,8 +114,8 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
         # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
         if white.mosaic.mean() >= 500 / 4095 * (2**facts.bits - 1):
             LOGGER.info(
-                f"White image {printable(one.name)}, at zoom and focus step "
-                f"{_steps(one.metadata)}; the picture's are {_steps(facts)}"
+                f"White image {printable(one.name)}, at zoom step {one.metadata.zoom_step} for "
+                f"{facts.zoom_step} and focus step {one.metadata.focus_step} for {facts.focus_step}"
             )
             return white
     serials = sorted({one.metadata.serial or "unknown" for one in files})
@@ -132,11 +140,6 @@ def _distance(white: LytroMetadata, facts: LytroMetadata) -> tuple[float, ...]:
     return tuple(abs((inf if one is None else one) - (other or 0)) for one, other in pairs)
 
 
-def _steps(metadata: LytroMetadata) -> str:
-    steps = (metadata.zoom_step, metadata.focus_step)
-    return " and ".join("unknown" if step is None else f"{step:g}" for step in steps)
-
-
 def holds_white_files(folder: Path) -> bool:
     """Whether a folder holds white images of a Lytro camera."""
     return any(PAIRED.fullmatch(path.name) for path in folder.iterdir())
@@ -144,7 +147,7 @@ def holds_white_files(folder: Path) -> bool:
 
 def white_files(where: Path) -> list[WhiteFile]:
     """Find the white images in a folder or an archive, by the names of their files."""
-    pairs: dict[str, dict[str, _File]] = {}
+    pairs: dict[str, dict[str, PackedFile]] = {}
     for file in _in_folder(where) if where.is_dir() else _in_archive(where):
         place = PurePosixPath(file.name)
         if named := PAIRED.fullmatch(place.name):
@@ -153,32 +156,18 @@ def white_files(where: Path) -> list[WhiteFile]:
     return [_described(pair["TXT"], pair["RAW"], where) for pair in whole]
 
 
-class _File(NamedTuple):
-    """File of a folder or an archive, and what reads it."""
-
-    name: str
-    size: int
-    read: Callable[[], bytes]
-
-
-def _described(text: _File, pixels: _File, where: Path) -> WhiteFile:
+def _described(text: PackedFile, pixels: PackedFile, where: Path) -> WhiteFile:
     name = str(where / PurePosixPath(pixels.name).name)
     if text.size > LARGEST_JSON:  # before that many bytes are read
         raise InputError(
             f"{name}: its metadata have {text.size:,} bytes, and {LARGEST_JSON:,} are the most."
         )
-    metadata = parse_metadata(parse_table(text.read(), name), name)
-
-    def read() -> bytes:
-        metadata.check_size(pixels.size, name)
-        return pixels.read()
-
-    return WhiteFile(name, metadata, read)
+    return WhiteFile(name, parse_metadata(parse_table(text.read(), name), name), pixels)
 
 
-def _in_folder(where: Path) -> list[_File]:
+def _in_folder(where: Path) -> list[PackedFile]:
     paths = [path for path in where.iterdir() if PAIRED.fullmatch(path.name)]
-    return [_File(path.name, check_regular(path), partial(read_bytes, path)) for path in paths]
+    return [PackedFile(path.name, check_regular(path), partial(read_bytes, path)) for path in paths]
 
 
 class _Member(tarfile.TarInfo):
@@ -199,7 +188,7 @@ def _opened(path: Path) -> Iterator[tarfile.TarFile]:
         yield archive
 
 
-def _in_archive(path: Path) -> list[_File]:
+def _in_archive(path: Path) -> list[PackedFile]:
     """Plain files of an archive, no links; nothing is written to the disk."""
     with _opened(path) as archive:
         members = [member for member in archive if member.isreg()]
@@ -209,4 +198,4 @@ def _in_archive(path: Path) -> list[_File]:
             file = archive.extractfile(member)
             return b"" if file is None else file.read()
 
-    return [_File(one.name, one.size, partial(read, one)) for one in members]
+    return [PackedFile(one.name, one.size, partial(read, one)) for one in members]
