@@ -26,21 +26,17 @@ def measure_cost(
     Returns ``milliseconds``, and ``memory_mb``, the peak less the light field; NaN where the
     process died.
     """
-    with worker_pool(1, _shut_standard_error) as pool:
+    with worker_pool(1) as pool:
         try:
             return pool.submit(_measure, load, views, slopes, block).result()
         except BrokenProcessPool:  # killed, as for want of memory
             return {"milliseconds": float("nan"), "memory_mb": float("nan")}
 
 
-def _shut_standard_error() -> None:
-    """Keep TensorFlow's pages back; what goes wrong still comes back as an exception."""
-    with Path(os.devnull).open("w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-
-
 def _measure(load, views, slopes, block) -> dict[str, float]:
     """Take the fastest of 15 repeats, or of as many as a second holds: networks speed up."""
+    with Path(os.devnull).open("w") as nowhere:  # TensorFlow's messages; errors are still raised
+        os.dup2(nowhere.fileno(), 2)
     forget_peak_memory()
     system = load()
     times = in_turn(lambda: system.refocus(views, slopes, block), rounds=15, least_s=1.0)

@@ -101,12 +101,12 @@ def write_json(path: str | Path, record: dict) -> None:
 
 
 @contextmanager
-def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
+def exclusive(output: str | Path) -> Iterator[None]:
     """Keep other processes from writing the same output during the block.
 
     The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made, and removed
     if they are empty at the end. The system frees it when the process ends for any reason.
-    An output that another process is still writing after `wait_s` seconds is refused.
+    An output that another process is writing is refused.
     """
     path = Path(output).resolve()
     if not path.name:
@@ -114,9 +114,9 @@ def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
     made = [folder for folder in path.parents if not folder.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     file = path.with_name(f".{path.name}.lock")
-    lock = FileLock(file, timeout=wait_s)
+    lock = FileLock(file)
     try:
-        lock.acquire()
+        lock.acquire(timeout=0)
     except Timeout:
         raise InputError(
             f"{output} is being written by another process; wait for it, or choose another place."

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class _Worker(SpawnProcess):
-    """Process that Ctrl-C never reaches: not even while it starts, before any code of ours runs."""
+    """Process that Ctrl-C never reaches, not even while it starts."""
 
     def start(self) -> None:
         """Start the process, which inherits the signals that are blocked here for a moment."""
@@ -36,23 +36,21 @@ class _Context(SpawnContext):
 
 
 @contextmanager
-def worker_pool(
-    workers: int, setup: Callable[..., None] | None = None, *arguments
-) -> Iterator[ProcessPoolExecutor]:
+def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Start worker processes that Ctrl-C does not reach; they end when this one ends, however.
 
-    Each calls `setup` with the arguments before its first work. Work that has not begun is
-    cancelled if the block ends early; at Ctrl-C the processes end at once: what they write is whole
-    or not there. A process that is killed, as where memory is exhausted, is a `ChildProcessError`.
+    Work that has not begun is cancelled if the block ends early. At Ctrl-C the processes are
+    killed: the files that they write are whole or absent. A worker that is killed, as when memory
+    is exhausted, raises `ChildProcessError`.
     """
     others = multiprocessing.active_children()
-    with ProcessPoolExecutor(workers, _Context(), _start, (setup, arguments)) as pool:
+    with ProcessPoolExecutor(workers, _Context(), _start) as pool:
         try:
             yield pool
         except BrokenProcessPool:
             raise ChildProcessError(
                 "A worker process was killed, perhaps for its memory; what is finished is kept, "
-                "and the same command goes on from there"
+                "and the same command resumes from there"
             ) from None
         except (KeyboardInterrupt, GeneratorExit):
             for process in multiprocessing.active_children():
@@ -63,12 +61,10 @@ def worker_pool(
             pool.shutdown(cancel_futures=True)
 
 
-def _start(setup: Callable[..., None] | None, arguments: tuple) -> None:
+def _start() -> None:
     # The lock that tqdm shares among processes would be reported as leaked when this one is killed.
     tqdm.set_lock(RLock())
     Thread(target=_end_with_parent, daemon=True).start()
-    if setup is not None:
-        setup(*arguments)
 
 
 def _end_with_parent() -> None:
@@ -84,7 +80,7 @@ def carry_out(
 ) -> Iterator[T]:
     """Carry out tasks that can be pickled, and yield the results of each when it is done.
 
-    One worker is this process, on all threads; `executor` is used in place of processes of ours.
+    A single worker is this process, on all threads; an `executor` replaces own processes.
     """
     if executor is not None:
         yield from _submit(tasks, executor)

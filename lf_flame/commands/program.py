@@ -1,11 +1,9 @@
 """Running a click program so that any failure is one sentence and an exit status."""
 
-import _thread
 import logging
 import os
 import sys
 import warnings
-from threading import Timer
 from typing import NoReturn
 
 import click
@@ -38,8 +36,6 @@ STOPPED = "Stopped. Finished files are kept; for long work, the same command res
 
 def _end(name: str, error: Exception) -> NoReturn:
     """End a program after an error; a bug of ours keeps its traceback."""
-    if isinstance(error, click.exceptions.Abort) and isinstance(error.__cause__, EOFError):
-        raise error.__cause__ from None  # click takes it for the end of typed input
     if isinstance(error, click.exceptions.Abort) or _was_interrupted(error):
         _fail(name, STOPPED, 130)
     if isinstance(error, click.ClickException):
@@ -58,18 +54,11 @@ def _end(name: str, error: Exception) -> NoReturn:
     raise error
 
 
-def _was_interrupted(error: BaseException) -> bool:
+def _was_interrupted(error: BaseException | None) -> bool:
     """Whether Ctrl-C caused an error: NumPy raises TypeError for it where it compares dtypes."""
-    seen: set[int] = set()
-    behind: list[BaseException | None] = [error]
-    while behind:
-        one = behind.pop()
-        if isinstance(one, KeyboardInterrupt):
-            return True
-        if one is not None and id(one) not in seen:
-            seen.add(id(one))
-            behind += [one.__cause__, one.__context__]
-    return False
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def prepare_process() -> None:
@@ -77,12 +66,11 @@ def prepare_process() -> None:
 
     Figures go to files, so no screen backend is needed. `lf_flame._common.memory`, with a limit
     that can be raised, decides whether an image is too large, and not Pillow. Messages of tifffile
-    on damaged files say less than the error does, and those of Zarr's pending coroutines after
-    Ctrl-C nothing. An interruption that cannot be raised, as inside a destructor, is repeated.
+    on damaged files say less than the error, and those of Zarr's coroutines after Ctrl-C nothing.
     """
     os.environ["MPLBACKEND"] = "agg"
-    if not os.environ.get(EPOCH, "0").isdecimal():  # at which NumPy's f2py ends, which SciPy loads
-        del os.environ[EPOCH]
+    if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # NumPy's f2py ends at others
+        del os.environ["SOURCE_DATE_EPOCH"]
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
@@ -90,7 +78,6 @@ def prepare_process() -> None:
     ours.setLevel(logging.INFO)
     ours.handlers = [_ToStandardError()]  # one, however often a process is prepared
     progress.show()
-    sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     threads = os.environ.get("NUMBA_NUM_THREADS", "1")
     if not (threads.isascii() and threads.isdigit() and 1 <= int(threads) <= MOST_THREADS):
@@ -107,20 +94,8 @@ class _ToStandardError(logging.Handler):
         click.echo(record.getMessage(), err=True)
 
 
-def _interrupt_again(unraisable) -> None:
-    if unraisable.exc_value is not None and _was_interrupted(unraisable.exc_value):
-        again = Timer(0.01, _thread.interrupt_main)  # after this hook, which would swallow it
-        again.daemon = True
-        again.start()
-    else:
-        sys.__unraisablehook__(unraisable)
-
-
-EPOCH = "SOURCE_DATE_EPOCH"
-"""Name of an environment variable with a time in seconds, which this program does not use."""
-
 MOST_THREADS = 1024
-"""Largest number of threads of Numba; it starts safely with these, and crashes with 100 000."""
+"""Largest number of Numba's threads; it starts safely with these, and crashes with 100,000."""
 
 LEARNING = "This needs further packages: pip install '.[learn]'"
 OPTIONAL = {

@@ -1,6 +1,5 @@
 """Memory: what an input needs is known before it is taken."""
 
-import os
 import re
 import tracemalloc
 import zlib
@@ -26,17 +25,13 @@ def test_half_of_the_machine_unless_the_environment_says_otherwise(monkeypatch):
     kilobytes = int(re.search(r"MemTotal: *(\d+) kB", stated)[1])
     assert memory_limit() == pytest.approx(kilobytes * 1024 / 2, rel=1e-6)
     monkeypatch.setenv(LIMIT, "2.5")
-    assert memory_limit() == 2.5e9
     check_memory(2_500_000_000, "here")
     with pytest.raises(InputError, match=r"here would need 2\.51 GB .* 2\.5 GB are allowed; LF_"):
         check_memory(2_510_000_000, "here")
-
-
-@pytest.mark.parametrize("stated", ["", "much", "-1", "0", "nan"])
-def test_a_limit_is_a_number(monkeypatch, stated):
-    monkeypatch.setenv(LIMIT, stated)
-    with pytest.raises(InputError, match="LF_FLAME_MEMORY_GB must be a number"):
-        memory_limit()
+    for wrong in ("", "much", "-1", "0", "nan"):
+        monkeypatch.setenv(LIMIT, wrong)
+        with pytest.raises(InputError, match="LF_FLAME_MEMORY_GB must be a number"):
+            memory_limit()
 
 
 def write_folder(path):
@@ -134,11 +129,9 @@ def test_large_views_are_refused_before_one_is_decoded(tmp_path, monkeypatch):
 
 def test_a_header_alone_takes_no_memory(tmp_path):
     """A file of some bytes that says it holds ten terabytes."""
-    header = b"\x93NUMPY\x01\x00"
     text = "{'descr': '<f4', 'fortran_order': False, 'shape': (9, 9, 200000, 160000), }"
-    text = text.ljust(117) + "\n"
-    (tmp_path / "a.npy").write_bytes(header + len(text).to_bytes(2, "little") + text.encode())
-    before = os.times()
+    header = f"{text.ljust(117)}\n".encode()
+    size = len(header).to_bytes(2, "little")
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + size + header)
     with pytest.raises(InputError, match=r"would need 2\.07e\+04 GB"):
         read_light_field(tmp_path / "a.npy")
-    assert os.times().user - before.user < 5

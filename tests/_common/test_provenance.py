@@ -2,66 +2,47 @@
 
 import subprocess
 import sys
-from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from lf_flame._common import provenance
 
 
-def git(folder, *args):
-    settings = ("-c", "user.name=a", "-c", "user.email=a@b")
-    return subprocess.run(
-        ["git", *settings, *args], cwd=folder, capture_output=True, text=True, check=True
-    ).stdout.strip()
-
-
 @pytest.fixture
-def checkout(tmp_path):
-    """A repository of somebody's, in which a copy of the package lies."""
-    package = Path(provenance.__file__).parents[1]
-    (tmp_path / "lf_flame" / "_common").mkdir(parents=True)
-    for name in ("__init__.py", "_common/__init__.py", "_common/provenance.py"):
-        source = package / name
-        (tmp_path / "lf_flame" / name).write_text(
-            "" if name == "__init__.py" else source.read_text()
-        )
-    git(tmp_path, "init", "-q")
-    (tmp_path / "notes.txt").write_text("mine")
-    git(tmp_path, "add", "notes.txt")
-    git(tmp_path, "commit", "-qm", "notes")
-    return tmp_path
+def git(tmp_path, monkeypatch):
+    """Run git in somebody's repository, in which a copy of the package lies."""
+    (tmp_path / "provenance.py").touch()
+    (tmp_path / "notes.txt").touch()
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "provenance.py"))
+
+    def call(*words):
+        command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    call("init", "-q")
+    call("add", "notes.txt")
+    call("commit", "-qm", "notes")
+    return call
 
 
-def revision(folder):
-    code = "from lf_flame._common.provenance import environment as e; print(e()['git_revision'])"
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
-
-
-def test_somebody_elses_repository_is_not_the_revision(checkout):
-    assert revision(checkout).strip() == "None"
-
-
-def test_results_and_texts_do_not_make_a_revision_another_programs_do(checkout):
-    git(checkout, "add", ".")
-    git(checkout, "commit", "-qm", "all")
-    known = git(checkout, "rev-parse", "--short=12", "HEAD")
-    (checkout / "notes.txt").write_text("changed")
-    assert revision(checkout).strip() == known
-    (checkout / "lf_flame" / "__init__.py").write_text("# changed")
-    assert revision(checkout).strip() == f"{known}+"
+def test_only_programs_of_the_packages_own_repository_make_a_revision(git, tmp_path):
+    assert provenance.environment()["git_revision"] is None  # somebody else's
+    git("add", ".")
+    git("commit", "-qm", "all")
+    known = git("rev-parse", "--short=12", "HEAD")
+    (tmp_path / "notes.txt").write_text("changed")
+    assert provenance.environment()["git_revision"] == known
+    (tmp_path / "provenance.py").write_text("# changed")
+    assert provenance.environment()["git_revision"] == f"{known}+"
 
 
 @pytest.mark.parametrize(
-    ("arguments", "named"),
-    [(("-m", "tool"), "python -m tool"), (("tool/__main__.py",), "__main__.py")],
+    ("spec", "named"),
+    [(SimpleNamespace(name="tool.__main__"), "python -m tool"), (None, "tool.py")],
 )
-def test_a_module_is_named_as_it_is_called(tmp_path, arguments, named):
-    code = "from lf_flame._common.provenance import environment; print(environment()['command'])"
-    (tmp_path / "tool").mkdir()
-    (tmp_path / "tool" / "__init__.py").touch()
-    (tmp_path / "tool" / "__main__.py").write_text(code)
-    command = [sys.executable, *arguments, "--out", "here"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == f"{named} --out here"
+def test_a_module_is_named_as_it_is_called(monkeypatch, spec, named):
+    monkeypatch.setitem(sys.modules, "__main__", SimpleNamespace(__spec__=spec))
+    monkeypatch.setattr(sys, "argv", ["/some/tool.py", "--out", "here"])
+    assert provenance.environment()["command"] == f"{named} --out here"

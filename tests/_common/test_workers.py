@@ -50,21 +50,6 @@ def test_workers_end_with_their_parent(tmp_path):
     assert not any(map(alive, workers))
 
 
-def _remember(value):
-    os.environ["LF_FLAME_TEST"] = value
-
-
-def _recall(_):
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    return os.environ["LF_FLAME_TEST"], signal.SIGINT in blocked
-
-
-@pytest.mark.slow
-def test_workers_are_set_up_and_leave_ctrl_c_to_their_parent():
-    with worker_pool(1, _remember, "set up") as pool:
-        assert list(pool.map(_recall, range(2))) == [("set up", True)] * 2
-
-
 INTERRUPTED = """
 import os, signal, sys, time
 from tqdm import tqdm

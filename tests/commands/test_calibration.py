@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -124,29 +123,3 @@ def test_a_file_and_a_calibration_say_what_mm_they_give(boards, tmp_path):
     camera = out / "camera.toml"
     (near, far) = (depth - (400 - ZERO) for depth in (near, far))
     assert f"{near:.2g}"[:3] in run("info", source, "--camera", camera).output
-
-
-def test_lines_of_the_reader_stand_above_the_progress_bar(boards):
-    """They began where the bar ended."""
-    said = boards[2].replace("\r", "\n").splitlines()
-    lines = [line for line in said if "views of 36 x 44 pixels" in line]
-    assert len(lines) == len(DEPTHS)
-    assert all(line.startswith("3 x 3 views") for line in lines)
-
-
-def test_the_viewer_and_flicker_take_a_calibration(boards, tmp_path):
-    """The page names depths from the user's zero; a flame's height is in mm at its depth."""
-    placed, out, _ = boards
-    source, law = placed[2].rpartition("@")[0], out / "calibration.toml"
-    page = tmp_path / "page.html"
-    done = run("view", source, "--camera", law, "--slopes", -0.2, 0.2, "--single-file", page)
-    assert done.exit_code == 0, done.output
-    assert '"focal_plane_mm": -' in page.read_text().replace('":', '": ').replace(":  ", ": ")
-    (tmp_path / "frames").mkdir()
-    for number in range(16):
-        shutil.copy(source, tmp_path / "frames" / f"frame{number}.npz")
-    words = ("--frames-per-second", 100, "--camera", law, "--depth-mm", 6, "--out", tmp_path / "f")
-    done = run("flicker", tmp_path / "frames", *words)
-    assert done.exit_code == 0, done.output
-    record = json.loads((tmp_path / "f" / "flicker.json").read_text())
-    assert record["pixel_mm"] == pytest.approx(BENCH.scale(ZERO + 6), rel=3e-4)

@@ -35,7 +35,7 @@ CALLS = [
     "refocus flame.npy --depth-mm 0 --out {}",
     "reconstruct flame.npy --depth-mm 0 --bootstrap 0 --out {}",
     "abel flame.npy --axis-depth 0 --bootstrap 0 --out {}",
-    "process flame.npy --steps emission --depths -5 5 2 --out made/{}.zarr",
+    "process flame.npy --steps emission --depths -5 5 2 --workers 1 --out made/{}.zarr",
     "view flame.npy --single-file {}.html",
     "info flame.npy",
 ]

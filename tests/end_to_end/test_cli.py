@@ -1,13 +1,9 @@
 """The program as a user runs it: real processes, files, exit statuses."""
 
-import errno
 import json
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import click
@@ -15,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from builders import scene_toml
-from click.testing import CliRunner
 from programs import run_here
 from skimage.io import imread, imsave
 
@@ -64,21 +59,6 @@ def test_help_teaches_every_command_on_one_screen():
                 assert command.get_help(own).splitlines() == lines  # it is put back
 
 
-def test_a_long_list_of_options_comes_in_groups():
-    order = ["Where to focus:", "  --slope ", "How the images are made:", "  --interpolation",
-             "How SOURCE is read (", "  --white"]  # fmt: skip
-    shown = CliRunner().invoke(cli.commands, ["refocus", "--help-all"]).output
-    places = [shown.index(f"\n{part}") for part in order]
-    assert places == sorted(places)
-    assert "--interpolation" not in CliRunner().invoke(cli.commands, ["refocus", "--help"]).output
-
-
-def test_camera_prints_the_derived_numbers():
-    shown = run_here("camera").stdout
-    for number in ("277.841 mm", "77.80 mm", "+2.285", "-1.251", "35.48 x 70.96 mm"):
-        assert number in shown
-
-
 @pytest.mark.slow
 def test_simulate_writes_what_it_says(tmp_path):
     imsave(tmp_path / "card.png", np.full((8, 8), 128, np.uint8), check_contrast=False)
@@ -102,42 +82,6 @@ def test_simulate_writes_what_it_says(tmp_path):
     np.testing.assert_allclose(png / 255, refocused[1] / white, atol=0.003)
     assert {"raw.png", "views.png", "simulation.json"} <= {p.name for p in out.iterdir()}
     assert not list(out.glob(".*"))
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path, monkeypatch, capsys):
-    (tmp_path / "scene.toml").write_text(SCENE)
-    out = tmp_path / "out"
-    CliRunner().invoke(cli.commands, ["simulate", str(tmp_path / "scene.toml"), "--out", str(out)])
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert "raw.tif" in before
-
-    def full(path, *args, **kwargs):
-        Path(path).write_bytes(b"half a file")
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-
-    monkeypatch.setattr("tifffile.imwrite", full)
-    words = ["simulate", str(tmp_path / "scene.toml"), "--out", str(out), "--overwrite"]
-    monkeypatch.setattr(sys, "argv", ["lf-flame", *words])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    assert caught.value.code == 2
-    shown = capsys.readouterr().err
-    assert "No space left on device" in shown
-    assert len(shown.strip().splitlines()) == 1
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
-
-
-def test_an_interruption_has_status_130(monkeypatch, capsys):
-    def interrupt(*args, **kwargs):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("lf_flame.optics.camera_report.camera_report", interrupt)
-    monkeypatch.setattr(sys, "argv", ["lf-flame", "camera"])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    assert caught.value.code == 130
-    assert "long work goes on from there" in capsys.readouterr().err
 
 
 def test_make_names_folders_after_the_seed_and_sets_others_beside(asked, tmp_path):
@@ -252,17 +196,3 @@ def test_from_data_set_to_table(tmp_path):
     assert f"{row} 2 of 1,000 |" in " ".join(beside.split())
     record = json.loads((tmp_path / "results" / "table2.json").read_text())
     assert record["seed"] == 2
-
-
-@pytest.mark.slow
-def test_a_user_who_waits_for_the_compiler_is_told_so_once(tmp_path):
-    """However many loops are compiled."""
-    code = (
-        "import numpy as np; from lf_flame.refocus import shift_and_sum\n"
-        "assert shift_and_sum(np.ones((3, 3, 8, 8), np.float32), 0.5).mean() == 1"
-    )
-    prepare = "from lf_flame.commands.program import prepare_process; prepare_process()\n"
-    words = [sys.executable, "-c", prepare + code]
-    kept = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, env=kept)
-    assert (done.returncode, done.stderr) == (0, f"{COMPILING}\n")

@@ -107,12 +107,6 @@ def test_links_lead_to_files_and_headings(path):
             assert anchor in anchors(file.read_text(encoding="utf-8")), link
 
 
-def test_all_documents_are_in_the_index():
-    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
-    for path in sorted((ROOT / "docs").glob("*.md")):
-        assert path.name == "README.md" or f"({path.name})" in index, path
-
-
 def test_paths_that_contributors_are_sent_to_exist():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     folders = r"lf_flame|experiments|tests|data_gen"
@@ -165,19 +159,6 @@ def test_every_command_is_explained():
     text = "\n".join(path.read_text(encoding="utf-8") for path in TEXTS)
     for name, command in cli.commands.commands.items():
         assert command.hidden or re.search(rf"lf-flame {name}\b|`{name}`", text), name
-
-
-def test_extras_that_are_named_exist_and_all_of_them_are_named():
-    setup = (ROOT / "setup.cfg").read_text(encoding="utf-8")
-    part = setup.partition("[options.extras_require]")[2].partition("\n[")[0]
-    extras = set(re.findall(r"^(\w+) =", part, re.MULTILINE))
-    for path in USER_TEXTS:
-        text = path.read_text(encoding="utf-8")
-        for named in re.findall(r"pip install '(?:\.|lf_flame)\[([\w,]+)\]'", text):
-            assert set(named.split(",")) <= extras
-    start = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (`\[.*?) \|", start, re.MULTILINE)
-    assert set(re.findall(r"`\[(\w+)\]`", " ".join(rows))) == extras - {"test", "dev"}
 
 
 def test_tables_are_made_in_a_fresh_clone(asked, tmp_path):
