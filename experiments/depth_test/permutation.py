@@ -27,8 +27,7 @@ from experiments.report import markdown, step_bar, write_report
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
-from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score

@@ -20,8 +20,7 @@ from lf_flame._common.config import to_json
 from lf_flame._common.input_files import read_text
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import render_sample, search_slopes
-from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score, ssim
 from lf_flame.learning.training_config import TrainingConfig

@@ -30,11 +30,9 @@ from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.figures import subplots
 from lf_flame._common.input_files import read_record, read_toml
-from lf_flame._common.progress import progress_bar
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.making import make_dataset
-from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.errors import InputError
 from lf_flame.learning.decoder import AVERAGES
 from lf_flame.learning.run_folders import open_run
@@ -188,7 +186,7 @@ def run_trial(
 ) -> None:
     """Make the data set, train and score, or resume where an earlier call was stopped."""
     if not data.exists():
-        make_dataset(trial.data, *trial.data.samples.values(), data, workers, progress_bar)
+        make_dataset(trial.data, *trial.data.samples.values(), data, workers)
     found, dataset, parts = {"request": trial.request}, Dataset(data), trial.parts
     if dataset.config != trial.data:
         raise InputError(f"{data} is of another configuration than the study; remove it.")

@@ -77,8 +77,3 @@ def _after(act) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-
-
-def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
-    """Progress bar over samples, with the time that remains; `done` of them already exist."""
-    return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)

@@ -9,10 +9,8 @@ import cloup
 from lf_flame import __version__
 from lf_flame.commands import (
     calibration,
-    camera,
-    convert,
     emission,
-    info,
+    files,
     learning,
     program,
     refocus,
@@ -39,10 +37,10 @@ Details of each command: lf-flame COMMAND --help; all of its options: --help-all
 """
 
 SECTIONS = [
-    cloup.Section("Simulation", [camera.camera, simulation.plan, simulation.simulate]),
+    cloup.Section("Simulation", [files.camera, simulation.plan, simulation.simulate]),
     cloup.Section(
         "Light fields",
-        [viewer.demo, info.info, viewer.view, refocus.refocus, convert.convert],
+        [viewer.demo, files.info, viewer.view, refocus.refocus, files.convert],
     ),
     cloup.Section("Calibration", [calibration.calibrate, calibration.calibrate_colours]),
     cloup.Section(

@@ -9,8 +9,18 @@ from pathlib import Path
 import click
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, OVERWRITE, PATH, SEED, command, option, tell
-from lf_flame.commands.workers import WORKERS, Crew
+from lf_flame.commands.options import (
+    FILE,
+    FOLDER,
+    OVERWRITE,
+    PATH,
+    SEED,
+    WORKERS,
+    Crew,
+    command,
+    option,
+    tell,
+)
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
@@ -36,7 +46,6 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
     The workers of a cluster must have this package, and must find OUT under the same name. The
     bytes do not depend on the workers.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.progress import progress_bar
     from lf_flame.datasets.config import read_config
     from lf_flame.datasets.encodings import SMALLEST
     from lf_flame.datasets.making import make_dataset
@@ -64,7 +73,7 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
     else:
         tell(f"{samples} samples into {out}; first, the slopes of sharpest focus")
         with crew.executor() as executor:
-            make_dataset(settings, samples, out, crew.processes, progress_bar, executor)
+            make_dataset(settings, samples, out, crew.processes, executor)
     (out / "zarr.json").touch()  # for Make, which compares its date with that of CONFIG
 
 

@@ -18,6 +18,8 @@ from lf_flame.commands.options import (
     ABOVE_0,
     FOLDER,
     PATH,
+    WORKERS,
+    Crew,
     FiniteRange,
     camera_option,
     command,
@@ -30,7 +32,6 @@ from lf_flame.commands.options import (
     tell_all,
 )
 from lf_flame.commands.reading_options import READING, Reading, note_on_pixels
-from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
 
 NAMED = 10

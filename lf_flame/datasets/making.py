@@ -8,7 +8,7 @@ is complete.
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from lf_flame._common import provenance
+from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
 from lf_flame._common.input_files import readable
 from lf_flame._common.workers import carry_out
@@ -43,7 +43,6 @@ def make_dataset(
     samples: int,
     path: str | Path,
     workers: int = 1,
-    progress: Callable[[Iterable, int, int], Iterable] | None = None,
     executor: Executor | None = None,
 ) -> None:
     """Make a data set, or finish one that was interrupted.
@@ -58,8 +57,6 @@ def make_dataset(
         Folder of the Zarr group, which must not exist yet.
     workers : int, optional
         Number of processes; 1 uses the calling one.
-    progress : callable, optional
-        Function ``progress(finished, done, total)`` that wraps the iterable of finished samples.
     executor : concurrent.futures.Executor, optional
         Executor to use instead of `workers`, perhaps on other machines, such as that of a Dask
         client; all of them must see the folder under the same name.
@@ -93,9 +90,10 @@ def make_dataset(
         missing = sum(map(len, shards))
         make = partial(_make_shard, config, begun.slopes, begun.rays, part.resolve())
         tasks = [partial(make, indices) for indices in shards]
-        finished = carry_out(tasks, workers, executor)
-        for _ in finished if progress is None else progress(finished, samples - missing, samples):
-            pass
+        done = {"initial": samples - missing, "smoothing": 0.1}
+        with progress.bar("simulating", samples, "sample", stays=True, **done) as bar:
+            for _ in carry_out(tasks, workers, executor):
+                bar.update()
         for left in part.rglob("*.partial"):  # of a write of Zarr's store that was interrupted
             left.unlink(missing_ok=True)
         run = {

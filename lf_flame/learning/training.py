@@ -16,8 +16,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame._common.memory import check_memory
 from lf_flame._common.output_folders import recorded_path
-from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.backbone import NO_BACKBONE, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.fast_steps import FusedAdam, matrix_view
@@ -83,36 +82,19 @@ def train(
     decoder = network.get_layer("decoder")
 
     def prepare() -> Fit:
-        samples = {
-            name: (
-                compute_features(network, dataset.inputs[parts[name]], name),
-                dataset.targets[parts[name]][..., None],
-            )
-            for name in ("train", "validation")
-        }
-        batches = ShuffledSamples(*samples["train"], recipe.batch_size, config.seed)
+        def samples(part: str) -> tuple[np.ndarray, np.ndarray]:
+            features = compute_features(network, dataset.inputs[parts[part]], part)
+            return features, dataset.targets[parts[part]][..., None]
+
+        batches = ShuffledSamples(*samples("train"), recipe.batch_size, config.seed)
         trained = compile_for_training(decoder, recipe.learning_rate, len(batches))
-        return Fit(trained, batches, samples["validation"])
+        return Fit(trained, batches, samples("validation"))
 
     def finish(best: list[np.ndarray]) -> keras.Model:
         assign_weights(decoder, best)
         return network
 
-    options = asdict(recipe)
-    del options["epochs"]  # a run may continue for more of them
-    request = {
-        "title": config.title,
-        "preset": preset,
-        "seed": config.seed,
-        "split": list(config.split),
-        # The weights in use have their own entry, and a file is known by its hash.
-        "model": asdict(config.model)
-        | {"backbone_weights": Path(config.model.backbone_weights).name},
-        "recipe": options,
-        "backbone_weights": weights,
-        "samples": len(dataset),
-        "dataset": describe_dataset(dataset),
-    }
+    request = _request(config, preset, dataset, weights)
     metadata = {
         "backbone_depth": config.model.backbone_depth,
         "parts": {name: len(indices) for name, indices in parts.items()},
@@ -121,6 +103,26 @@ def train(
     }
     run = Run(request, recipe.epochs, prepare, finish, metadata, recipe.checkpoint_s, minutes)
     return train_in_folder(run, Path(out), started)
+
+
+def _request(config: TrainingConfig, preset: str, dataset: Dataset, weights: str) -> dict:
+    """Give everything that determines the result, but the epochs: a run may continue for more.
+
+    The weights in use have their own entry, in which a file is known by its hash.
+    """
+    recipe, name = asdict(config.recipe(preset)), Path(config.model.backbone_weights).name
+    del recipe["epochs"]
+    return {
+        "title": config.title,
+        "preset": preset,
+        "seed": config.seed,
+        "split": list(config.split),
+        "model": asdict(config.model) | {"backbone_weights": name},
+        "recipe": recipe,
+        "backbone_weights": weights,
+        "samples": len(dataset),
+        "dataset": describe_dataset(dataset),
+    }
 
 
 def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int) -> keras.Model:

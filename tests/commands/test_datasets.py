@@ -9,9 +9,9 @@ import pytest
 from builders import DATA, shapes, toml
 
 from lf_flame import InputError
-from lf_flame.commands import workers
+from lf_flame.commands import options as command_options
 from lf_flame.commands.cli import commands
-from lf_flame.commands.workers import Crew
+from lf_flame.commands.options import Crew
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
@@ -67,7 +67,7 @@ def test_a_cluster_that_loses_a_worker_makes_the_same_bytes(tmp_path):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
 def test_a_scheduler_without_workers_or_an_answer_is_one_sentence(monkeypatch):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(workers, "START_S", 1)
+    monkeypatch.setattr(command_options, "START_S", 1)
     with (
         pytest.raises(InputError, match=r"tcp://127\.0\.0\.1:9 does not answer"),
         Crew(scheduler="tcp://127.0.0.1:9").executor(),

@@ -2,7 +2,6 @@
 
 import json
 import math
-import random
 import subprocess
 import sys
 import time
@@ -13,10 +12,11 @@ import pytest
 import zarr
 
 from lf_flame import InputError, render
+from lf_flame.datasets import making
 from lf_flame.datasets.config import config_to_json
 from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset, shard_size
 from lf_flame.datasets.sampling import simulate_sample
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.refocus import shift_and_sum
 
 
@@ -63,28 +63,25 @@ def test_bytes_do_not_depend_on_who_does_the_work(tiny, tmp_path, samples_of):
     assert made["workers"] == "ThreadPoolExecutor"
 
 
-def test_an_interrupted_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
-    class Cut(Exception):
-        pass
+def test_an_interrupted_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of, monkeypatch):
+    asked = []
 
-    def cut(finished, done, total):
-        yield next(iter(finished))
-        raise Cut
+    def cut(tasks, *others):
+        asked.append(len(tasks))
+        yield from tasks[0]()
+        if len(asked) == 1:
+            raise KeyboardInterrupt
 
-    resumed = []
-
-    def note(finished, done, total):
-        resumed.append((done, total))
-        return finished
-
-    with pytest.raises(Cut):
-        make_dataset(tiny, 20, tmp_path / "a.zarr", progress=cut)
+    monkeypatch.setattr(making, "carry_out", cut)
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(tiny, 20, tmp_path / "a.zarr")
     with pytest.raises(InputError, match="begun, but is not finished"):
         Dataset(tmp_path / "a.zarr")
     left = tmp_path / "a.zarr.part" / "input" / "c" / "0" / f"0.{'0' * 32}.partial"
     left.write_bytes(b"half")  # as Zarr leaves it of a write that was cut off
-    make_dataset(tiny, 20, tmp_path / "a.zarr", progress=note)
-    assert resumed == [(16, 20)]
+    make_dataset(tiny, 20, tmp_path / "a.zarr")
+    assert asked == [2, 1]
+    monkeypatch.undo()
     make_dataset(tiny, 20, tmp_path / "b.zarr")
     assert samples_of(tmp_path / "a.zarr") == samples_of(tmp_path / "b.zarr")
 
@@ -93,26 +90,22 @@ MAKE = """
 import json, sys
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
-def tell(finished, done, total):
-    for one in finished:
-        print(one, flush=True)
-        yield one
 if __name__ == "__main__":
-    config = config_from_json(json.loads(sys.argv[1]), "here")
-    make_dataset(config, 160, sys.argv[2], workers=2, progress=tell)
+    make_dataset(config_from_json(json.loads(sys.argv[1]), "here"), 160, sys.argv[2], workers=2)
 """
 
 
 @pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
-    rng = random.Random(3)
     (tmp_path / "make.py").write_text(MAKE)
     settings = json.dumps(config_to_json(tiny)), str(tmp_path / "a.zarr")
-    for _ in range(2):
+    made = tmp_path / "a.zarr.part" / "complete" / "c"
+    for shards in (1, 3):
         command = [sys.executable, tmp_path / "make.py", *settings]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-            process.stdout.readline()  # at least one shard is written
-            time.sleep(rng.uniform(0, 0.3))
+        with subprocess.Popen(command) as process:
+            while len(list(made.glob("*"))) < shards:
+                assert process.poll() is None
+                time.sleep(0.02)
             process.kill()
         assert not (tmp_path / "a.zarr").exists()
     for name in ("a.zarr", "b.zarr"):
@@ -140,3 +133,27 @@ def test_what_is_in_the_way_is_left_alone(tiny, tmp_path):
         make_dataset(tiny, 2, tmp_path / "b.zarr")
     assert mine.read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr.part", "b.zarr"]
+
+
+@pytest.mark.parametrize(
+    ("n", "shares", "counts"),
+    [
+        (10, (0.7, 0.2, 0.1), (7, 2, 1)),
+        (1000, (0.5, 0.2, 0.3), (500, 200, 300)),
+        (7, (0.6, 0.2, 0.2), (4, 2, 1)),  # 4.2 and 5.6, rounded
+    ],
+)
+def test_parts_have_their_shares_and_no_sample_is_in_two(n, shares, counts):
+    parts = split_indices(n, shares, seed=3)
+    assert tuple(parts) == ("train", "validation", "test")
+    assert tuple(map(len, parts.values())) == counts
+    np.testing.assert_array_equal(np.sort(np.concatenate([*parts.values()])), np.arange(n))
+    for part in parts.values():
+        assert np.all(np.diff(part) > 0)
+
+
+def test_samples_are_drawn_by_the_seed():
+    one, same, other = (split_indices(60, (0.5, 0.25, 0.25), seed)["train"] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert set(one) != set(other)
+    assert set(one) != set(range(30))

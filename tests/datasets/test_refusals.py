@@ -2,14 +2,13 @@
 
 import json
 import os
-import re
 from functools import partial
 
 import numpy as np
 import pytest
 import zarr
 from builders import DATA, shapes, toml
-from sentences import refusals, sentence_of
+from sentences import refusals
 
 from lf_flame import InputError
 from lf_flame._common.memory import LIMIT
@@ -169,51 +168,3 @@ def test_a_sample_that_is_not_finite_is_named(path):
     group["target"][1, 0, 2, 3] = np.nan
     with pytest.raises(InputError, match="Sample 1 of .*a.zarr/target is missing or not finite"):
         _ = Dataset(path).targets
-
-
-def read_all(path):
-    dataset = Dataset(path)
-    assert np.isfinite(dataset.inputs).all() and np.isfinite(dataset.targets).all()  # noqa: PT018
-    dataset.parameters("brightness")
-
-
-ODD = [None, True, 0, -1, 1e300, 2**62, "", "x", "a" * 5000, [], {}, [[]], {"a": 1}, [1, 2], ["a"]]
-
-
-def put_odd_value(content, rng):
-    """Replace some value of metadata."""
-    found = inner = json.loads(content)
-    while True:
-        key = rng.choice(list(inner)) if isinstance(inner, dict) else rng.integers(len(inner))
-        if not (isinstance(inner[key], dict | list) and inner[key]) or rng.random() < 0.3:
-            break
-        inner = inner[key]
-    inner[key] = ODD[rng.integers(len(ODD))]
-    return json.dumps(found).encode()
-
-
-def cut(content, rng):
-    return content[: rng.integers(len(content))]
-
-
-def flip_bit(content, rng):
-    at = rng.integers(len(content))
-    return content[:at] + bytes([content[at] ^ 1 << rng.integers(8)]) + content[at + 1 :]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("files", "damage"), [("zarr.json", put_odd_value), ("*", cut), ("*", flip_bit)]
-)
-def test_no_damage_makes_a_traceback(path, rng, files, damage):
-    found, refused = sorted(file for file in path.rglob(files) if file.is_file()), 0
-    for _ in range(60):
-        file = found[rng.integers(len(found))]
-        before = file.read_bytes()
-        file.write_bytes(damage(before, rng))
-        told = sentence_of(read_all, path)
-        assert not told or re.search("a.zarr", told)
-        assert "\n" not in told
-        refused += bool(told)
-        file.write_bytes(before)
-    assert refused > 15

@@ -26,14 +26,6 @@ from lf_flame.simulation import rendering
 DATA_GEN = Path(__file__).parents[2] / "data_gen"
 
 
-@pytest.mark.parametrize(("kind", "samples"), [("shapes", 1600), ("flames", 200)])
-def test_the_papers_data_sets_are_those_of_the_paper(kind, samples):
-    config = read_config(DATA_GEN / f"{kind}.toml")
-    assert (config.image, config.samples["paper"]) == ((90, 180), samples)
-    assert config.depths_mm == [20, 10, 0, -10]
-    assert (config.route, config.input, config.shuffled_depths) == ("rays", InputEncoding(), False)
-
-
 @pytest.mark.slow
 def test_slopes_found_are_the_geometrys():
     """As through the paper's camera, with fewer views: pixels as large, and the same aperture."""

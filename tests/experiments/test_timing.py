@@ -1,6 +1,5 @@
 """Times of calls in turn: their order, which of them count, and ratios within a round."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -51,10 +50,3 @@ def test_the_floor_reads_every_word(rng):
     timing._sum_parts(words, sums)
     assert sums.sum() == words.sum()
     timing.read_once(np.ones((3, 5, 7), np.uint16))
-
-
-def test_threads_are_put_back():
-    before = numba.get_num_threads()
-    with timing.on_threads(1):
-        assert numba.get_num_threads() == 1
-    assert numba.get_num_threads() == before

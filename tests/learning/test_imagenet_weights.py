@@ -1,15 +1,11 @@
 import hashlib
-import socket
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-import keras
-import numpy as np
 import pytest
 
 from lf_flame.learning import imagenet_weights
-from lf_flame.learning.backbone import build_backbone
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 
 CONTENT = b"the weights of a network" * 1000
@@ -76,45 +72,3 @@ def test_half_a_file_is_none_and_nobody_waits_for_the_rest(server, tmp_path, sta
     assert str(said.value).endswith(f"could not be downloaded into {tmp_path}/models ({reason}).")
     assert time.perf_counter() - started < 10
     assert list((tmp_path / "models").iterdir()) == []
-
-
-@pytest.mark.slow
-def test_no_connection_is_the_reason_in_words(server, monkeypatch):
-    monkeypatch.setattr(imagenet_weights, "ORIGIN", "http://127.0.0.1:9/")
-    with pytest.raises(ImagenetUnavailable, match=r"models \(Connection refused\)\.$"):
-        imagenet_file()
-
-
-@pytest.mark.slow
-def test_other_connections_of_the_process_keep_their_patience(server):
-    seen = []
-
-    def watched(*args, **options):
-        seen.append(socket.getdefaulttimeout())
-        raise OSError("no route")
-
-    real, imagenet_weights.urlopen = imagenet_weights.urlopen, watched
-    try:
-        with pytest.raises(ImagenetUnavailable, match="no route"):
-            imagenet_file()
-    finally:
-        imagenet_weights.urlopen = real
-    assert seen == [None]
-
-
-@pytest.mark.slow
-def test_a_cached_file_becomes_the_backbone(monkeypatch, tmp_path):
-    """Weights in Keras's cache are those of the backbone, and no connection is made."""
-    monkeypatch.setenv("KERAS_HOME", str(tmp_path))
-    monkeypatch.setattr(imagenet_weights, "NAME", "known.weights.h5")
-    monkeypatch.setattr(imagenet_weights, "ORIGIN", "http://127.0.0.1:9/")
-    resnet = keras.applications.ResNet50(include_top=False, weights=None, input_shape=(32, 32, 3))
-    path = tmp_path / "models" / "known.weights.h5"
-    path.parent.mkdir()
-    resnet.save_weights(path)
-    monkeypatch.setattr(imagenet_weights, "MD5", hashlib.md5(path.read_bytes()).hexdigest())
-    backbone = build_backbone((32, 32, 1), "imagenet", "conv4")
-    found = backbone.get_layer("resnet50").get_layer("conv4_block6_3_conv").get_weights()
-    expected = resnet.get_layer("conv4_block6_3_conv").get_weights()
-    for ours, theirs in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(ours, theirs)

@@ -13,13 +13,15 @@ from builders import RUN
 from lf_flame import InputError
 from lf_flame._common.config import build
 from lf_flame._common.memory import LIMIT
-from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import split_indices
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.keras_loading import check_keras, load_model
+from lf_flame.learning.prediction import input_size
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training_config import Recipe
 
 MADE = RUN["dataset"]
+SEES_VIEWS = MADE["config"] | {"input": {"kind": "views"}}
 
 
 def record(record):
@@ -139,7 +141,7 @@ REFUSED = [
     *(
         (partial(record, RUN | {name: odd}), rf"run\.json: {name}\b")
         for name in sorted(set(RUN) - {"dataset", "data"})
-        for odd in ([[1]], [{"a": {}}], None)
+        for odd in ([{"a": {}}], None)
     ),
     *(
         (partial(record, RUN | change), said)
@@ -160,6 +162,10 @@ REFUSED = [
     (
         partial(record, {"system": "refocusnet", "title": "R", "epochs": 2, "train_s": 1.0}),
         "a run of the system refocusnet; it must hold one of the paper's network, by `lf",
+    ),
+    (
+        lambda: input_size(record(RUN | {"dataset": MADE | {"config": SEES_VIEWS}})),
+        r"This network takes several views \('views'\)",
     ),
     (another_output, r"into \(8, 8, 2\), but it should turn .* into \(2, 40, 64, 1\)"),
     (loading_a_device, "must be a regular file, and is a device"),

@@ -14,8 +14,7 @@ from lf_flame import InputError
 from lf_flame._common.config import build
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
-from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning import training
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable

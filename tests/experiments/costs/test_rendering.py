@@ -9,11 +9,9 @@ from matplotlib.image import imread
 
 from experiments import timing
 from experiments.costs import rendering
-from experiments.costs.rendering import METHODS, Study, measure_costs, study_scenes
+from experiments.costs.rendering import METHODS, Study, measure_costs
 from experiments.effects.effects import effect_trials
-from experiments.inputs import DATA_SETS
 from lf_flame import PAPER_CAMERA, Layer, Scene
-from lf_flame.simulation.rendering import render
 
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
@@ -86,18 +84,6 @@ def test_effects_change_the_image_by_no_more_than_their_bound(measured):
     assert (change <= lines["bound"] + 2e-3).all()  # besides the error of rays
     added = lines["seconds_on"] - lines["seconds_off"]
     np.testing.assert_allclose(lines["seconds_added"], added, atol=1e-12)
-
-
-def test_the_study_keeps_the_optics_and_frames_all_light():
-    studies = study_scenes(*DATA_SETS)
-    assert [study.name for study in studies] == ["shapes", "flame", "hidden"]
-    for study in studies:
-        assert study.camera.pixel_mm == pytest.approx(0.112 * (1 + 0.4 / 277.84) / 15, rel=1e-4)
-        assert study.camera.aperture_mm == pytest.approx(77.8, abs=0.1)
-        views = render(study.scene, study.camera, effects={"occlusion": False}).views
-        assert views.max() > 0.5
-        assert max(np.abs(views[:, :, i]).max() for i in (0, -1)) < 1e-6
-        assert max(np.abs(views[..., i]).max() for i in (0, -1)) < 1e-6
 
 
 def test_seconds_are_read_off_between_settings():

@@ -18,12 +18,11 @@ from experiments.paper.ridge import NAME, Ridge
 from experiments.systems.compared import resnet_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
-from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json, read_config
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
-from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import split_indices
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score
 from lf_flame.learning.training import train
@@ -114,12 +113,6 @@ def test_scenarios_exchange_move_and_leave_out(config):
     assert [scenario.name for scenario in four[3:]] == ["all 5 mm nearer", "flame 1 alone"]
 
 
-def test_one_object_cannot_change_places(config):
-    one = replace(config, template=replace(config.template, objects=config.template.objects[:1]))
-    with pytest.raises(InputError, match="two depths at least can change places"):
-        make_scenarios(one)
-
-
 def test_the_share_memorised_lies_between_both_references(rng):
     reference, trained, noise = rng.uniform(size=(3, 2, 2, 8, 8))
     for share in (0, 0.25, 1):
@@ -187,12 +180,3 @@ def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
         with pytest.raises(InputError, match=words):
             run_depth_test(among, tmp_path / "out", samples)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_picture_is_no_input_for_a_network_of_views(runs, tmp_path):
-    np.save(tmp_path / "picture.npy", np.zeros((40, 64), np.float32))
-    result = CliRunner().invoke(
-        cli.commands, ["predict", str(tmp_path / "picture.npy"), "--model", str(runs[1])]
-    )
-    assert isinstance(result.exception, InputError)
-    assert "This network takes several views ('views')" in str(result.exception)

@@ -7,7 +7,7 @@ import pytest
 from keras import layers
 
 from lf_flame.datasets.config import read_config
-from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import split_indices
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.training_config import read_training_config
 
@@ -55,6 +55,7 @@ def test_what_ships_is_what_the_paper_says(kind, epochs, samples, parts):
     lengths = camera.main_lens_focal_mm, camera.focus_distance_mm
     assert (*lengths, camera.lenslet_focal_mm, camera.lenslet_pitch_mm) == (150, 326, 0.4, 0.112)
     assert data.depths_mm == [20, 10, 0, -10]
+    assert (data.route, data.input.kind, data.shuffled_depths) == ("rays", "raw", False)
     decoder = built_once(data.image, len(data.depths_mm), **options)
     assert decoder.output_shape[1:] == (4, 90, 180, 1)
     built = [layer for layer in decoder.layers if not isinstance(layer, layers.InputLayer)]

@@ -13,8 +13,7 @@ from experiments.studies.pca_bound import project
 from experiments.studies.study import COLUMNS, read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame._common import figures
-from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import Dataset
+from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score
 
@@ -174,8 +173,7 @@ def test_a_study_without_training(folder):
     assert Path("out/tiny.png").exists()
     text = Path("out/tiny.md").read_text()
     assert "epoch" not in text
-    still, moving = read_study(path)[1]
-    sizes = [[o.size_mm for o in trial.data.template.objects] for trial in (still, moving)]
+    sizes = [[o.size_mm for o in one.data.template.objects] for one in read_study(path)[1]]
     assert sizes == [[(9.0, 8.0), (9.0, 9.0)], [(10.0, 10.0), (9.0, 9.0)]]
     centres = Dataset("work/tiny/still.zarr").parameters("centre_mm")
     np.testing.assert_array_equal(centres, np.broadcast_to([[0, -10], [0, 10]], (12, 2, 2)))
@@ -185,20 +183,18 @@ def test_a_study_without_training(folder):
     ("old", "new", "message"),
     [
         ("samples = 12", "samples = 12\nspeed = 2", "tiny.toml: speed is not a known key"),
-        ("samples = 12", "samples = 0", "samples"),
         ("samples = 12", "samples = 3", "3 samples are too few to split"),
         ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, got 'fast'"),
         ("{ batch_size = 1 }", "{ speed = 1 }", "of 1': presets.smoke.speed is not a known"),
         ("recipe = { batch_size = 1", "data.template = { position = 1", "position is not a known"),
         ("small: batches of 1", "as it is", "needs a name of its own, in words, got 'as it is'"),
-        ("as it is", "...", "needs a name of its own, in words, got '...'"),
     ],
 )
 def test_impossible_studies_are_refused(folder, old, new, message):
     text = STUDY + BARS
     assert text.count(old) == 1
     path = write(folder, "", text.replace(old, new))
-    with pytest.raises(InputError, match=message.replace("...", r"\.\.\.")):
+    with pytest.raises(InputError, match=message):
         read_study(path)
 
 
@@ -211,6 +207,7 @@ name = "random"
 """
 
 
+@pytest.mark.slow
 def test_files_replace_named_weights_and_what_has_none_is_left_out(folder, monkeypatch, capsys):
     path = write(folder, IMAGENET)
     requested = []
@@ -280,9 +277,3 @@ def test_bands_take_chance_out_of_what_is_independent(rng):
     together, apart = (bound(train, test, 256, b)[0] for b in (1, 2))
     assert together < 50
     assert apart > 110
-
-
-def test_bound_of_targets_that_never_change_is_that_of_their_mean(rng):
-    train = np.broadcast_to(rng.uniform(size=(2, 6, 10)).astype(np.float32), (5, 2, 6, 10))
-    test = rng.uniform(size=(3, 2, 6, 10)).astype(np.float32)
-    np.testing.assert_allclose(project(train, test, 256), train[:3], atol=1e-6)

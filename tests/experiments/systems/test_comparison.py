@@ -107,7 +107,6 @@ def test_cost_is_measured_in_a_process_of_its_own(sets):
          28, 8.0),
         # The paper's network uses every sample once in an epoch.
         ({"epochs": 4, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 20, 8.0),
-        ({"epochs": 1, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 5, 2.0),
     ],
 )  # fmt: skip
 def test_training_takes_the_median_epoch_times_the_epochs(tmp_path, record, steps, seconds):
@@ -167,11 +166,6 @@ def test_budgets_are_stated_and_unequal_ones_named():
     assert ["slow", "4", "200", "4", "31.00"] in rows  # beside PSNR: views, steps, seconds
     assert ["formula", "225", "", "", "33.00"] in rows
 
-    axis = comparison.figure(scores, SYSTEMS).axes[0]
-    labels = [label.get_text() for label in axis.get_yticklabels()]
-    assert labels[:2] == ["formula\n1 ms; 225 views", "fast\n2 ms; 9 views; 300 steps in 3 s"]
-    assert [line.get_xdata()[0] for line in axis.lines] == [33, 30, 31, 32]
-
 
 @pytest.mark.slow
 def test_the_program_compares_and_lists_what_is_missing(
@@ -193,17 +187,12 @@ def test_the_program_compares_and_lists_what_is_missing(
     assert trained.psnr_db.notna().all()
     own = scores[scores.system == "shift-and-sum, RefocusNet's 4 views"]
     assert own.psnr_db.notna().all()
-    absent = scores[scores.system.str.startswith("RefNet")]
-    assert absent.psnr_db.isna().all()
-    assert absent.why_missing.str.contains("no finished run").all()
     variant = scores[scores.system == "ResNet-50, smoke preset, 1 epochs, refocusnet"]
     assert variant.why_missing.str.contains("it must hold one of the paper's network").all()
     assert len(variant)
     systems = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
     assert set(systems.index) >= {network.system.name for network in NETWORKS.values()}
-    found = systems.loc["RefocusNet", ["milliseconds", "memory_mb", "views", "steps"]]
-    assert list(found) == [2, 30, 4, 2]
-    assert systems.training_s["RefocusNet"] > 0
+    assert list(systems.loc["RefocusNet", ["milliseconds", "views", "steps"]]) == [2, 4, 2]
 
 
 def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets):

@@ -1,8 +1,9 @@
-"""The command that writes a light field in another form: convert.
+"""The commands on a file or a camera: info, convert and camera.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,12 +11,59 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import ABOVE_0, PATH, command, option, tell
-from lf_flame.commands.reading_options import ALL_READING, Reading
+from lf_flame.commands.options import (
+    ABOVE_0,
+    FILE,
+    PATH,
+    camera_option,
+    command,
+    open_lens,
+    option,
+    tell,
+)
+from lf_flame.commands.reading_options import ALL_READING, Reading, note_on_pixels
 from lf_flame.errors import InputError
 
 ARRAYS = (".npy", ".npz", ".zarr")
 """Endings of the formats that keep values unchanged."""
+
+
+@command()
+@click.argument("source", type=PATH)
+@option("--white", "White image of a raw image; info says if it fits.", PATH)
+@option("--lenslets", "Image that shows the lenslets' centres.", PATH)
+@option("--dark", "Dark image; needs --white or --lenslets.", PATH)
+@option("--bayer", "Bayer pattern of the sensor.", metavar="rggb")
+@camera_option("; adds facts in mm")
+def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> None:
+    """Say what a file or folder is, what is missing to read it, and which command comes next.
+
+    SOURCE is anything that may hold a light field: a picture of a Lytro camera (.lfp, .lfr, .raw),
+    its white images (a folder, or caldata-SERIAL.tar), the calibration of a Raytrix camera (.xml),
+    a folder of views, an array, a TIFF of many pages, a raw image or a lenslet image. Nothing is
+    changed.
+
+    \b
+      lf-flame info photo.lfr                        camera, exposure, lenslets, white image
+      lf-flame info caldata-B5143909630.tar          for which camera, zoom and focus it is
+      lf-flame info raw.tif --lenslets spots.tif     lenslets, views, and what is missing
+      lf-flame info flame.npz --camera calibration.toml  in mm: pixels, focus, depth
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame.formats.file_facts import describe
+    from lf_flame.tomography.resolution import lens_facts
+
+    if not source.exists():
+        raise InputError(f"There is no {source}: no such file or folder.")
+    lens = open_lens(camera)
+    found = describe(source, white, lenslets, dark, bayer)
+    if lens is not None and camera is not None:
+        if found.shape:
+            lens.check_views(found.shape)
+            found.notes += note_on_pixels(lens, found.shape)
+        found.facts |= lens_facts(lens)
+        if found.shape and found.command:
+            found.command += f" --camera {shlex.quote(str(camera))}"
+    click.echo(found.text(source))
 
 
 @command()
@@ -94,3 +142,49 @@ def _write(light_field, target: Path, bits: int | None, gain: float | None, *, l
     if bits == 32 and not as_array:
         return f" with values from {low:.4g} to {high:.4g}, as floats"
     return ""
+
+
+@command()
+@click.argument("file", type=FILE, required=False)
+@option("--depth-mm depths", "Depth in the table of slopes, in mm.", float, multiple=True)
+@option(
+    "--period periods",
+    "Period of detail in the table of resolution, in mm.",
+    ABOVE_0,
+    multiple=True,
+)
+@option(
+    "--thickness thickness_mm",
+    "Extent in depth in that table, in mm; default: 30, or a tenth of the distance.",
+    ABOVE_0,
+    rare=True,
+)
+def camera(file, depths, periods, thickness_mm) -> None:
+    """Print what follows from a camera: aperture, field, slopes of depths, depth resolution.
+
+    FILE is a TOML file with a [camera] table, the calibration.toml of `lf-flame calibrate`, or the
+    simulation.json of `lf-flame simulate`; without it, the paper's camera is used.
+
+    The camera sees the scene within the angle of its aperture: fine detail has a depth, blurred
+    over its period divided by that angle, and an even glow has none.
+    """
+    from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
+    from lf_flame.optics.camera_report import camera_report, depth_table
+    from lf_flame.tomography.resolution import finest_period, lens_facts, resolution_report
+
+    lens = open_lens(file) or PAPER_CAMERA
+    if periods and min(periods) < (finest := finest_period(lens)):
+        raise InputError(
+            f"--period must be at least {finest:.3g} mm, the finest detail of this camera (two "
+            f"pixels), got {min(periods):g}."
+        )
+    if file is None:
+        click.echo("The paper's camera; name a file for yours.\n")
+    if isinstance(lens, PlenopticCamera):
+        click.echo(camera_report(lens, depths or (20.0, 10.0, 0.0, -10.0)))
+    else:
+        for name, fact in lens_facts(lens).items():
+            click.echo(f"{name:<14}{fact}")
+        if depths:
+            click.echo(f"\n{depth_table(lens, depths)}")
+    click.echo(f"\n{resolution_report(lens, periods, thickness_mm)}")
