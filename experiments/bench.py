@@ -25,7 +25,6 @@ from experiments.report import markdown, step_bar, write_report
 from experiments.timing import in_turn, on_threads, read_once
 from lf_flame import render, shift_and_sum
 from lf_flame._common.arrays import centred
-from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import read_config
 from lf_flame.formats import DecodePlan, LensletGrid
 from lf_flame.learning.decoder import build_decoder
@@ -39,7 +38,7 @@ STEPS = 30
 """Number of training steps that are timed together."""
 
 ROUNDS, LEAST_S = 3, 1.0
-"""Smallest number of rounds of a case, and seconds for which they go on at least."""
+"""Smallest number of rounds of a case, and of seconds that they take together."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Other:
 
 @dataclass(frozen=True)
 class Case:
-    """A task of ours, and those beside which it is timed; a call does it `repeats` times."""
+    """A task of the package, and its floors and rivals; a call does it `repeats` times."""
 
     task: str
     what: str
@@ -209,7 +208,7 @@ def error(theirs: np.ndarray, ours: np.ndarray) -> str:
 
 
 def training_cases(small: bool) -> Iterator[Case]:
-    """Yield steps of the paper's recipe: the decoder behind the frozen backbone, by Adam."""
+    """Yield steps of the paper's recipe: the decoder after the frozen backbone, by Adam."""
     sizes = [("conv5", (3, 6, 2048), 2), ("conv4", (6, 12, 1024), 2), ("conv4", (6, 12, 1024), 16)]
     sizes, image = ([("small", (3, 6, 32), 2)], (9, 18)) if small else (sizes, (90, 180))
     for depth, shape, batch in sizes:
@@ -232,7 +231,7 @@ def training_cases(small: bool) -> Iterator[Case]:
             Other("Keras's own fit", plain, largest_difference),
             Other("Keras's own fit with XLA (its dropout draws other numbers)", compiled),
         ]  # fmt: skip
-        what = f"a step behind {depth}, features of {' x '.join(map(str, shape))}, batch {batch}"
+        what = f"a step after {depth}, features of {' x '.join(map(str, shape))}, batch {batch}"
         yield Case("training", what, ours, others[: 2 if small else 3], STEPS)  # XLA compiles long
 
 
@@ -297,24 +296,5 @@ the time of the other over ours, median and quartiles of the rounds. Nothing can
 floor."""
     return write_report(
         out, "bench", "Speed beside floors and rivals", record,
-        [note, "![Time of floors and rivals over ours](bench.png)", *body],
-        tables={"bench": table}, pictures={"bench": figure(table)},
+        [note, *body], tables={"bench": table},
     )  # fmt: skip
-
-
-def figure(table: pd.DataFrame):
-    """Draw the times of floors and rivals over ours, case by case."""
-    picture, axis = subplots(figsize=(11, 1.2 + 0.22 * len(table)), layout="constrained")
-    at = np.arange(len(table))
-    floors = table["other"].str.startswith("floor")
-    for some, colour in ((floors, "#999999"), (~floors, "#0072B2")):
-        rows = table[some]
-        reach = rows["ratio"] - rows["q1"], rows["q3"] - rows["ratio"]
-        axis.errorbar(rows["ratio"], at[some], xerr=reach, fmt="o", color=colour, capsize=2)
-    axis.set_yticks(at, table["what"].str.split(";").str[0] + " | " + table["other"], fontsize=7)
-    axis.set_xscale("log")
-    axis.axvline(1.0, color="0.3", linewidth=0.8)
-    axis.invert_yaxis()
-    axis.grid(axis="x", alpha=0.25)
-    axis.set_xlabel("time over ours, median and quartiles (grey: floors)")
-    return picture

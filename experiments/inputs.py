@@ -90,8 +90,8 @@ def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
     own, names = config.depths_mm, [item.name for item in config.template.objects]
     if len(set(own)) < 2:
         raise InputError(
-            f"Only objects at two depths at least can change places; those of {config.kind} stand "
-            f"at {', '.join(f'{z:g}' for z in own)} mm."
+            f"Objects exchange their depths only if they have two or more; those of {config.kind} "
+            f"are at {', '.join(f'{z:g}' for z in own)} mm."
         )
     everyone = tuple(range(len(own)))
     half = float(np.diff(np.unique(own)).min()) / 2

@@ -33,7 +33,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
 NETWORK, UNTRAINED = "ResNet-50", "all five stages, random weights, not trained: only time counts"
-"""Title of the network from separated views, and what stands for its origin without a run."""
+"""Title of the network from separated views, and its origin without a run."""
 
 FAMILIES = {
     "interpolation": ("#0072B2", "osD"),

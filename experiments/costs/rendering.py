@@ -42,7 +42,7 @@ TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Study:
-    """Scene and camera on which methods are compared; the title stands above its panel."""
+    """Scene and camera on which methods are compared; the title is that of its panel."""
 
     name: str
     title: str
@@ -122,7 +122,7 @@ METHODS = {
 def study_scenes(shapes: Path, flames: Path) -> list[Study]:
     """Set up the scenes of the study with optics, pixels and objects of both data sets.
 
-    So that slow methods get somewhere, the objects stand on the axis, one in front of the other,
+    To keep slow methods affordable, the objects are on the axis, one in front of the other,
     and only the central views of the lenslets that see them are recorded.
     """
     config = read_config(shapes)

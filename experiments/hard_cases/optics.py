@@ -100,7 +100,7 @@ def exact_bundle(depth: float, view: int, lenslet: int) -> tuple:
     """Centre, lenslet width and pixel width of a bundle on a layer by similar triangles, in mm.
 
     The ray through height y of the array and h of the main lens crosses the focal plane at
-    ``-y a0 / i0``, the conjugate of y, and goes on straight to the layer.
+    ``-y a0 / i0``, the conjugate of y, and continues straight to the layer.
     """
 
     def on_layer(y, h):

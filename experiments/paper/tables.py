@@ -251,7 +251,7 @@ def _describe(pool: list[Result], paper: dict) -> str:
     if epochs >= planned or record["preset"] != "paper":
         return text
     text += f" All {planned:,} take {_duration(seconds / epochs * planned)} there."
-    more = " The same command resumes the training; MINUTES=0 goes on to the last epoch."
+    more = " The same command resumes the training; MINUTES=0 trains to the last epoch."
     return text if pool[0].committed else text + more
 
 

@@ -74,7 +74,7 @@ def refuse_folder(folder: str | Path, record: str, *, overwrite: bool = False) -
     if not os.path.lexists(folder):
         return []
     if not folder.is_dir():
-        raise InputError(f"{folder} is there and is no folder; choose another name.")
+        raise InputError(f"{folder} exists and is not a folder; choose another name.")
     if folder.resolve() == Path.cwd():
         raise InputError(f"{folder} is the current folder, which is not replaced; name a new one.")
     names = sorted(path.name for path in folder.iterdir())

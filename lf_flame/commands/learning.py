@@ -117,7 +117,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
     settings.recipe(preset)
     if data is not None:
         data = data.absolute()  # "." has no name
-        Dataset(data)  # refuses what is no data set, before Keras is loaded
+        Dataset(data)  # refuses anything but a data set, before Keras is loaded
     load_keras()
     from lf_flame.learning.backbone import build_backbone
     from lf_flame.learning.training import find_weights, train

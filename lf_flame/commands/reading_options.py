@@ -103,7 +103,7 @@ class Reading:
 
     @property
     def is_raw(self) -> bool:
-        """Whether the source is said to be a raw image."""
+        """Whether the options are those of a raw image."""
         return not {"white", "lenslets", "pitch", "focused"}.isdisjoint(self.stated)
 
     @property

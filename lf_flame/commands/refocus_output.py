@@ -25,7 +25,7 @@ SWEEP_FRAMES = 41
 """Number of frames from one end of a sweep to the other; the movie goes there and back."""
 
 UNSURE = 0.3
-"""Confidence below which a search is said to be uncertain."""
+"""Confidence below which a search is reported as uncertain."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -134,7 +134,7 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
     out = out or Path("simulated") / scene.stem
     layers, camera, effects, stated = _read_scene(scene, on, off)
     with output_folder(out, "simulation.json", overwrite=overwrite) as folder:
-        with progress.stage("Looking which effects the scene calls for"):
+        with progress.stage("Finding the effects that the scene needs"):
             plan = plan_effects(layers, camera, tolerance, effects, stated=stated)
         if plan.seconds > LONG_S:
             tell(

@@ -147,11 +147,11 @@ def _add_arrays(group: zarr.Group, config: DatasetConfig, samples: int) -> None:
 
 
 def _check_begun(part: Path, config: DatasetConfig, samples: int) -> Attributes:
-    """Refuse to resume what is no data set, or that of another configuration or size."""
+    """Refuse a folder without a data set, or with one of another configuration or size."""
     if not (part / METADATA).exists():
         raise InputError(
-            f"{part} is in the way: a data set is built under that name, but this is none; move "
-            f"it or choose another folder."
+            f"{part} is in the way: a data set is built under that name, but this is not one; "
+            f"move it or choose another folder."
         )
     begun = read_attributes(part)
     if begun.config != config_to_json(config) or check_arrays(part, config) != samples:

@@ -99,7 +99,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
 
     Before Keras reads the file, its classes are compared with those of this package's networks.
     `shapes` are the required shapes of input and output, without samples. An InputError refuses a
-    file that is no Keras file, is damaged, needs too much memory, or holds another network.
+    file that is not a Keras file, is damaged, needs too much memory, or holds another network.
     """
     import keras
 

@@ -13,7 +13,7 @@ MOST_EPOCHS = 999_999
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed of which 1000 times, plus a small number, is no 32-bit seed for the layers."""
+    """Refuse a seed too large for the layers, whose 32-bit seeds are 1000 times it and more."""
     if not 0 <= seed <= 1_000_000:
         raise InputError(f"seed must be 0 to 1000000, got {seed}.")
 

@@ -90,7 +90,7 @@ def test_what_may_not_be_replaced_is_refused_before_any_work(tmp_path, case):
 
 def test_a_file_and_the_current_folder_are_no_output(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="file is there and is no folder"):
+    with pytest.raises(InputError, match="file exists and is not a folder"):
         fill(tmp_path / "file", overwrite=True)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")

@@ -26,9 +26,7 @@ def test_every_task_has_a_floor_and_a_rival_with_the_same_output(rows, tmp_path)
     assert (rows[["ours_ms", "other_ms", "ratio"]] > 0).all(axis=None)
     path = bench.write(tmp_path, {"threads": 2, "wall_s": 1.0, "rows": rows.to_dict("records")})
     assert "## Training" in path.read_text()
-    assert {x.name for x in tmp_path.iterdir()} == {
-        f"bench.{x}" for x in ("md", "csv", "json", "png")
-    }
+    assert {x.name for x in tmp_path.iterdir()} == {f"bench.{x}" for x in ("md", "csv", "json")}
 
 
 def test_outputs_that_differ_are_seen(rng):
