@@ -33,18 +33,6 @@ def source(tmp_path, rng):
     return tmp_path / "views.npy"
 
 
-def test_a_single_file_is_written(source, tmp_path):
-    out = tmp_path / "page.html"
-    result = run("view", source, "--single-file", out, "--slopes", -2, 2, "--title", "<b>")
-    assert result.exit_code == 0, result.output
-    assert "page.html is written, " in result.output
-    assert "views of 8 bits, nothing lost" in result.output
-    text = out.read_text(encoding="utf-8")
-    assert "<h1>&lt;b&gt;</h1>" in text
-    assert "<b>" not in text
-    assert len(text) < 1e6
-
-
 @pytest.mark.slow
 def test_the_local_page_is_served_until_ctrl_c(source):
     words = ["view", str(source), "--no-browser", "--slopes", "-2", "2"]

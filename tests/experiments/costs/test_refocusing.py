@@ -6,11 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from builders import shapes
-from click.testing import CliRunner
 from matplotlib.image import imread
 
 from experiments import timing
-from experiments.__main__ import commands
 from experiments.costs import refocusing
 from experiments.costs.refocusing import (
     NETWORK,
@@ -101,24 +99,6 @@ def test_scores_are_in_the_order_that_theory_gives(measured):
     assert len(networks) == 3
     assert np.ptp(networks) < 1e-3
     assert networks[0] < scores["linear"]
-
-
-def test_the_command_runs_without_a_network(tmp_path, monkeypatch, config):
-    """All five stages are timed then, without a score."""
-    monkeypatch.setattr(refocusing, "read_config", lambda path: config)
-    monkeypatch.setattr(refocusing, "DATA_SETS", ["shapes"])
-    monkeypatch.setattr(timing, "SHORT_S", 0.0)
-    monkeypatch.setattr(timing, "ROUNDS", 1)
-    options = ["--chapter", "refocusing", "--run", tmp_path / "none", "--out", tmp_path / "out"]
-    done = CliRunner().invoke(commands, ["costs", *map(str, options)], catch_exceptions=False)
-    assert done.exit_code == 0
-    assert refocusing.UNTRAINED in done.output
-    table = pd.read_csv(tmp_path / "out" / "refocusing.csv")
-    networks = table[table["family"] == "network"]
-    assert (networks["milliseconds"] > 0).all()
-    assert networks[["psnr_db", "ssim", "worst_psnr_db", "worst_ssim"]].isna().all(axis=None)
-    assert len(networks) == 3
-    assert table["ssim"].isna().sum() == 3
 
 
 def test_a_run_needs_no_data_set_but_a_record_that_says_what_it_held(config, run, tmp_path):
