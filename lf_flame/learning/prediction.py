@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from skimage.color import rgb2gray
 from skimage.transform import resize
 
-from lf_flame._common import figures
 from lf_flame._common.output_folders import output_folder, recorded_path
 from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
@@ -123,8 +121,8 @@ class Prediction:
     def write(self, run: TrainedRun, out: Path, *, overwrite: bool = False) -> None:
         """Write images, stack and record into a folder; `overwrite` that of an earlier call.
 
-        The folder `out` receives ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
-        ``prediction.png`` (input and outputs side by side) and ``prediction.json`` (record).
+        The folder `out` receives ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``
+        and ``prediction.json`` (record).
         """
         planes = enumerate(zip(run.config.depths_mm, self.stack, strict=True), 1)
         with output_folder(out, "prediction.json", overwrite=overwrite) as folder:
@@ -132,7 +130,6 @@ class Prediction:
             for number, (depth, image) in planes:
                 picture = folder.path(f"refocused_{number}_{depth:+g}mm.png")
                 write_image(picture, to_preview(image, 1.0))
-            figures.save(_prediction_figure(self, run), folder.path("prediction.png"))
             folder.facts |= {
                 "source": recorded_path(self.seen.source, out),
                 "notes": self.seen.notes,
@@ -161,24 +158,3 @@ def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[
         started = time.perf_counter()
         stack = network.predict_on_batch(seen.image[None, ..., None])[0, ..., 0]
         yield Prediction(seen, stack, 1e3 * (time.perf_counter() - started))
-
-
-def _prediction_figure(prediction: Prediction, run: TrainedRun) -> Figure:
-    """Draw input and refocused images in a row, all from black at 0 to white at 1."""
-    planes = zip(run.config.depths_mm, run.objects, strict=True)
-    titles = ["input of the network", *(f"{depth:g} mm ({name})" for depth, name in planes)]
-    height, width = run.config.image
-    size = 2.7 * len(titles), 0.8 + 2.7 * height / width
-    figure, axes = figures.subplots(1, len(titles), figsize=size, layout="constrained")
-    images = [prediction.seen.image, *prediction.stack]
-    for axis, image, title in zip(axes, images, titles, strict=True):
-        axis.imshow(image, cmap="gray", vmin=0, vmax=1)
-        axis.set_title(title, fontsize=10)
-        axis.axis("off")
-    figure.suptitle(
-        f"{prediction.seen.source.name}: predicted by the network of “{run.record['title']}” "
-        f"({run.record['preset']}, backbone {run.record['backbone_weights']})",
-        fontsize=11,
-        parse_math=False,  # a file's name may hold dollars
-    )
-    return figure

@@ -97,8 +97,6 @@ def test_a_picture_is_refocused_as_in_the_evaluation(run_folder, sample, tmp_pat
     record = json.loads((out / "prediction.json").read_text())
     assert record["notes"] == []
     assert f"card.png: refocused in {record['ms']:.0f} ms" in result.output
-    height, width = imread(out / "prediction.png").shape[:2]
-    assert 3 < width / height < 6  # three pictures of 40 x 64 in a row
 
 
 def test_light_fields_are_seen_as_in_training(run_folder, rng, tmp_path):

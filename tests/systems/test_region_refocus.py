@@ -36,6 +36,7 @@ def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, cr
     assert np.abs(image[:3] - middle[:3]).mean() > 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slopes", [(0.035, -0.018), (0.4, -0.3)])
 def test_small_slopes_are_found_and_what_is_not_certain_is_refused(rng, slopes):
     """Two flames-like blobs at planted slopes; a region with both, and a bare one, have none."""
