@@ -93,13 +93,8 @@ def shift_and_sum(
     """
     weights = as_weights(weights, light_field)
     views, steps = as_readable(as_views(light_field), raw=True), as_slopes(slopes)
-    channels = views.shape[4] if views.ndim == 5 else 1
-    lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
-    stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
-    for first in range(0, len(steps), SLOPES_AT_ONCE):
-        some = slice(first, first + SLOPES_AT_ONCE)
-        _shift_and_sum(lines, channels, steps[some], interpolation, weights, stack[some])
-    return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
+    places = [centred(count) for count in views.shape[:2]]
+    return for_slopes(_stack(views, places, steps, interpolation, weights), slopes)
 
 
 def align_views(
@@ -152,11 +147,12 @@ def align_views(
     block = as_block(block, views.shape[2:4])
     height, width = (n // m for n, m in zip(views.shape[2:4], block, strict=True))
     out = np.empty((len(steps), len(indices), height, width, *views.shape[4:]), np.float32)
-    for k, index in enumerate(indices):
-        alone = np.zeros(views.shape[:2])
-        alone[tuple(index)] = 1
-        cells = (len(steps), height, block[0], width, block[1], *views.shape[4:])
-        out[:, k] = shift_and_sum(views, steps, weights=alone).reshape(cells).mean(axis=(2, 4))
+    for k, (v, u) in enumerate(indices.tolist()):
+        one = np.s_[v : v + 1, u : u + 1]
+        places = [centred(count)[some] for count, some in zip(views.shape[:2], one, strict=True)]
+        image = _stack(views[one], places, steps, "linear", np.ones((1, 1)))
+        lines = image.reshape(len(steps), height, block[0], *image.shape[2:]).mean(axis=2)
+        out[:, k] = sum(lines[:, :, s :: block[1]] for s in range(block[1])) / np.float32(block[1])
     return for_slopes(out, slopes)
 
 
@@ -177,15 +173,15 @@ class ShiftPlan(NamedTuple):
 
 
 def plan_shifts(
-    shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
-    weights: np.ndarray, precision: type = np.float32,
+    shape: tuple[int, ...], channels: int, places: list[np.ndarray], slopes: np.ndarray,
+    interpolation: str, weights: np.ndarray, precision: type,
 ) -> ShiftPlan:  # fmt: skip
-    """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent)."""
+    """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent) at places."""
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
-    down, down_taps = shift_taps(view_shifts(slopes, centred(rows), height), interpolation)
-    places = np.broadcast_to(centred(columns), (rows, columns))
-    across, taps = shift_taps(view_shifts(slopes, places, width // channels), interpolation)
+    down, down_taps = shift_taps(view_shifts(slopes, places[0], height), interpolation)
+    columns_at = np.broadcast_to(places[1], (rows, columns))
+    across, taps = shift_taps(view_shifts(slopes, columns_at, width // channels), interpolation)
     if not taps[1:].any():  # whole slopes
         taps = taps[:1]
     reach = max(-int(across.min()), int(across.max()) + len(taps) - 1, 0) * channels
@@ -205,17 +201,25 @@ def plan_shifts(
     )
 
 
-def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
-    """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
+def _stack(views, places, slopes, interpolation: str, weights: np.ndarray) -> np.ndarray:
+    """Refocus views [v, u, t, s(, c)] at some slopes; places: those of their rows and columns."""
+    channels = views.shape[4] if views.ndim == 5 else 1
+    lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
     precision = np.float64 if views.dtype == np.float64 else np.float32
-    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, precision)
-    bad = np.zeros((plan.bands, plan.blocks), bool)
-    _kernels.sum_bands(
-        views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
-        plan.down_weights, bad, out,
-    )  # fmt: skip
-    if bad.any():
-        refuse_not_finite(views)
+    stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)
+    for first in range(0, len(slopes), SLOPES_AT_ONCE):
+        some = slice(first, first + SLOPES_AT_ONCE)
+        plan = plan_shifts(
+            lines.shape, channels, places, slopes[some], interpolation, weights, precision
+        )
+        bad = np.zeros((plan.bands, plan.blocks), bool)
+        _kernels.sum_bands(
+            lines, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
+            plan.down_weights, bad, stack[some],
+        )  # fmt: skip
+        if bad.any():
+            refuse_not_finite(views)
+    return stack.reshape(len(slopes), *views.shape[2:])
 
 
 def view_shifts(slopes: np.ndarray, places: np.ndarray, length: int) -> np.ndarray:

@@ -280,7 +280,7 @@ def test_a_real_light_field_is_sharpest_where_bilinear_refocusing_says():
         stack = shift_and_sum(patch, slopes)[:, 8:-8, 8:-8]
         plain = np.square(np.gradient(stack, axis=(1, 2))).sum(axis=(0, 2, 3))
         assert search.slope == pytest.approx(slopes[plain.argmax()], abs=0.1)
-        assert search.confidence > 0.8
+        assert search.confidence > 0.6
     assert found[0].slope < found[1].slope - 0.5
 
 
