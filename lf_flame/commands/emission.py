@@ -190,9 +190,9 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     \f
 
     A warning is printed if the axis leans, is not straight or is at another place, if there is
-    light outside the radius, if the halves differ, or if the flame is deeper than wide. One picture
-    of an ordinary camera is enough, with --axis-depth and a camera file that says views = 1, the
-    pixel pitch as lenslet pitch, and that pitch times the f-number as lenslet focal length.
+    light outside the radius, or if the halves differ. One picture of an ordinary camera is enough,
+    with --axis-depth and a camera file that says views = 1, the pixel pitch as lenslet pitch, and
+    that pitch times the f-number as lenslet focal length.
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
     from lf_flame.formats.view_files.folder import is_view_folder

@@ -56,7 +56,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.tomography import EmissionFolder
-    from lf_flame.tomography.profiles import RECORD, Strips, take_profiles, write_profiles
+    from lf_flame.tomography.profiles import RECORD, take_profiles, write_profiles
 
     emission = EmissionFolder(folder)
     if emission.is_section:
@@ -64,7 +64,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
             f"{folder} is of `lf-flame abel`, which has written its profiles: axial.csv and "
             f"radial.csv."
         )
-    found = take_profiles(emission, Strips(**strips))
+    found = take_profiles(emission, **strips)
     out = out or Path("profiles") / folder.resolve().name
     with output_folder(out, RECORD, overwrite=overwrite) as written:
         write_profiles(found, emission.depths_mm, written)

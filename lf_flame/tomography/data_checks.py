@@ -5,8 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.tomography.axis import MARGIN, find_axis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.geometries import SectionGeometry, project
 from lf_flame.tomography.noise import measure_edge
 from lf_flame.tomography.resolution import NO_DEPTH, angular_width, depth_blur, finest_period
 
@@ -20,6 +23,9 @@ noise, and less than the flame's detail."""
 STRUCTURE, SHARED = 0.015, 0.005
 """Correlation of residuals `APART` pixels apart above which they are not white noise, and its
 increase where neighbours share noise: the penalty is stronger then, and leaves more light."""
+
+MOST_SIGMAS = 4.0
+"""Number of standard errors that a departure of the axis must exceed to be more than noise."""
 
 ALIKE = 0.3
 """Smallest cosine between the light of two depth planes with flames behind each other: flames side
@@ -215,3 +221,60 @@ def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
             f"wrong within the parallax of it.",
         ),
     ]  # fmt: skip
+
+
+def axis_checks(
+    light_field: LightField, geometry: SectionGeometry, views: np.ndarray
+) -> list[Check]:
+    """Check whether a flame is upright, where it is stated, and axisymmetric.
+
+    `views` are those of the light field that are fitted. A number is in units of its limit: the
+    larger of a tenth of a pixel, or of what hardly matters, and four standard errors.
+    """
+    grid = geometry.grid
+    depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
+    axis = find_axis(light_field, grid.camera, depth)
+    least = 0.1 * grid.pixel_mm
+    pupil = grid.camera.views * grid.camera.view_step_mm
+    half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)
+    edge = axis.radius_mm / MARGIN
+    lit = project(geometry.operator, np.ones(grid.shape))
+    outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
+    shown = "the light field shows it at"
+    places = [
+        (axis.lean_deg, 1.0, 0.0, f"leans by {axis.lean_deg:.1f} degrees"),
+        (axis.depth_lean_deg, 5.0, axis.depth_lean_error_deg,
+         f"leans by {axis.depth_lean_deg:.0f} degrees in depth"),
+        (axis.wander_mm, least, axis.wander_error_mm,
+         f"is not straight: it moves by up to {axis.wander_mm:.2g} mm across with height"),
+        (grid.axis_mm - axis.across_mm, least, axis.across_error_mm,
+         f"was stated {grid.axis_mm:.3f} mm across, {shown} {axis.across_mm:.3f} mm"),
+        # A wrong depth displaces the axis in the outermost views by the parallax.
+        (grid.depth_mm - axis.depth_mm, least / half_angle, axis.depth_error_mm,
+         f"was stated at a depth of {grid.depth_mm:.2f} mm, {shown} {axis.depth_mm:.2f} mm"),
+        (outside, 1.0, 0.0,
+         f"is that of a flame of {grid.radius_mm:.3g} mm radius as stated, but there is light out "
+         f"to {edge:.3g} mm"),
+    ]  # fmt: skip
+    checks = [
+        Check("axis", abs(number) / max(limit, MOST_SIGMAS * error), 1.0,
+              f"The axis {words}: emission is wrong there by more than its error bars.")
+        for number, limit, error, words in places
+    ]  # fmt: skip
+    sentence = (
+        f"The flame is not axisymmetric: its halves differ by {axis.lopsided:.1%} of its light, "
+        f"and the result is the axisymmetric flame most like it."
+    )
+    checks.append(Check("roundness", axis.lopsided, 0.03, sentence))
+    return checks
+
+
+def _light_outside(grid: AxisymmetricGrid, views: np.ndarray, lit: np.ndarray) -> float:
+    """Light where no flame within a grid's radius can be, over 0.2 % of all, or 0 if noise."""
+    dark = grid.place(lit).max(axis=(0, 2)) <= 0  # view column, column
+    views = grid.place(views)
+    rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
+    # Noise differs between neighbouring rows, the flame hardly does.
+    error = np.sqrt(np.sum(np.square(np.diff(rows))) / 2)
+    light, total = float(rows.sum()), float(views.sum(dtype=np.float64))
+    return light / (2e-3 * total) if light > MOST_SIGMAS * error and total > 0 else 0.0

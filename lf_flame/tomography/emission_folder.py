@@ -18,6 +18,7 @@ from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, SHORTEST
+from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.emission import Emission, Place
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
@@ -40,11 +41,9 @@ def write_emission(
     """Write emission into a folder that `EmissionFolder` opens.
 
     ``emission.tif`` has a page for each depth plane, or one with the half section, in the unit of
-    the light field. Other files are ``correction.tif`` (the part of the emission that corrects the
-    fit's bias); ``sigma.tif`` and ``draws.tif``, if there are bootstrap draws; ``trust.png``
-    (residual by view and by pixel). Of planes: ``depth.csv`` and ``depth.png`` (light against
-    depth) and ``slices.png`` (depth planes beside refocused images). Of a half section:
-    ``radial.csv`` (all heights and radii), ``axial.csv`` (the axis) and ``section.png``.
+    the light field; ``correction.tif`` is the part that corrects the fit's bias, ``sigma.tif`` and
+    ``draws.tif`` come with bootstrap draws. Tables and figures show light against depth, or all
+    heights and radii, and how far the result can be trusted.
 
     Parameters
     ----------
@@ -80,41 +79,18 @@ def write_emission(
         with output_folder(folder, RECORD, overwrite=overwrite) as opened:
             write_emission(found, light_field, opened)
         return
-    grid = found.grid
     stacks = {EMISSION: found.emission, CORRECTION: found.correction}
     if found.sigma is not None:
         stacks |= {SIGMA: found.sigma, DRAWS: found.draws}
     for name, stack in stacks.items():
         stack = stack.astype(np.float32)
         tifffile.imwrite(folder.path(name), stack, photometric="minisblack")
-    folder.facts |= {"camera": to_json(grid.camera), "block": grid.block}
-    if isinstance(grid, FrustumGrid):
-        light, error = found.light
-        errors = [""] * len(light) if error is None else error
-        write_table(
-            folder.path("depth.csv"),
-            ["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"],
-            zip(grid.depths_mm, grid.slopes, light, errors, strict=True),
-        )
-        folder.facts |= {
-            "geometry": "planes",
-            "depths_mm": list(grid.depths_mm),
-            "cell_mm": [grid.cell_mm(depth) for depth in grid.depths_mm],
-        }
-    else:
-        _write_section(found, folder)
-        folder.facts |= {
-            "geometry": "section",
-            "axis_mm": grid.axis_mm,
-            "axis_depth_mm": grid.depth_mm,
-            "radius_mm": grid.radius_mm,
-            "burner_mm": grid.burner_mm,
-            "views": grid.which,
-            "step_mm": grid.step_mm,
-            "top_mm": float(grid.heights_mm[0]),
-        }
+    write = _write_planes if found.on_planes else _write_section
+    folder.facts |= write(found, found.grid, folder)
     draw_emission(found, light_field, folder)
     folder.facts |= {
+        "camera": to_json(found.grid.camera),
+        "block": found.grid.block,
         "unit": UNITS[folder.facts["geometry"]],
         "noise": found.noise,
         "background": found.background,
@@ -126,25 +102,41 @@ def write_emission(
     }
 
 
-def _write_section(found: Emission, folder: OutputFolder) -> None:
-    """Write radial.csv and axial.csv."""
-    grid, values = found.grid, found.emission
-    columns = ["emission_per_mm", "standard_deviation", "low_95", "high_95"]
-    missing = np.full(values.shape, "")
-    sigma, low, high = missing, missing, missing
+def _write_planes(found: Emission, grid: FrustumGrid, folder: OutputFolder) -> dict[str, Any]:
+    """Write depth.csv, and give the facts on the planes."""
+    light, error = found.light
+    errors = [""] * len(light) if error is None else error
+    names = ["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"]
+    rows = zip(grid.depths_mm, grid.slopes, light, errors, strict=True)
+    write_table(folder.path("depth.csv"), names, rows)
+    sides = [grid.cell_mm(depth) for depth in grid.depths_mm]
+    return {"geometry": "planes", "depths_mm": list(grid.depths_mm), "cell_mm": sides}
+
+
+def _write_section(found: Emission, grid: AxisymmetricGrid, folder: OutputFolder) -> dict[str, Any]:
+    """Write radial.csv and axial.csv, and give the facts on the section."""
+    values, columns = found.emission, ["emission_per_mm", "standard_deviation", "low_95", "high_95"]
+    nodes = [values, *[np.full(values.shape, "")] * 3]
     if found.sigma is not None:
-        sigma, low, high = found.sigma, np.clip(values - found.bar, 0, None), values + found.bar
-    every = list(zip(values, sigma, low, high, strict=True))
-    rows = (
-        (height, radius, *node)
-        for height, line in zip(grid.heights_mm, every, strict=True)
-        for radius, *node in zip(grid.radii_mm, *line, strict=True)
-    )
-    write_table(folder.path("radial.csv"), ["height_mm", "radius_mm", *columns], rows)
-    axis = (
-        (h, *(part[0] for part in line)) for h, line in zip(grid.heights_mm, every, strict=True)
-    )
+        nodes[1:] = found.sigma, np.clip(values - found.bar, 0, None), values + found.bar
+    lines = [
+        (height, radius, *(one[row, column] for one in nodes))
+        for row, height in enumerate(grid.heights_mm)
+        for column, radius in enumerate(grid.radii_mm)
+    ]
+    write_table(folder.path("radial.csv"), ["height_mm", "radius_mm", *columns], lines)
+    axis = ((height, *node) for height, _, *node in lines[:: len(grid.radii_mm)])
     write_table(folder.path("axial.csv"), ["height_mm", *columns], axis)
+    return {
+        "geometry": "section",
+        "axis_mm": grid.axis_mm,
+        "axis_depth_mm": grid.depth_mm,
+        "radius_mm": grid.radius_mm,
+        "burner_mm": grid.burner_mm,
+        "views": grid.which,
+        "step_mm": grid.step_mm,
+        "top_mm": float(grid.heights_mm[0]),
+    }
 
 
 def write_table(path: Path, names: Sequence[str], rows: Iterable[Iterable]) -> None:
@@ -182,8 +174,7 @@ class _Record:
                 f"geometry must be one of {', '.join(UNITS)}, with a number in cell_mm for each of "
                 f"depths_mm, got {self.geometry!r}, {len(sides)} and {len(self.depths_mm)}."
             )
-        lengths = sides if self.geometry == "planes" else [self.step_mm, self.radius_mm]
-        for side in lengths:
+        for side in sides if self.geometry == "planes" else [self.step_mm, self.radius_mm]:
             if side is None or not SHORTEST <= side <= LONGEST:
                 raise InputError(
                     f"cell_mm, step_mm and radius_mm must be lengths from {SHORTEST:g} to "

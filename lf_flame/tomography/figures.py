@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 MOST_SHOWN = 8
 """Largest number of depth planes that a figure shows side by side."""
 
-MOST_NUMBERED = 9
-"""Largest number of views along an axis with which each view's chi-squared is printed."""
-
 WIDTH_IN, FONT = 3.5, 6.5
 """Width of a column of a paper in inches, and size of letters in points."""
 
@@ -46,13 +43,6 @@ def trust_figure(found: Emission):
     shown = np.clip(found.chi_squared, 1e-3, 1e6)
     most = max(2.0, float(np.exp(np.nanmax(np.abs(np.log(shown))))))
     picture = left.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
-    if max(shown.shape) <= MOST_NUMBERED:
-        left.set_xticks(range(shown.shape[1]))
-        left.set_yticks(range(shown.shape[0]))
-        for (v, u), value in np.ndenumerate(found.chi_squared):
-            if np.isfinite(value):
-                ink = "w" if abs(np.log(shown[v, u])) > 0.6 * np.log(most) else "k"
-                left.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6, color=ink)
     left.set_title("chi-squared of each view\n(1: noise alone is left)", fontsize=9)
     left.set(xlabel="u", ylabel="v")
     bar = figure.colorbar(picture, ax=left)
@@ -230,14 +220,14 @@ def _range(values: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
 def _window(kelvin: np.ndarray, place: Place) -> tuple[float, float, float, float]:
     """Edges in mm around all cells with a temperature, with a margin; all of the map without."""
     left, right, low, high = place.extent_mm
-    known = np.isfinite(kelvin).any(axis=0)
-    if not known.any():
+    rows, columns = np.nonzero(np.isfinite(kelvin).any(axis=0))
+    if not rows.size:
         return place.extent_mm
-    found = []
-    for axis, (begin, end) in ((0, (left, right)), (1, (high, low))):
-        lit = np.flatnonzero(known.any(axis=axis))
-        edges = np.linspace(begin, end, known.shape[1 - axis] + 1)
-        first, last = sorted((edges[lit[0]], edges[lit[-1] + 1]))
-        margin = 0.1 * (last - first)
-        found += [max(first - margin, min(begin, end)), min(last + margin, max(begin, end))]
-    return found[0], found[1], found[2], found[3]
+    side = (right - left) / kelvin.shape[2]
+    margin = 0.1 * side * max(np.ptp(rows), np.ptp(columns), 1)
+    return (
+        max(left + side * columns.min() - margin, left),
+        min(left + side * (columns.max() + 1) + margin, right),
+        max(high - side * (rows.max() + 1) - margin, low),
+        min(high - side * rows.min() + margin, high),
+    )

@@ -8,7 +8,6 @@ iteration on it costs a few Fourier transforms, whatever the number of views.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -18,7 +17,7 @@ from scipy import fft
 
 from lf_flame._common.memory import check_memory
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
-from lf_flame.tomography.projection_operator import layer_bands
+from lf_flame.tomography.projection_operator import plane_taps
 from lf_flame.tomography.resolution import depth_blur, finest_period
 
 Result = TypeVar("Result")
@@ -237,16 +236,10 @@ def _products(functions: np.ndarray) -> np.ndarray:
 
 def _transfer(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
     """Transfer functions of the depth planes along an axis, (views, frequencies, planes)."""
-    lenslets = list(grid.camera.lenslets)
-    lenslets[axis] = length * grid.block
-    wide = replace(grid, camera=replace(grid.camera, lenslets=(lenslets[0], lenslets[1])))
-    middle = length // 2
-    transfer = []
-    for plane in range(len(grid.depths_mm)):
-        bands = layer_bands(wide.empty_layer(plane), wide.camera, wide.block, axis)
-        seen = bands[:, [middle + wide.reach]].toarray().reshape(grid.camera.views, length)
-        transfer.append(fft.fft(np.roll(seen, -middle, axis=1), axis=1))
-    return np.stack(transfer, axis=-1)
+    taps = plane_taps(grid, axis)
+    seen = np.zeros((*taps.shape[:2], length))
+    seen[..., (grid.reach - np.arange(taps.shape[2])) % length] = taps
+    return np.moveaxis(fft.fft(seen), 0, -1)
 
 
 def depth_roughness(grid: FrustumGrid) -> np.ndarray:

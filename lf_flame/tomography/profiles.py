@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame._common import figures
+from lf_flame._common.arrays import centred
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.tomography.emission import bar_times, scatter
@@ -47,13 +48,17 @@ def axial(
     The strip is at the centre of the light by default, and one cell wide or wider; columns at its
     borders count by the part that is inside. `draws` has the shape (n, rows, columns).
     """
-    image, again = _arrays(plane, draws)
-    places = _places(image.shape[1], cell_mm)
+    image, again = np.asarray(plane, np.float64), np.asarray(draws, np.float64)
+    heights, places = (cell_mm * centred(count) for count in image.shape)
     if across_mm is None:
-        across_mm = _middle(image.sum(axis=0), places)
-    parts = _strip(places, across_mm, width_mm, cell_mm, "across_mm")
-    heights = -_places(image.shape[0], cell_mm)
-    return _profile(heights[::-1], image[::-1] @ parts, again[:, ::-1] @ parts)
+        light = image.sum(axis=0)
+        across_mm = float(light @ places) / max(float(light.sum()), 1e-300)
+    parts = _strip(places, across_mm, width_mm, cell_mm)
+    values, drawn = image[::-1] @ parts, again[:, ::-1] @ parts
+    if len(drawn) < 2:
+        return Profile(heights, values, None)
+    sigma = scatter(drawn, values)
+    return Profile(heights, values, sigma, bar_times(len(drawn)) * sigma)
 
 
 def radial(
@@ -64,70 +69,39 @@ def radial(
     thickness_mm: float = 0.0,
 ) -> Profile:
     """Take a profile across a depth plane, as `axial` does up it, from a strip at a height."""
-    image, again = _arrays(plane, draws)
-    heights = -_places(image.shape[0], cell_mm)
-    if height_mm is None:
-        height_mm = _middle(image.sum(axis=1), heights)
-    parts = _strip(heights, height_mm, thickness_mm, cell_mm, "height_mm")
-    places = _places(image.shape[1], cell_mm)
-    return _profile(places, parts @ image, parts @ again)
+    turned = (np.asarray(one)[..., ::-1, ::-1].swapaxes(-1, -2) for one in (plane, draws))
+    return axial(*turned, cell_mm, height_mm, thickness_mm)
 
 
-def _profile(places: np.ndarray, values: np.ndarray, drawn: np.ndarray) -> Profile:
-    if len(drawn) < 2:
-        return Profile(places, values, None)
-    sigma = scatter(drawn, values)
-    return Profile(places, values, sigma, bar_times(len(drawn)) * sigma)
-
-
-def _arrays(plane: ArrayLike, draws: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    return np.asarray(plane, np.float64), np.asarray(draws, np.float64)
-
-
-def _places(count: int, cell_mm: float) -> np.ndarray:
-    return (np.arange(count) - (count - 1) / 2) * cell_mm
-
-
-def _middle(light: np.ndarray, places: np.ndarray) -> float:
-    total = float(light.sum())
-    return float(light @ places) / total if total > 0 else 0.0
-
-
-def _strip(places: np.ndarray, middle: float, width: float, cell: float, name: str) -> np.ndarray:
+def _strip(places: np.ndarray, middle: float, width: float, cell: float) -> np.ndarray:
     """Weights of the cells by their part of a strip, one cell wide or wider; their sum is 1."""
-    if not (np.isfinite(width) and width >= 0):
+    if not 0 <= width < np.inf:
         raise InputError(f"A strip's width must be a finite number, 0 or above, got {width} mm.")
-    low, high = np.sort(places[[0, -1]]) + np.array([-cell, cell]) / 2
-    if not low <= middle <= high:
+    end = places[-1] + cell / 2
+    if not abs(middle) <= end:
         raise InputError(
-            f"{name} must lie within the plane, {low:.3g} to {high:.3g} mm, got {middle}."
+            f"A strip must lie within the plane, {-end:.3g} to {end:.3g} mm, got {middle}."
         )
     half = max(width, cell) / 2
-    ends = (
-        np.minimum(places + cell / 2, middle + half),
-        np.maximum(places - cell / 2, middle - half),
-    )
-    parts = np.clip(ends[0] - ends[1], 0, None)
+    high = np.minimum(places + cell / 2, middle + half)
+    parts = np.clip(high - np.maximum(places - cell / 2, middle - half), 0, None)
     return parts / parts.sum()
 
 
-@dataclass(frozen=True)
-class Strips:
-    """Positions and widths of the strips of profiles in mm; None: at the centre of the light."""
-
-    across: float | None = None
-    width: float = 0.0
-    height: float | None = None
-    thickness: float = 0.0
-
-
-def take_profiles(folder: EmissionFolder, strips: Strips) -> dict[str, list[Profile]]:
-    """Take profiles up and across every depth plane: lists "axial" and "radial"."""
+def take_profiles(
+    folder: EmissionFolder,
+    *,
+    across: float | None = None,
+    width: float = 0.0,
+    height: float | None = None,
+    thickness: float = 0.0,
+) -> dict[str, list[Profile]]:
+    """Take profiles up and across every depth plane, lists "axial" and "radial"; all in mm."""
     found: dict[str, list[Profile]] = {"axial": [], "radial": []}
     for k, plane in enumerate(folder.emission):
         one = plane, folder.draws[:, k], folder.cell_mm[k]
-        found["axial"].append(axial(*one, strips.across, strips.width))
-        found["radial"].append(radial(*one, strips.height, strips.thickness))
+        found["axial"].append(axial(*one, across, width))
+        found["radial"].append(radial(*one, height, thickness))
     return found
 
 

@@ -1,10 +1,10 @@
 """Light field of cells or nodes in space as a linear operator, with its exact adjoint.
 
 A pixel's weights of the cells are the closed-form integral with which scenes are rendered
-(`lf_flame.simulation.exact`), so that operator and simulation agree. Along each axis the weights
-are a banded matrix K for each depth plane. The light field is the sum of ``Ky X Kx'`` over the
-planes; the adjoint uses the transposed bands. An axisymmetric flame is cut into slabs, which are
-seen as planes are.
+(`lf_flame.simulation.exact`), so that operator and simulation agree. The cells of a plane grow with
+their distance as pixels do, so that a view sees a plane by the same few weights at every pixel: the
+light field is a sum of short convolutions along both axes, and the adjoint has the same weights. An
+axisymmetric flame is cut into slabs, whose weights are banded matrices K: ``Ky X Kx'`` for each.
 """
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from lf_flame._common.arrays import centred
+from lf_flame._common.threads import parallel, uncounted
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.lens import Lens
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -62,33 +63,109 @@ class ProjectionOperator(GridOperator):
 
     def __init__(self, grid: FrustumGrid, dtype: str = "float32", *, finer: int = 1):
         planes, rows, columns = grid.shape
-        dims = planes, finer * rows, finer * columns
-        super().__init__(dtype, dims, grid.data_shape)
-        self.grid = grid
-        layers = [grid.empty_layer(plane, finer) for plane in range(planes)]
-        down, self._across = (
-            [layer_bands(one, grid.camera, grid.block, axis).astype(dtype) for one in layers]
-            for axis in (0, 1)
-        )
-        self._down = sparse.hstack(down, format="csr")
-        self._up = self._down.T.tocsr()
-        self._back = [bands.T.tocsr() for bands in self._across]
+        super().__init__(dtype, (planes, finer * rows, finer * columns), grid.data_shape)
+        self.grid, self._finer = grid, finer
+        self._down, self._across = (plane_taps(grid, axis, finer).astype(dtype) for axis in (0, 1))
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
-        cells = x.reshape(self.dims).astype(self.dtype, copy=False)
-        lines = [(bands @ plane.T).T for bands, plane in zip(self._across, cells, strict=True)]
-        raw = self._down @ np.ascontiguousarray(np.concatenate(lines))
-        return self.grid.pick(as_views(raw, self.grid.pixels)).ravel()
+        planes, rows, columns = self.dims
+        cells = x.reshape(planes, rows, -1, self._finer).swapaxes(2, 3)
+        cells = np.ascontiguousarray(cells, self.dtype).reshape(self.dims)
+        views = np.empty((self.grid.camera.views,) * 2 + self.grid.pixels, self.dtype)
+        _see_rows(cells, cells.ravel(), self._down, self._across, self._finer, views, views.ravel())
+        return self.grid.pick(views).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        raw = as_raw(self.grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False)))
-        planes, rows, _ = self.dims
-        lines = (self._up @ raw).reshape(planes, rows, -1)
-        cells = [
-            (bands @ np.ascontiguousarray(line.T)).T
-            for bands, line in zip(self._back, lines, strict=True)
-        ]
-        return np.stack(cells).ravel()
+        views = self.grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
+        views, (planes, rows, columns) = np.ascontiguousarray(views), self.dims
+        lines = np.zeros((views.shape[0] * views.shape[2], planes * columns), self.dtype)
+        _gather_columns(views, views.ravel(), self._across, self._finer, lines, lines.ravel())
+        cells = np.zeros(self.dims, self.dtype)
+        _gather_rows(lines.ravel(), views.shape[2], self._down, self._finer, cells, cells.ravel())
+        return cells.reshape(planes, rows, self._finer, -1).swapaxes(2, 3).ravel()
+
+
+# In the loops below, every `finer`-th column of cells is side by side, so that weights of one place
+# in a cell meet neighbours; arrays are flat and indices unsigned, for loops without checks.
+
+
+@uncounted
+def _add(target, at, weight, source, start, count):
+    """Add a weight times a line of a flat array to a line of another."""
+    at, start = np.uintp(at), np.uintp(start)
+    for k in range(np.uintp(count)):
+        target[at + k] += weight * source[start + k]
+
+
+@parallel(lambda views: views.shape[0] * views.shape[2])
+def _see_rows(k, cells, flat, down, across, finer, views, seen):
+    """Light of cells[p, y, x] in row t of the views of row v; k counts both."""
+    planes, rows, columns = cells.shape
+    _, count, t_count, s_count = views.shape
+    v, t = k // t_count, k % t_count
+    lines = np.zeros(planes * columns, flat.dtype)
+    for p in range(planes):
+        for j in range(down.shape[2]):
+            if down[p, v, j] != 0:
+                start = (p * rows + finer * t + j) * columns
+                _add(lines, p * columns, down[p, v, j], flat, start, columns)
+    for u in range(count):
+        place = ((v * count + u) * t_count + t) * s_count
+        for s in range(s_count):
+            seen[place + s] = 0
+        for p in range(planes):
+            for j in range(across.shape[2]):
+                if across[p, u, j] != 0:
+                    start = p * columns + j % finer * (columns // finer) + j // finer
+                    _add(seen, place, across[p, u, j], lines, start, s_count)
+
+
+@parallel(lambda views: views.shape[0] * views.shape[2])
+def _gather_columns(k, views, seen, across, finer, lines, gathered):
+    """Adjoint along rows: lines[k, (p, x)] of row t of the views of row v; k counts both."""
+    _, count, t_count, s_count = views.shape
+    planes, columns = across.shape[0], lines.shape[1] // across.shape[0]
+    v, t = k // t_count, k % t_count
+    for u in range(count):
+        place = ((v * count + u) * t_count + t) * s_count
+        for p in range(planes):
+            for j in range(across.shape[2]):
+                if across[p, u, j] != 0:
+                    at = (k * planes + p) * columns + j % finer * (columns // finer) + j // finer
+                    _add(gathered, at, across[p, u, j], seen, place, s_count)
+
+
+@parallel(lambda cells: cells.shape[0] * cells.shape[1])
+def _gather_rows(k, lines, t_count, down, finer, cells, gathered):
+    """Adjoint along columns: cells[p, y]; k counts both."""
+    planes, rows, columns = cells.shape
+    p, y = k // rows, k % rows
+    for v in range(down.shape[1]):
+        for j in range(down.shape[2]):
+            t = (y - j) // finer
+            if down[p, v, j] != 0 and finer * t == y - j and 0 <= t < t_count:
+                start = ((v * t_count + t) * planes + p) * columns
+                _add(gathered, k * columns, down[p, v, j], lines, start, columns)
+
+
+def plane_taps(grid: FrustumGrid, axis: int, finer: int = 1) -> np.ndarray:
+    """Weights with which a pixel sees the cells of a plane along an axis, (planes, views, cells).
+
+    Float64. The first weight is that of the grid's first cell for the first pixel, and of the
+    `finer`-th cell after it for the next; a pixel's own cell is in the middle. They are those of a
+    pixel in the middle of the field.
+    """
+    middle, block = grid.pixels[axis] // 2, grid.block
+    taps = np.zeros((len(grid.depths_mm), grid.camera.views, finer * (2 * grid.reach + 1)))
+    for plane, of_plane in enumerate(taps):
+        layer = grid.empty_layer(plane, finer)
+        centres, *widths = _bundles(grid.camera, layer, axis)
+        centres = centres[:, middle * block : (middle + 1) * block]
+        start, weight = band_weights(layer.cell_edges_mm(axis), centres, *widths)
+        view, _, _ = lit = np.nonzero(weight)
+        cell = start[..., None] + np.arange(weight.shape[-1]) - finer * middle
+        np.add.at(of_plane, (view, cell[lit]), weight[lit] / block)
+    return taps
 
 
 class AxisymmetricOperator(GridOperator):

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
-from lf_flame.tomography.axis_checks import axis_checks
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
-from lf_flame.tomography.data_checks import data_checks, depth_checks, left_out
+from lf_flame.tomography.data_checks import axis_checks, data_checks, depth_checks, left_out
 from lf_flame.tomography.emission import Emission
 from lf_flame.tomography.fit import Explanation, Fit, FitOptions, check_bootstrap
 from lf_flame.tomography.fitted_views import fitted_views
@@ -317,7 +316,7 @@ class ReconstructionPlan:
             checks = depth_checks(geometry.grid, emission) + checks
         else:
             dark = replace(even, views=even.views - np.float32(level.mean))
-            checks += axis_checks(dark, geometry, found, known)
+            checks += axis_checks(dark, geometry, known)
         checks += data_checks(
             known if excess is None else known + excess,
             residual,
