@@ -109,17 +109,9 @@ class AbsorbingOperator(GridOperator):
     def mean_transmission(self) -> np.ndarray:
         """Fraction of the light that leaves towards the camera, averaged over the views.
 
-        Float64, shape of the grid; of cells that no view sees their own factor, of nodes 1.
+        It has the shape of the grid, and is 1 for cells or nodes that no view sees.
         """
         counted = self._raw(np.ones(self.dimsd, self.dtype))
-        if isinstance(self._grid, FrustumGrid):
-            means = np.empty(self.dims)
-            for slab in self._slabs:
-                weight = slab.back(counted).astype(np.float64)
-                through = np.ones_like(weight)
-                np.divide(slab.back(slab.seen * counted), weight, out=through, where=weight > 0)
-                slab.gather(slab.own * through, means, add=False)
-            return means
         through = self._gather(lambda slab: slab.own * slab.back(slab.seen * counted))
         thin = self._gather(lambda slab: slab.back(counted))
         return np.divide(through, thin, out=np.ones(self.dims), where=thin > 0)
@@ -148,15 +140,13 @@ class _Slab:
         heights, radii = self._section
         return (heights @ values) @ radii.T
 
-    def gather(self, cells: np.ndarray, values: np.ndarray, add: bool = True) -> None:
+    def gather(self, cells: np.ndarray, values: np.ndarray) -> None:
         """Add cells of this slab to the values of a grid: the adjoint of `spread`."""
-        if self._section is not None:
-            heights, radii = self._section
-            values += (heights.T @ cells) @ radii
-        elif add:
+        if self._section is None:
             values[self._plane] += cells
         else:
-            values[self._plane] = cells
+            heights, radii = self._section
+            values += (heights.T @ cells) @ radii
 
     def views(self, cells: np.ndarray) -> np.ndarray:
         """Light of the cells, if nothing attenuates it."""

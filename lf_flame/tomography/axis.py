@@ -120,24 +120,7 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     True
     """
     light_field, camera = inner_views(camera.corrected(light_field), camera)
-    views = light_field.filled
-    if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
-        wrong = "of fewer, its depth must be stated"
-        if views.ndim == 5:
-            wrong = "in colour, its colours need a calibration (--colours)"
-        raise InputError(
-            f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
-            f"{wrong}."
-        )
-    if depth_mm is None:  # else a single view of any camera suffices
-        camera.check_views(views.shape)
-    if views.shape[3] < LEAST_PIXELS:
-        raise InputError(
-            f"The axis is found in views of {LEAST_PIXELS} columns of pixels or more, got views of "
-            f"{views.shape[2]} x {views.shape[3]}."
-        )
-    # A background, as beside an upright flame, would draw the axis to the middle of the field.
-    views = views - np.float32(np.median(views[..., [0, -1]].mean(axis=(0, 1))))
+    views = _checked_views(light_field.filled, camera, depth_mm)
     columns = views.sum(axis=(0, 2), dtype=np.float64)  # view column, lenslet column
     if not columns.max() > 0:
         raise InputError("The light field holds no light above that at its sides.")
@@ -162,6 +145,26 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
         lopsided=_lopsided(focused, middle),
         **_Bands(pictures).straightness(camera, slope, side),
     )
+
+
+def _checked_views(views: np.ndarray, camera: Lens, depth_mm: float | None) -> np.ndarray:
+    """Subtract a background, which would draw the axis to the middle of the field."""
+    if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
+        wrong = "of fewer, its depth must be stated"
+        if views.ndim == 5:
+            wrong = "in colour, its colours need a calibration (--colours)"
+        raise InputError(
+            f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
+            f"{wrong}."
+        )
+    if depth_mm is None:  # else a single view of any camera suffices
+        camera.check_views(views.shape)
+    if views.shape[3] < LEAST_PIXELS:
+        raise InputError(
+            f"The axis is found in views of {LEAST_PIXELS} columns of pixels or more, got views of "
+            f"{views.shape[2]} x {views.shape[3]}."
+        )
+    return views - np.float32(np.median(views[..., [0, -1]].mean(axis=(0, 1))))
 
 
 class _Bands:

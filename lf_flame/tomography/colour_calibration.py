@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -305,17 +306,10 @@ def _numbers(values: ArrayLike) -> str:
     return f"[{', '.join(repr(float(value)) for value in np.asarray(values))}]"
 
 
-@dataclass(frozen=True, eq=False)
-class SourceSignals:
-    """Signals of a source in each picture and colour.
+class SourceSignals(NamedTuple):
+    """Signals of a source, (pictures, colours), the mask of its even part, and how uneven it is.
 
-    Attributes
-    ----------
-    signals : ndarray of float64, shape (pictures, colours)
-    mask : ndarray of bool, shape (rows, columns)
-        Even part of the source.
-    uneven : float
-        Largest relative standard deviation within it, of the mean of all pictures.
+    `uneven` is the relative standard deviation there of the mean of all pictures.
     """
 
     signals: np.ndarray

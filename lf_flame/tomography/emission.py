@@ -14,7 +14,6 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 if TYPE_CHECKING:
     from lf_flame.tomography.data_checks import Check
     from lf_flame.tomography.fit import Explanation
-    from lf_flame.tomography.strength_search import TriedStrength
 
 LEVEL = 0.95
 """Confidence level of an error bar."""
@@ -54,8 +53,6 @@ class Emission:
         Standard deviation of a pixel's noise, stated or measured, in the unit of the light field.
     strength : float
         Strength of the regularisation that was used.
-    tried : tuple of TriedStrength
-        Strengths that were tried, weakest first.
     chi_squared : ndarray of float64, shape (v, u)
         Mean squared residual of each view, in units of the noise's variance; NaN of views that are
         not fitted. The residual is that of the emission with its correction.
@@ -73,7 +70,6 @@ class Emission:
     draws: np.ndarray
     noise: float
     strength: float
-    tried: tuple[TriedStrength, ...]
     chi_squared: np.ndarray
     checks: tuple[Check, ...]
     fit: Explanation = field(repr=False)

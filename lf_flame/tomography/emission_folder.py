@@ -96,7 +96,6 @@ def write_emission(
         "background": found.background,
         "background_sigma": found.background_sigma,
         "strength": found.strength,
-        "tried": [[float(number) for number in tried] for tried in found.tried],
         "checks": [[check.name, float(check.number), float(check.limit)] for check in found.checks],
         "warnings": list(found.warnings),
     }

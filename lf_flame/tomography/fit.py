@@ -17,7 +17,7 @@ from lf_flame.errors import InputError
 from lf_flame.tomography.geometries import Geometry, PlaneGeometry, backproject, project
 from lf_flame.tomography.noise import correlation_factor, noise_by_pixel, noise_variance
 from lf_flame.tomography.plane_problem import Solution
-from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
+from lf_flame.tomography.strength_search import StrengthSearch
 
 MOST = 1e30
 """Largest noise and strength: far above any use, and their products are float64 numbers."""
@@ -86,7 +86,7 @@ class Explanation:
     noise, measured : standard deviation of a pixel's noise, as used and as measured
     uneven : variance of each pixel's noise relative to its mean, float32, shape (v, u, t, s)
     shared : factor by which correlation raises the noise of sums of pixels
-    strength, tried : strength of the regularisation, and those that were tried
+    strength : strength of the regularisation
     settled : whether the correction for absorption converged
     """
 
@@ -98,7 +98,6 @@ class Explanation:
     uneven: np.ndarray
     shared: float
     strength: float
-    tried: tuple[TriedStrength, ...] = ()
     settled: bool = True
     brightest: float = 0.0
 
@@ -213,7 +212,7 @@ class Fit:
         strength = float(strength)
         first = self.iterations // 2 if self.on_planes else self.iterations
         nearest = self.start.state if self.start else search.nearest(strength)
-        draft = replace(draft, strength=strength, tried=search.tried)
+        draft = replace(draft, strength=strength)
         draft = draft.solved(problem.solve(strength, first or 1, nearest))
         if not self.on_planes:
             return draft

@@ -137,10 +137,12 @@ def smooth_course(plane: np.ndarray) -> np.ndarray:
     the cell is then restored.
     """
     down, across = (_histospline(count).astype(plane.dtype) for count in plane.shape)
-    course = np.clip(down @ plane @ across.T, 0, None)
+    course = down @ plane @ across.T
+    np.maximum(course, 0, out=course)
     means = cell_means(course)
     share = np.divide(plane, means, out=np.zeros_like(means), where=means > 0)
-    return course * share.repeat(PARTS, axis=0).repeat(PARTS, axis=1)
+    course.reshape(len(plane), PARTS, -1)[...] *= share.repeat(PARTS, axis=1)[:, None]
+    return course
 
 
 @lru_cache(maxsize=16)
@@ -153,5 +155,5 @@ def _histospline(count: int) -> np.ndarray:
 
 def cell_means(course: np.ndarray) -> np.ndarray:
     """Average the parts of each cell, shape (rows, columns)."""
-    rows, columns = (count // PARTS for count in course.shape)
-    return course.reshape(rows, PARTS, columns, PARTS).mean(axis=(1, 3))
+    means = course.reshape(len(course) // PARTS, PARTS, -1).mean(axis=1)
+    return means.reshape(len(means), -1, PARTS).mean(axis=2)

@@ -8,7 +8,7 @@ from numba import get_num_threads
 from scipy import fft
 
 from lf_flame._common import progress
-from lf_flame._common.threads import parallel
+from lf_flame._common.threads import parallel, uncounted
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
 STEPS, LONG = (600.0, 60.0), 0.25
@@ -98,7 +98,7 @@ class PlaneProblem:
             before = parts[0][0]
             values = gram.decomposition[0] + gram.penalty(strength) + RIDGE * gram.scale
             linear = multiply(gram.compose(1 / values), self._spectrum)
-            start = gram.inverse_transform(linear).astype(np.float32)
+            start = np.ascontiguousarray(gram.inverse_transform(linear), np.float32)
         may_glow = np.ones(gram.grid.shape, bool) if foreground is None else foreground
         # There is no emission beyond the grid.
         roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0)))
@@ -119,11 +119,17 @@ class PlaneProblem:
         inverse = gram.inverse(step, strength)
         shift = np.float32(step) * self.stack.astype(np.float32, copy=False)
         solved = np.clip(state, 0, roof)
-        turned, gaps = np.empty_like(state), np.empty((*state.shape[:2], 2), np.float32)
+        light, apart, turned = (np.empty_like(state) for _ in range(3))
+
+        def advance(solved: np.ndarray) -> None:
+            before = (one.ravel() for one in (state, solved, roof, shift))  # views
+            after = (one.ravel() for one in (light, apart, turned))
+            _advance(32, *before, np.float32(RELAXATION), *after)
+
         for _ in range(most):
-            _advance(state, solved, roof, shift, np.float32(RELAXATION), turned, gaps)
-            gap, peak = gaps.max(axis=(0, 1))
-            if 0 < gap <= CONVERGED * peak:
+            advance(solved)
+            gap = max(apart.max(), -apart.min())
+            if 0 < gap <= CONVERGED * light.max():
                 break
             # The proximal step on the data: the inverse of the unit matrix plus step times G.
             spectrum = fft.rfft2(turned, workers=get_num_threads())
@@ -131,7 +137,7 @@ class PlaneProblem:
             _multiply_frequencies(inverse, spectrum.view(np.float32), product.view(np.float32))
             solved = fft.irfft2(product, s=gram.size, workers=get_num_threads(), overwrite_x=True)
             shown.update()
-        _advance(state, solved, roof, shift, np.float32(RELAXATION), turned, gaps)
+        advance(solved)
 
     def misfit(self, cells: np.ndarray) -> float:
         """Squared residual of cells, without the part outside the operator's range."""
@@ -153,32 +159,50 @@ def _scaled(state: np.ndarray, roof: np.ndarray, ratio: float) -> np.ndarray:
 @parallel(lambda matrices: len(matrices))
 def _multiply_frequencies(y, matrices, spectrum, product):
     """Multiply matrices[y, p, q, x] by spectrum[q, y, 2 x]; real and imaginary parts alternate."""
-    rows, planes, _, columns = matrices.shape
-    for p in range(planes):
-        line = product[p, y]
-        line[:] = 0
-        for q in range(planes):
-            factors, values = matrices[y, p, q], spectrum[q, y]
-            for x in range(columns):
-                line[2 * x] += factors[x] * values[2 * x]
-                line[2 * x + 1] += factors[x] * values[2 * x + 1]
+    _multiply_row(y, matrices, spectrum, product)
 
 
-@parallel(lambda state: state.shape[0] * state.shape[1])
-def _advance(k, state, solved, roof, shift, relaxation, turned, gaps):
-    """Take a step of the splitting, and prepare the next one's linear fit.
+@uncounted
+def _multiply_row(y, matrices, spectrum, product):
+    _, planes, _, columns = matrices.shape
+    row = np.uintp(y)
+    for p in range(np.uintp(planes)):
+        for x in range(np.uintp(2 * columns)):
+            product[p, row, x] = 0
+        for q in range(np.uintp(planes)):
+            for x in range(np.uintp(columns)):
+                i = x + x
+                j = i + np.uintp(1)
+                product[p, row, i] += matrices[row, p, q, x] * spectrum[q, row, i]
+                product[p, row, j] += matrices[row, p, q, x] * spectrum[q, row, j]
 
-    gaps[p, y]: largest difference of the linear fit and the light, and largest light, of a row.
+
+@parallel(lambda parts: parts)
+def _advance(k, parts, state, solved, roof, shift, relaxation, light, apart, turned):
+    """Take a step of the splitting, and prepare the next one's linear fit; arrays are flat.
+
+    `light` is that before the step, and `apart` its difference from the linear fit.
     """
-    planes, rows, columns = state.shape
-    p, y = k // rows, k % rows
-    line, fit, most, by = state[p, y], solved[p, y], roof[p, y], shift[p, y]
-    gap, peak = np.float32(0), np.float32(0)
-    for x in range(columns):
-        light = min(max(line[x], np.float32(0)), most[x])
-        apart = fit[x] - light
-        gap, peak = max(gap, abs(apart)), max(peak, light)
-        line[x] += relaxation * apart
-        light = min(max(line[x], np.float32(0)), most[x])
-        turned[p, y, x] = 2 * light - line[x] + by[x]
-    gaps[p, y, 0], gaps[p, y, 1] = gap, peak
+    start, end = k * len(state) // parts, (k + 1) * len(state) // parts
+    _find_gap(start, end, state, solved, roof, light, apart)
+    _step(start, end, state, apart, roof, shift, relaxation, turned)
+
+
+# Two loops, because a compiler asks of no more than so many arrays whether they overlap, and else
+# takes one number at a time. Indices are unsigned, so that it need not ask for their signs.
+
+
+@uncounted
+def _find_gap(start, end, state, solved, roof, light, apart):
+    for i in range(np.uintp(start), np.uintp(end)):
+        light[i] = min(max(state[i], np.float32(0)), roof[i])
+        apart[i] = solved[i] - light[i]
+
+
+@uncounted
+def _step(start, end, state, apart, roof, shift, relaxation, turned):
+    zero, two = np.float32(0), np.float32(2)
+    for i in range(np.uintp(start), np.uintp(end)):
+        after = state[i] + relaxation * apart[i]
+        state[i] = after
+        turned[i] = two * min(max(after, zero), roof[i]) - after + shift[i]

@@ -145,33 +145,25 @@ def soot_temperature(
     light, errors = _checked_emissions(emissions, sigmas, len(responses.names))
     gain = _checked_gains(gains, len(light)).reshape(-1, *[1] * (light.ndim - 1))
     curves = _LogCurves(responses, soot_exponent)
-    least = 0.0 if errors is None else LEAST_SIGNAL * errors
-    known = np.all(light > least, axis=0)
+    known = np.all(light > (0.0 if errors is None else LEAST_SIGNAL * errors), axis=0)
     with np.errstate(all="ignore"):  # cells without a temperature
         relative = np.ones_like(light) if errors is None else errors / light
-        relative = np.where(known, np.maximum(relative, LEAST_ERROR), 1.0)
+        weights = np.where(known, np.maximum(relative, LEAST_ERROR), 1.0) ** -2.0
         wanted = np.log(np.where(known, light / gain, 1.0))
-        inverse, spread = curves.invert(wanted, relative**-2.0)
+        inverse, spread = curves.invert(wanted, weights)
         kelvin = 1 / inverse
         known &= (kelvin > curves.coldest) & (kelvin >= LEAST_K) & (kelvin <= MOST_K)
-        kelvin = np.where(known, kelvin, np.nan)
-        apart, amount = curves.compare(
-            wanted, np.where(np.isfinite(kelvin), inverse, 1e-3), relative
-        )
-        undetermined = np.where(np.isfinite(kelvin), 0.0, np.nan)
+        kelvin, undetermined = np.where(known, kelvin, np.nan), np.where(known, 0.0, np.nan)
+        apart, amount = curves.compare(wanted, np.where(known, inverse, 1e-3), weights)
         if errors is None:
             return Temperatures(kelvin, None, amount + undetermined)
         sigma = kelvin**2 * spread
         if draws is not None:
             drawn = [np.asarray(one, float) for one in draws]
-            sigma = _scatter(drawn, light, kelvin, sigma, curves, gain, relative**-2.0)
+            sigma = _scatter(drawn, gain, curves, weights, kelvin, sigma)
         freedom = len(light) - 2
-        return Temperatures(
-            kelvin,
-            sigma,
-            amount + undetermined,
-            apart / freedom + undetermined if freedom else None,
-        )
+        misfit = apart / freedom + undetermined if freedom else None
+        return Temperatures(kelvin, sigma, amount + undetermined, misfit)
 
 
 def two_colour_temperature(
@@ -249,21 +241,14 @@ def two_wavelengths(wavelengths_nm: tuple[float, float]) -> SpectralResponses:
 
 
 def _scatter(
-    drawn: list[np.ndarray],
-    light: np.ndarray,
-    kelvin: np.ndarray,
-    sigma: np.ndarray,
-    curves: _LogCurves,
-    gain: np.ndarray,
-    weights: np.ndarray,
-) -> np.ndarray:
+    drawn: list[np.ndarray], gain: np.ndarray, curves: _LogCurves, weights: np.ndarray,
+    kelvin: np.ndarray, sigma: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Root-mean-square distance of the draws' temperatures, or `sigma` where most have none."""
-    if {one.shape for one in drawn} != {(len(drawn[0]), *light.shape[1:])} or len(drawn) != len(
-        light
-    ):
+    if {one.shape for one in drawn} != {(len(drawn[0]), *kelvin.shape)} or len(drawn) != len(gain):
         raise InputError(
-            f"draws must be as many for each of the {len(light)} colours, each of the emissions' "
-            f"shape {light.shape[1:]}, got {[one.shape for one in drawn]}."
+            f"draws must be as many for each of the {len(gain)} colours, each of the emissions' "
+            f"shape {kelvin.shape}, got {[one.shape for one in drawn]}."
         )
     squares, counts = np.zeros_like(kelvin), np.zeros(kelvin.shape, int)
     for number in range(len(drawn[0])):
@@ -338,10 +323,9 @@ class _LogCurves:
         return slopes, np.sum(weights * slopes**2, axis=0)
 
     def compare(
-        self, wanted: np.ndarray, inverse: np.ndarray, relative: np.ndarray
+        self, wanted: np.ndarray, inverse: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Chi-squared of soot at 1 / T, and its amount."""
-        weights = relative**-2.0
         rest = wanted - np.stack([one(inverse) for one in self._curves])
         mean = np.sum(weights * rest, axis=0) / np.sum(weights, axis=0)
         return np.sum(weights * (rest - mean) ** 2, axis=0), np.exp(mean)

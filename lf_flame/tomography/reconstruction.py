@@ -317,13 +317,10 @@ class ReconstructionPlan:
         else:
             dark = replace(even, views=even.views - np.float32(level.mean))
             checks += axis_checks(dark, geometry, known)
+        stated = self._options.noise is not None
+        whole = known if excess is None else known + excess
         checks += data_checks(
-            known if excess is None else known + excess,
-            residual,
-            chi_squared,
-            found,
-            stated=self._options.noise is not None,
-            fitted_background=measured is not None,
+            whole, residual, chi_squared, found, stated=stated, fitted_background=bool(measured)
         )
         return Emission(
             grid=grid,
@@ -332,7 +329,6 @@ class ReconstructionPlan:
             draws=np.array(draws, np.float32).reshape(-1, *emission.shape),
             noise=found.noise,
             strength=found.strength,
-            tried=found.tried,
             chi_squared=grid.place(chi_squared, np.nan),
             checks=tuple(checks),
             fit=found,

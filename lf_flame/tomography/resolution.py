@@ -21,12 +21,6 @@ NO_DEPTH = "A light field gives almost no depth information for a smooth flame"
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
 """Lateral periods in mm of the table of depth resolution if none is given."""
 
-APART = 1.0
-"""Largest slope at which detail of one pixel is seen by neighbouring views without gaps."""
-
-PERIOD = 10
-"""Period of coarse detail, in periods of the finest: two pixels."""
-
 
 def angular_width(camera: Lens) -> float:
     """Angle that the recorded views span, seen from the focal plane, in rad.
@@ -144,14 +138,15 @@ def lens_facts(lens: Lens) -> dict[str, str]:
         f"{lens.pupil_distance_mm:.4g} mm from where the views meet",
         "pixel there": f"{lens.lenslet_in_focus_mm:.4g} mm",
         "in focus": f"{_span(lens, 1 / max(lens.views - 1, 1))} (the views agree within a pixel)",
-        "refocusable": f"{_span(lens, APART)} (slopes from -{APART:g} to {APART:g})",
+        # Up to slope 1, neighbouring views see detail of one pixel without gaps.
+        "refocusable": f"{_span(lens, 1.0)} (slopes from -1 to 1)",
     }
     if lens.views > 1:
         finest = finest_period(lens)
-        fine, coarse = (depth_blur(lens, times * finest) for times in (1, PERIOD))
+        fine, coarse = (depth_blur(lens, times * finest) for times in (1, 10))
         facts["depth"] = (
             f"detail of {finest:.2g} mm is blurred over {fine:.2g} mm of depth, of "
-            f"{PERIOD * finest:.2g} mm over {coarse:.2g} mm"
+            f"{10 * finest:.2g} mm over {coarse:.2g} mm"
         )
     return facts
 

@@ -124,36 +124,13 @@ def reconstruct_soot(
     1800.0
     """
     lights = split_colours(light_field, calibration.responses.names)
-    plan, count = ReconstructionPlan(grid, **options), len(lights)
+    plan = ReconstructionPlan(grid, **options)
     found = [plan.reconstruct(light) for light in lights]
     # With one strength for all colours, the effect of the penalty cancels in their ratios.
     strength = max(one.strength for one in found)
-    thickness, settled = np.zeros((count, *found[0].emission.shape)), not absorbing
-    totals = np.zeros(count)
-    rounds = range(MOST_ROUNDS) if absorbing else ()
-    for number in progress.steps(rounds, "absorption", MOST_ROUNDS, "round"):
-        if number:
-            found = [
-                plan.absorbing(tau).reconstruct(light, start=last, fits=1)
-                for tau, light, last in zip(thickness, lights, found, strict=True)
-            ]
-        fresh = _thickness(found, calibration, soot_exponent)
-        totals = np.array([_total(grid, one) for one in fresh])
-        # A round under way may exceed what the fit takes.
-        fresh *= min(1.0, (1 - 1e-6) * MOST_THICKNESS / max(float(totals.max()), 1e-300))
-        change = max(_total(grid, one) for one in np.abs(fresh - thickness))
-        thickness = fresh
-        if change < SETTLED:
-            settled = True
-            break
-    if totals.max() > MOST_THICKNESS:
-        name = calibration.responses.names[int(np.argmax(totals))]
-        raise InputError(
-            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
-            f"comes out at {totals.max():.2g} or more in {name}: hardly any light leaves from "
-            f"behind; or the flame was exposed longer than the furnace (--exposure of "
-            f"calibrate-colours), or the colours are in another order than the channels."
-        )
+    thickness, settled = np.zeros((len(lights), *found[0].emission.shape)), True
+    if absorbing:
+        thickness, settled = _settle(plan, lights, found, calibration, soot_exponent)
     colours = tuple(
         plan.absorbing(tau if absorbing else None, strength=strength).reconstruct(
             light,
@@ -164,7 +141,42 @@ def reconstruct_soot(
         for c, (tau, light) in enumerate(zip(thickness, lights, strict=True))
     )
     temperatures = _temperatures(colours, calibration, soot_exponent)
+    totals = np.array([_total(grid, one) for one in thickness])
     return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
+
+
+def _settle(
+    plan: ReconstructionPlan,
+    lights: Sequence[LightField],
+    found: Sequence[Emission],
+    calibration: ColourCalibration,
+    soot_exponent: float,
+) -> tuple[np.ndarray, bool]:
+    """Find the optical thickness in each colour, and whether it has converged."""
+    thickness, grid = np.zeros((len(lights), *found[0].emission.shape)), plan.grid
+    for number in progress.steps(range(MOST_ROUNDS), "absorption", MOST_ROUNDS, "round"):
+        if number:
+            found = [
+                plan.absorbing(tau).reconstruct(light, start=last, fits=1)
+                for tau, light, last in zip(thickness, lights, found, strict=True)
+            ]
+        fresh = _thickness(found, calibration, soot_exponent)
+        totals = [_total(grid, one) for one in fresh]
+        # A round under way may exceed what the fit takes.
+        fresh *= min(1.0, (1 - 1e-6) * MOST_THICKNESS / max(*totals, 1e-300))
+        change = max(_total(grid, one) for one in np.abs(fresh - thickness))
+        thickness = fresh
+        if change < SETTLED:
+            break
+    if max(totals) > MOST_THICKNESS:
+        raise InputError(
+            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
+            f"comes out at {max(totals):.2g} or more in "
+            f"{calibration.responses.names[int(np.argmax(totals))]}: hardly any light leaves from "
+            f"behind; or the flame was exposed longer than the furnace (--exposure of "
+            f"calibrate-colours), or the colours are in another order than the channels."
+        )
+    return thickness, change < SETTLED
 
 
 def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightField]:

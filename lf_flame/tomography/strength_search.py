@@ -13,13 +13,12 @@ FIRST = 13
 
 
 class TriedStrength(NamedTuple):
-    """A strength: its misfit, and that which is expected.
+    """Misfit of a strength, and that which is expected.
 
     The misfit is the squared residual in the operator's range, in units of the noise's part there;
     the expected one is the misfit that noise leaves for a solution with as many degrees of freedom.
     """
 
-    strength: float
     misfit: float
     expected: float
 
@@ -36,11 +35,6 @@ class StrengthSearch:
         self._starts: dict[float, np.ndarray] = {}
         self._problem, self._noise_share = problem, noise_share
         self._variance, self._iterations = variance, iterations
-
-    @property
-    def tried(self) -> tuple[TriedStrength, ...]:
-        """Strengths that were tried, weakest first."""
-        return tuple(self._tried[key] for key in sorted(self._tried))
 
     def find(self) -> float:
         """Find the strongest with a residual within the noise, or else the least excess."""
@@ -86,7 +80,7 @@ class StrengthSearch:
             free *= float(np.sum((fit.cells > 0) * self._noise_share))
             self._starts[strength] = fit.state
             misfit = fit.misfit / (self._variance * problem.modes)
-            self._tried[strength] = TriedStrength(strength, misfit, 1 - free)
+            self._tried[strength] = TriedStrength(misfit, 1 - free)
         return self._tried[strength]
 
     def _risk(self, index: int) -> float:

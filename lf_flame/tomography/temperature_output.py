@@ -98,50 +98,39 @@ def temperature_notes(
             f"spectral responses, the gains, --soot-exponent, and whether a colour is saturated or "
             f"holds light of another source, such as a blue flame."
         )
-    other = soot_exponent + UNSURE_EXPONENT
-    change = _exponent_error(found, calibration, soot_exponent, other)
+    return [*notes, *_uncertainties(found, calibration, soot_exponent)]
+
+
+def _uncertainties(
+    found: Temperatures, calibration: ColourCalibration, soot_exponent: float
+) -> list[str]:
+    """Say what the exponent and the gains' errors do to thin soot of the median temperature."""
+    other, median = soot_exponent + UNSURE_EXPONENT, float(np.nanmedian(found.kelvin))
+    light = calibration.gains * calibration.responses.soot(median, soot_exponent)
+    errors = np.clip(calibration.relative_errors, 1e-9, 0.3) * light
+    changed, alike = (
+        soot_temperature(
+            list(light),
+            calibration.responses,
+            sigmas=list(errors),
+            gains=calibration.gains,
+            soot_exponent=exponent,
+        )
+        for exponent in (other, soot_exponent)
+    )
+    change, error = float(changed.kelvin) - median, float(np.asarray(alike.sigma))
     # Near the end of the range, the other exponent has no temperature.
     differ = f"differ by about {change:+.0f} K" if np.isfinite(change) else "be out of range"
-    notes.append(
+    notes = [
         f"Soot is taken to absorb as wavelength^-{soot_exponent:g}. With {other:g} instead "
         f"(--soot-exponent), temperatures would {differ}; {SIGMA_FILE} does not hold this."
-    )
-    error = _gain_error(found, calibration, soot_exponent)
+    ]
     if error > 1:
         notes.append(
             f"The errors of the calibration's gains add a standard deviation of {error:.0f} K, the "
             f"same in all cells, which {SIGMA_FILE} does not hold."
         )
     return notes
-
-
-def _exponent_error(
-    found: Temperatures, calibration: ColourCalibration, exponent: float, other: float
-) -> float:
-    """Find by how many K another exponent changes the median temperature of thin soot."""
-    kelvin = float(np.nanmedian(found.kelvin))
-    light = calibration.gains * calibration.responses.soot(kelvin, exponent)
-    alike = soot_temperature(
-        list(light), calibration.responses, gains=calibration.gains, soot_exponent=other
-    )
-    return float(alike.kelvin) - kelvin
-
-
-def _gain_error(found: Temperatures, calibration: ColourCalibration, exponent: float) -> float:
-    """Find the standard deviation in K of the median temperature due to the errors of the gains."""
-    kelvin = float(np.nanmedian(found.kelvin))
-    light = calibration.gains * calibration.responses.soot(kelvin, exponent)
-    if not calibration.relative_errors.any():
-        return 0.0
-    errors = np.minimum(calibration.relative_errors, 0.3) * light
-    alike = soot_temperature(
-        list(light),
-        calibration.responses,
-        sigmas=list(errors),
-        gains=calibration.gains,
-        soot_exponent=exponent,
-    )
-    return 0.0 if alike.sigma is None else float(alike.sigma)
 
 
 def write_temperature(

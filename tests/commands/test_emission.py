@@ -125,12 +125,6 @@ def test_a_ball_is_found_with_its_axis(call, ball, tmp_path, drawn):
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_light_that_is_not_axisymmetric_is_told(call, ball):
-    lopsided = ball.copy()
-    lopsided[..., 26:] *= 1.5
-    assert "not axisymmetric" in call("abel", lopsided, "--block", 2, "--bootstrap", 0)
-
-
 @pytest.mark.slow
 def test_one_plain_picture_is_enough_if_the_depth_is_stated(ball, tmp_path, drawn):
     (tmp_path / "one.toml").write_text(

@@ -54,16 +54,6 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
     assert (out / "profiles.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_without_draws_there_are_no_errors(folder, tmp_path, drawn):
-    (folder / "draws.tif").unlink()
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert result.exit_code == 0
-    assert "no bands" in result.output
-    rows = rows_of(tmp_path / "out" / "axial.csv")
-    assert {row["standard_deviation"] for row in rows} == {row["low_95"] for row in rows} == {""}
-
-
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_plane_is_read_back_as_one(tmp_path, count):
     """A stack of one plane, or of one draw's plane, is rows and columns alone to a TIFF reader."""

@@ -10,9 +10,6 @@ from programs import run
 
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
-from lf_flame.tomography.emission import Place
-from lf_flame.tomography.emission_folder import EmissionFolder
-from lf_flame.tomography.figures import temperature_figure
 from lf_flame.tomography.temperature_output import temperature_warnings
 
 HEIGHTS, RADII = 12, 8
@@ -60,30 +57,6 @@ def colours(tmp_path):
         emission[0, -1] = 0
         folders.append(write_section(tmp_path / name, emission, 1e-3 * emission + 1e-9))
     return folders
-
-
-def test_isotherms_are_where_the_temperatures_are():
-    """Of a temperature that rises by 20 K with each mm of height, on cells of half a mm."""
-    heights = 5.0 - 0.5 * (np.arange(20) + 0.5)
-    kelvin = np.broadcast_to(1700.0 + 20 * heights[:, None], (20, 8))[None]
-    place = Place("section", (-2.0, 2.0, -5.0, 5.0), 0.0)
-    for sigma, drawn in ((1.0, True), (100.0, False)):
-        figure = temperature_figure(kelvin, np.full_like(kelvin, sigma), kelvin / 1800, [place])
-        lines = figure.axes[1].collections
-        assert bool(lines) is drawn
-    figure = temperature_figure(kelvin, np.ones_like(kelvin), kelvin / 1800, [place])
-    (lines,) = figure.axes[1].collections
-    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
-        assert path.vertices[:, 1] == pytest.approx((level - 1700) / 20, abs=1e-6)
-    assert figure.axes[0].get_xlabel() == "across (mm)"
-
-
-def test_a_section_s_heights_are_from_the_optical_axis(tmp_path):
-    light = np.ones((HEIGHTS, RADII))
-    folder = write_section(tmp_path / "red", light, light, top_mm=3.0)
-    place = EmissionFolder(folder).places[0]
-    assert place.extent_mm == pytest.approx((-3.75, 3.75, 3.25 - 0.5 * HEIGHTS, 3.25))
-    assert place.whole(light).shape == (HEIGHTS, 2 * RADII - 1)
 
 
 @pytest.mark.slow

@@ -37,20 +37,6 @@ def test_a_gaussian_has_an_ellipse_for_its_contour(level, chord):
     assert found.doubts == ()
 
 
-def test_a_ramp_has_its_tip_exactly_between_rows():
-    """Linear along height, which linear interpolation finds to rounding; wide as told."""
-    image = np.zeros(SHAPE)
-    image[20:, 30:50] = np.arange(40)[:, None] * 0.25 + 0.1
-    image[20:, [30, 49]] *= 0.5  # the outer columns reach half of what the others have
-    found = measure_flame(image, level=0.5)
-    peak = 39 * 0.25 + 0.1
-    row = 20 + (peak / 2 - 0.1) / 0.25
-    assert found.tip_row == pytest.approx(row, abs=1e-9)
-    assert found.height == pytest.approx(59.5 - row, abs=1e-9)
-    # In the last row the outer columns stand at the level itself, where the contour runs.
-    assert found.width == pytest.approx(19, abs=1e-9)
-
-
 def test_lengths_are_in_the_pixels_unit_and_count_from_the_burner():
     image = gaussian()
     pixels, mm = measure_flame(image), measure_flame(9 * image, pixel_mm=0.25, burner_row=50.0)
@@ -112,17 +98,6 @@ def test_a_hot_pixel_changes_nothing(brightness, place):
     assert found.width == pytest.approx(clean.width, abs=0.2)
     assert found.brightness == pytest.approx(clean.brightness, rel=0.05)
     assert found.doubts == ()
-
-
-def test_corners_do_not_join():
-    image = np.zeros(SHAPE)
-    image[30:45, 30:40] = 1.0
-    image[20:30, 20:30] = 0.9
-    found = measure_flame(image)
-    assert found.tip_row == pytest.approx(29.5)
-    assert "apart" in found.doubts
-    image[29:31, 30] = 0.9
-    assert measure_flame(image).tip_row < 29
 
 
 def test_a_hollow_flame_has_one_outer_contour():

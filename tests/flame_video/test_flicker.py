@@ -167,8 +167,3 @@ def test_a_drift_is_no_flicker_and_hides_none(drift):
     assert np.isnan(find_flicker(times, 20 + drifting).frequency_hz)
     found = find_flicker(times, sine(times, 7.3, amplitude=0.3) + drifting)
     assert found.frequency_hz == pytest.approx(7.3, abs=0.1)
-
-
-def test_a_faster_flicker_is_folded_back():
-    times = np.arange(200) / 20
-    assert find_flicker(times, sine(times, 12.0)).frequency_hz == pytest.approx(8.0, abs=0.01)

@@ -147,14 +147,6 @@ def made(tmp_path):
     return out
 
 
-def test_lengths_are_in_mm_with_the_size_of_a_pixel():
-    (step,) = find_steps("height", pixel_mm=0.5, burner_row=17.5)
-    found = {name: value.values for name, value in step(Frame(LightField(bar(6)))).items()}
-    assert (found["height"], found["width"]) == pytest.approx((6.0, 2.5), abs=1e-5)
-    assert found["area"] == pytest.approx(15.0, rel=0.01)
-    assert found["tip_row"] == pytest.approx(5.5, abs=1e-5)
-
-
 @pytest.mark.slow
 def test_emission_of_a_frame_is_that_of_its_light_field_alone():
     """A background of 0.2 is fitted; the second frame starts from the first."""
@@ -173,18 +165,6 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
 
-@pytest.mark.slow
-def test_without_a_strength_each_frame_stands_alone():
-    """A faint frame leaves no strength to the flame after it."""
-    (step,) = find_steps("emission", camera=CAMERA, depths_mm=DEPTHS)
-    before, rng = {}, np.random.default_rng(1)
-    lit = bar(8) + 0.01 * rng.standard_normal((3, 3, ROWS, COLUMNS))
-    step(Frame(LightField(lit - 0.95 * bar(8)), before=before))
-    found = step(Frame(LightField(lit), before=before))["emission"].values
-    alone = reconstruct(LightField(lit), FrustumGrid(CAMERA, DEPTHS))
-    np.testing.assert_array_equal(found, alone.emission)
-
-
 def test_an_array_that_is_damaged_or_lost_is_named(made):
     chunk = made / "height" / "c" / "0"
     content = chunk.read_bytes()
@@ -194,3 +174,11 @@ def test_an_array_that_is_damaged_or_lost_is_named(made):
     chunk.unlink()
     with pytest.raises(InputError, match="height cannot be read: 1 of its 1 chunk files"):
         read_series(made)
+
+
+def test_decode_alone_keeps_the_views(tmp_path):
+    np.save(tmp_path / "0.npy", bar(5))
+    process_frames([tmp_path / "0.npy"], tmp_path / "kept", find_steps("decode"), times_s=[0.0])
+    views = zarr.open_group(tmp_path / "kept", mode="r")["views"]
+    assert views.metadata.dimension_names == ("time", "v", "u", "t", "s")
+    np.testing.assert_array_equal(views[0], bar(5))

@@ -8,11 +8,8 @@ from scipy.ndimage import convolve1d
 from experiments.emission.truth import Lens, Sheet, record
 from lf_flame import LightField
 from lf_flame.tomography import (
-    AxisymmetricGrid,
-    AxisymmetricOperator,
     FrustumGrid,
     reconstruct,
-    reconstruct_axisymmetric,
 )
 from lf_flame.tomography.noise import correlation_factor
 
@@ -69,22 +66,6 @@ def test_light_is_no_correlation(rng):
     assert correlation_factor(noisy, EVERY) == 1
     everywhere = 100 + shared_noise(rng, (9, 9, 40, 50))
     assert correlation_factor(everywhere, EVERY) == 1
-
-
-@pytest.mark.slow
-def test_bars_of_a_section_are_wider_by_the_factor(rng):
-    grid = AxisymmetricGrid(
-        camera_of(Lens(views=5, lenslets=(32, 36))), axis_mm=0.0, depth_mm=0.0, radius_mm=1.0
-    )
-    height, radius = np.meshgrid(grid.heights_mm, grid.radii_mm, indexing="ij")
-    glow = np.exp(-((height / 0.6) ** 2) - (radius / 0.4) ** 2)
-    views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.data_shape)
-    bars = []
-    for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
-        lit = LightField((views + 0.02 * views.max() * noise).astype(np.float32))
-        found = reconstruct_axisymmetric(lit, grid, strength=0.1, bootstrap=20, rng=rng)
-        bars.append(found.sigma[glow > 0.3].mean())
-    assert bars[1] / bars[0] == pytest.approx(of_a_mean(5), rel=0.12)
 
 
 @pytest.mark.slow

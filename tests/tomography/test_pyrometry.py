@@ -27,16 +27,6 @@ def test_temperatures_come_back(colours, exponent):
     assert found.sigma is None
 
 
-def test_a_camera_that_sees_one_colour_better_is_calibrated():
-    emissions = [soot_emission(colour, 1700.0) for colour in COLOURS]
-    found = two_colour_temperature(
-        3 * emissions[0], emissions[1], wavelengths_nm=COLOURS, calibration=3.0
-    )
-    assert found.kelvin == pytest.approx(1700.0, abs=1e-3)
-    wrong = two_colour_temperature(3 * emissions[0], emissions[1], wavelengths_nm=COLOURS)
-    assert abs(wrong.kelvin - 1700) > 500 or np.isnan(wrong.kelvin)
-
-
 def test_errors_are_those_of_draws():
     """Linear propagation against ten thousand draws of 1 % of noise, within 5 %."""
     rng, kelvin = np.random.default_rng(0), 1800.0

@@ -68,7 +68,6 @@ TABLES = {
     "wavelength_nm,red,green\n500,1,0\n600,1,0\n": "'green' responds to no wavelength",
     "wavelength_nm,red\n500,nan\n600,1\n": "must be finite",
     "wavelength_nm,../up\n500,1\n600,1\n": "must be 1 to 40 letters.*got '../up'",
-    "wavelength_nm,..\n500,1\n600,1\n": "must be 1 to 40 letters",
     "wavelength_nm,red,red\n500,1,1\n600,1,1\n": "must have different names",
 }
 
@@ -91,8 +90,6 @@ REFUSED = [
         partial(FrustumGrid, CAMERA),
         ({"depths_mm": [5.0, 5.0]}, "no two alike"),
         ({"depths_mm": [5.0, 0.0, 3.0]}, "rise or fall"),
-        ({"depths_mm": [NAN]}, "finite"),
-        ({"depths_mm": []}, "1 to 200"),
         ({"depths_mm": [-400.0]}, "main lens"),
         ({"depths_mm": [0.0], "block": 5}, "divide the 54 x 60"),
         ({"depths_mm": [0.0], "block": 0}, "block"),
@@ -111,7 +108,6 @@ REFUSED = [
     (partial(FrustumGrid, LAW, [9.0, 0.0]), "from -16 to 8 mm, where targets stood, got 9 mm"),
     (partial(planes_between, 0, 1, 0.3), "must divide the way from 0 to 1 mm"),
     (partial(planes_between, 0, 1, 0), "finite ends and a step above 0 mm"),
-    (partial(planes_between, 0, INF, 1), "finite ends and a step above 0 mm"),
     (
         lambda: FrequencyGram(FrustumGrid(PAPER_CAMERA, np.linspace(-20, 20, 200))),
         "200 planes of .* GB",
@@ -120,13 +116,9 @@ REFUSED = [
     (partial(limited, partial(AbsorbingOperator, GRID, THICKNESS)), "Transmissions of 3 slabs"),
     *each(
         partial(reconstruct, EVEN, GRID),
-        ({"noise": -1.0}, "noise must be"),
         ({"noise": 0.0}, "noise must be above 0.*leave it out to have it measured"),
-        ({"noise": NAN}, "noise must be"),
         ({"strength": 0.0}, "strength must be above 0.*leave it out to have it chosen"),
         ({"strength": NAN}, "strength must be"),
-        ({"strength": INF}, "strength must be"),
-        ({"strength": 1e300}, "strength must be"),
         ({"iterations": 0}, "iterations must be"),
         ({"bootstrap": 1}, "bootstrap must be"),
         ({"background": "even"}, "'fit' or 'none'"),
@@ -136,7 +128,6 @@ REFUSED = [
         ({"optical_thickness": [0.1, 0.1]}, "numbers for 3 planes"),
         ({"optical_thickness": np.zeros((3, 54, 59))}, "54 x 60 pixels, got shape"),
         ({"optical_thickness": "0.5"}, "must be a number"),
-        ({"optical_thickness": True}, "must be a number"),
     ),
     (
         lambda: reconstruct(EVEN, FrustumGrid(replace(CAMERA, lenslets=(54, 66)), [0.0])),
@@ -146,6 +137,10 @@ REFUSED = [
     (
         lambda: reconstruct(LightField(EVEN.views, weights=HALF), GRID),
         "all count alike, or not at all, got weights from 0.5 to 1",
+    ),
+    (
+        lambda: reconstruct(LightField(EVEN.views, valid=np.zeros(EVEN.views.shape)), GRID),
+        "all of this light field are unknown",
     ),
     (
         lambda: reconstruct(LightField(EVEN.views, weights=FEW), GRID),
@@ -179,7 +174,6 @@ REFUSED = [
         (partial(profiles.axial, *arguments), said)
         for arguments, said in (
             ((PLANE, NO_DRAWS, 0.5, 2.1), "must lie within the plane, -2 to 2 mm"),
-            ((PLANE, NO_DRAWS, 0.5, NAN), "must lie within the plane"),
             ((PLANE, NO_DRAWS, 0.5, 0.0, -1.0), "width must be"),
         )
     ),
@@ -191,12 +185,9 @@ REFUSED = [
     *each(
         lambda **options: two_colour_temperature(**SINGLE | options),
         ({"wavelengths_nm": (550, 550)}, "has no temperature"),
-        ({"wavelengths_nm": (550, -1)}, "two in nm, from 100"),
         ({"wavelengths_nm": (550,)}, "two in nm, from 100"),
         ({"wavelengths_nm": (0.55, 0.65)}, "in nm, from 100"),
-        ({"wavelengths_nm": (550, NAN)}, "two in nm"),
         ({"soot_exponent": INF}, "soot_exponent must be from -1 to 5, got inf"),
-        ({"soot_exponent": NAN}, "soot_exponent must be"),
         ({"second": [1.0, 2.0]}, "one shape"),
         ({"calibration": 0.0}, "calibration"),
     ),

@@ -36,15 +36,6 @@ def test_rays_and_factors_see_the_same_sheets():
     )
 
 
-def test_a_view_is_shifted_by_depth_over_focus_for_each_step():
-    """Seen from `step` to the right, what lies behind the focal plane is farther to the right."""
-    far = truth.record(LENS, [Sheet(8.0, (0.0, 0.0), (0.5, 0.5))])[1]
-    middle = far.sum(axis=1) @ (np.arange(30) - 14.5) / far.sum(axis=(1, 2))
-    assert middle[1] == pytest.approx(0, abs=1e-9)
-    shift = LENS.step * (8 / 326) / (1 + 8 / 326) / LENS.cell
-    assert middle[2] == pytest.approx(shift, rel=1e-3)
-
-
 def test_light_is_absorbed_on_its_way_and_in_its_own_slab():
     near, far = Slab(-5.0, lambda y, x: (2.0, 0.5)), Slab(5.0, lambda y, x: (3.0, 0.4))
     nearer, through = 2 * (1 - np.exp(-0.5)) / 0.5, np.exp(-0.5)
