@@ -69,8 +69,8 @@ def radial(
     thickness_mm: float = 0.0,
 ) -> Profile:
     """Take a profile across a depth plane, as `axial` does up it, from a strip at a height."""
-    turned = (np.asarray(one)[..., ::-1, ::-1].swapaxes(-1, -2) for one in (plane, draws))
-    return axial(*turned, cell_mm, height_mm, thickness_mm)
+    image, again = (np.asarray(one)[..., ::-1, ::-1].swapaxes(-1, -2) for one in (plane, draws))
+    return axial(image, again, cell_mm, height_mm, thickness_mm)
 
 
 def _strip(places: np.ndarray, middle: float, width: float, cell: float) -> np.ndarray:

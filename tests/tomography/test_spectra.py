@@ -82,7 +82,7 @@ def leaky_camera(nm, leak, cut=660.0):
     return (np.array(curves) + leak) / (1 + np.exp((nm - cut) / 8))
 
 
-@pytest.mark.parametrize("leak", [0.0, 0.01, 0.05, 0.1])
+@pytest.mark.parametrize("leak", [0.0, 0.1])
 def test_colours_that_leak_red_have_a_temperature_where_soot_glows(leak):
     """Below some 900 K, blue is all leaked red, and its ratio to red that of a hotter soot."""
     coarse, fine = np.arange(400.0, 721.0, 5.0), np.arange(400.0, 720.1, 0.1)
