@@ -11,8 +11,21 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED, FiniteRange, UsablePath
+from lf_flame.commands.options import (
+    ABOVE_0,
+    FILE,
+    FOLDER,
+    PATH,
+    RUN,
+    SEED,
+    UsablePath,
+    flag,
+    option,
+)
 from lf_flame.learning.keras_loading import load_keras
+
+COUNT = click.IntRange(min=1)
+MARKDOWN = UsablePath(dir_okay=False, path_type=Path)
 
 
 def show(report: Path) -> None:
@@ -22,7 +35,7 @@ def show(report: Path) -> None:
 
 def out_option(folder: str):
     """Make the option that names the folder of a report; its default is below ``results``."""
-    return click.option("--out", type=FOLDER, default=f"results/{folder}", show_default=True)
+    return option("--out", "Folder of the report.", FOLDER, default=f"results/{folder}")
 
 
 def start_networks() -> None:
@@ -33,7 +46,7 @@ def start_networks() -> None:
 
 @cloup.command()
 @click.argument("configs", type=FILE, nargs=-1, required=True)
-@click.option("--out", type=FOLDER, help="Folder for slopes.csv, .md, .json and .png.")
+@option("--out", "Folder for slopes.csv, .md and .json.", FOLDER)
 def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
     """Search the slope of sharpest focus of each object in data-set CONFIGS.
 
@@ -50,7 +63,7 @@ def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
 @click.argument("run", type=FOLDER)
 @click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
 @click.option("--figure", required=True, type=click.Choice(["figure7", "figure8"]))
-@click.option("--out", type=FOLDER, required=True, help="Results folder.")
+@option("--out", "Results folder.", FOLDER, required=True)
 def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
     """Score the test split of a finished RUN, and write its table and figure.
 
@@ -65,8 +78,8 @@ def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
 @cloup.command()
 @click.argument("data", type=FOLDER)
 @click.argument("config", type=FILE)
-@click.option("--out", type=FOLDER, required=True, help="Results folder.")
-@click.option("--seed", type=SEED, help="Seed of the split, in place of CONFIG's.")
+@option("--out", "Results folder.", FOLDER, required=True)
+@option("--seed", "Seed of the split, in place of CONFIG's.", SEED)
 def baselines(data: Path, config: Path, out: Path, seed: int | None) -> None:
     """Score the mean training image, and a ridge regression, on the test split of a DATA set.
 
@@ -83,8 +96,7 @@ def baselines(data: Path, config: Path, out: Path, seed: int | None) -> None:
 
 @cloup.command()
 @click.argument("results", type=FOLDER, nargs=-1, required=True)
-@click.option("--out", type=UsablePath(dir_okay=False, path_type=Path),
-              help="File NAME.md; numbers and a figure are written beside it.")  # fmt: skip
+@option("--out", "File NAME.md, for numbers and a figure beside it, too.", MARKDOWN)
 def tables(results: tuple[Path, ...], out: Path | None) -> None:
     """Print Tables I and II of RESULTS folders beside the paper's values.
 
@@ -97,8 +109,8 @@ def tables(results: tuple[Path, ...], out: Path | None) -> None:
 
 @cloup.command()
 @out_option("effects")
-@click.option("--scenes", type=click.IntRange(min=1), default=40, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@option("--scenes", "Number of random scenes.", COUNT, default=40)
+@option("--seed", "Seed of the random scenes.", SEED, default=0)
 def effects(out: Path, scenes: int, seed: int) -> None:
     """Compare every effect with a reference tracer, and bounds with random scenes.
 
@@ -123,13 +135,8 @@ def hard_cases(out: Path) -> None:
 
 
 @cloup.command("slope-maps")
-@click.option(
-    "--real",
-    type=FOLDER,
-    default=Path("../shared/lightfields"),
-    show_default=True,
-    help="Folder that holds stilllife_3x3 and lytro_2067; what is missing is left out.",
-)
+@option("--real", "Folder that may hold stilllife_3x3 and lytro_2067.", FOLDER,
+        default=Path("../shared/lightfields"))  # fmt: skip
 @out_option("slope_maps")
 def slope_maps(real: Path, out: Path) -> None:
     """Compare the slope map, and the plainest method, with true slopes; about ten minutes.
@@ -146,10 +153,9 @@ EMISSION = "planes", "round", "soot", "measured", "bars"
 
 @cloup.command()
 @out_option("emission")
-@click.option("--part", type=click.Choice([*EMISSION, "all"]),
-              default="all", show_default=True,
-              help="Part to measure; a report in OUT keeps its other parts.")  # fmt: skip
-@click.option("--seed", default=1, show_default=True, help="Seed of the noise.")
+@option("--part", "Part to measure; a report in OUT keeps its other parts.",
+        click.Choice([*EMISSION, "all"]), default="all")  # fmt: skip
+@option("--seed", "Seed of the noise.", SEED, default=1)
 def emission(out: Path, part: str, seed: int) -> None:
     """Measure emission by depth, axisymmetric flames and soot temperature on traced flames.
 
@@ -164,25 +170,22 @@ def emission(out: Path, part: str, seed: int) -> None:
 
 @cloup.command()
 @click.argument("runs", type=RUN)
-@click.option("--out", type=FOLDER, default="results/compare", show_default=True)
-@click.option("--data", type=FILE, multiple=True, show_default="the paper's shapes and flames",
-              help="Data set whose scenes are refocused; may be repeated.")  # fmt: skip
-@click.option("--light-fields", type=click.IntRange(1), default=8, show_default=True,
-              help="Number of light fields in a test set.")  # fmt: skip
-@click.option("--photograph", "photographs", type=(PATH, str), multiple=True,
-              metavar="LIGHT_FIELD SLOPES",
-              help="Light field, and slopes such as -1,0,1; may be repeated.")  # fmt: skip
-@click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
-@click.option("--variant", "variants", type=RUN, multiple=True,
-              help="Another run of the paper's network; may be repeated.")  # fmt: skip
+@out_option("compare")
+@option("--data", "Data set to refocus (default: the paper's two); may be repeated.",
+        FILE, multiple=True)  # fmt: skip
+@option("--light-fields", "Number of light fields in a test set.", COUNT, default=8)
+@option("--photograph photographs", "Light field, and slopes such as -1,0,1; may be repeated.",
+        (PATH, str), multiple=True, metavar="LIGHT_FIELD SLOPES")  # fmt: skip
+@option("--refocusnet-weights", "The authors' trained weights (.npz).", FILE)
+@option("--variant variants", "Another run of the paper's network; may be repeated.", RUN,
+        multiple=True)  # fmt: skip
 def compare(runs, out, data, light_fields, photographs, refocusnet_weights, variants) -> None:
     """Compare refocusing systems: accuracy, views, training, time and memory.
 
     RUNS holds the networks of `lf-flame train-system` and `make tables`; the table names missing
-    ones.
-    Test sets are light fields that no network was trained on, the same scenes with their objects
-    at other depths, and photographs. The reference is shift-and-sum of all views. Run it on a
-    machine that does nothing else.
+    ones. Test sets are light fields that no network was trained on, the same scenes with their
+    objects at other depths, and photographs. The reference is shift-and-sum of all views. Run it on
+    a machine that does nothing else.
     """
     start_networks()
     from experiments.systems.compared import select_entries, select_sets
@@ -196,13 +199,10 @@ def compare(runs, out, data, light_fields, photographs, refocusnet_weights, vari
 @cloup.command()
 @click.argument("study", type=FILE)
 @out_option("studies")
-@click.option("--work", type=FOLDER, default="runs/studies", show_default=True,
-              help="Folder for data sets and runs.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Processes that simulate; 0 = one per core.")  # fmt: skip
-@click.option("--weights", type=(str, FILE), multiple=True, metavar="NAME FILE",
-              help="File of the backbone's weights that variants name, such as imagenet; may be "
-              "repeated.")  # fmt: skip
+@option("--work", "Folder for data sets and runs.", FOLDER, default="runs/studies")
+@option("--workers", "Number of processes that simulate; 0: one per core.", SEED, default=0)
+@option("--weights", "Weights that variants name, and their file; may be repeated.",
+        (str, FILE), multiple=True, metavar="NAME FILE")  # fmt: skip
 def study(
     study: Path, out: Path, work: Path, workers: int, weights: tuple[tuple[str, Path], ...]
 ) -> None:
@@ -221,8 +221,7 @@ def study(
 @cloup.command("depth-test")
 @click.argument("folders", nargs=-1, required=True, type=FOLDER)
 @out_option("depth_test")
-@click.option("--samples", type=click.IntRange(min=1), default=16, show_default=True,
-              help="Number of scenes for each scenario.")  # fmt: skip
+@option("--samples", "Number of scenes for each scenario.", COUNT, default=16)
 def depth_test(folders: tuple[Path, ...], out: Path, samples: int) -> None:
     """Test whether networks, and the ridge regression, see depth or have memorised it.
 
@@ -237,12 +236,11 @@ def depth_test(folders: tuple[Path, ...], out: Path, samples: int) -> None:
 
 @cloup.command()
 @out_option("costs")
-@click.option("--chapter", type=click.Choice(["all", "simulation", "refocusing"]), default="all",
-              show_default=True)  # fmt: skip
-@click.option("--budget-s", type=FiniteRange(min=0, min_open=True), default=150.0,
-              show_default=True, help="Seconds for the methods of integration.")  # fmt: skip
-@click.option("--run", type=FOLDER, default="runs/paper", show_default=True,
-              help="Folder of trained networks, RUN/shapes and RUN/flames.")  # fmt: skip
+@option("--chapter", "What to measure.", click.Choice(["all", "simulation", "refocusing"]),
+        default="all")  # fmt: skip
+@option("--budget-s", "Seconds for the methods of integration.", ABOVE_0, default=150.0)
+@option("--run", "Folder of trained networks, RUN/shapes and RUN/flames.", FOLDER,
+        default="runs/paper")  # fmt: skip
 def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     """Measure what accuracy costs in time, on a machine that does nothing else.
 
@@ -262,7 +260,7 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
 
 @cloup.command()
 @out_option("bench")
-@click.option("--small", is_flag=True, help="Small inputs, to try the command.")
+@flag("--small", "Small inputs, to try the command.")
 def bench(out: Path, small: bool) -> None:
     """Time refocusing, decoding, rendering and training beside floors and rivals.
 

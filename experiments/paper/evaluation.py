@@ -9,7 +9,7 @@ import pandas as pd
 from skimage.metrics import structural_similarity
 from tqdm import tqdm
 
-from experiments.paper.figures import result_figure, setup_figure, sharpness_figure
+from experiments.paper.figures import result_figure, setup_figure
 from experiments.paper.ridge import NAME as RIDGE
 from experiments.paper.ridge import Ridge
 from experiments.paper.tables import TABLES, compare_with_paper, read_paper_values
@@ -123,19 +123,17 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     """
     paper = read_paper_values("slopes")
     printed = dict(zip(paper["depth_mm"], paper["slope"], strict=True))
-    rows, records, panels = [], [], {}
+    rows, records = [], []
     for config in configs:
         searches = search_slopes(config, whole_range=True)
         records.append({"config": to_json(config), "slopes": [s.slope for s in searches]})
-        layers = panels.setdefault(f"{config.kind}: mean scene", [])
         for item, search in zip(config.template.objects, searches, strict=True):
             geometry = config.camera.depth_to_slope(item.depth_mm)
-            there = printed.get(item.depth_mm, math.nan)
-            layers.append((f"{item.name} at {item.depth_mm:g} mm", search, geometry, there))
             rows.append({
                 "data_set": config.kind, "object": item.name, "depth_mm": item.depth_mm,
                 "slope": search.slope, "geometry": geometry,
-                "difference": search.slope - geometry, "paper": there,
+                "difference": search.slope - geometry,
+                "paper": printed.get(item.depth_mm, math.nan),
             })  # fmt: skip
     table = pd.DataFrame(rows).round(4).replace(-0.0, 0.0)
     body = [
@@ -153,6 +151,6 @@ def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     setups = {numbers[config.kind]: setup_figure(config) for config in configs}
     path = write_report(
         out, "slopes", paper["title"], {"data_sets": records}, body, tables={"slopes": table},
-        pictures={"slopes": sharpness_figure(panels), **setups},
+        pictures=setups,
     )  # fmt: skip
     return path.read_text(encoding="utf-8")

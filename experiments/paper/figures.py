@@ -1,4 +1,4 @@
-"""Figures 5 to 8 of the paper, sharpness against slope, and how networks learn."""
+"""Figures 5 to 8 of the paper, and how networks learn."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,7 +10,6 @@ from matplotlib.transforms import Affine2D
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
-from lf_flame.refocus.figures import draw_searches
 
 LENSLETS_ENLARGED = 12
 """Number of lenslets along each side of the part of the raw image that is shown enlarged."""
@@ -116,29 +115,6 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
     part = raw[t : t + side, s : s + side]
     enlarged.imshow(part, cmap="gray", vmin=0, vmax=max(float(part.max()), 1e-6))
     enlarged.set_title(f"{LENSLETS_ENLARGED} x {LENSLETS_ENLARGED} of its lenslets", fontsize=10)
-
-
-def sharpness_figure(panels: Mapping[str, Sequence[tuple]]):
-    """Draw the sharpness of layers against slope, with the slopes of geometry and paper.
-
-    Each panel holds layers: label, search, slope by geometry, slope in the paper (NaN: none).
-    """
-    figure, axes = subplots(
-        len(panels), figsize=(11, 1 + 2.9 * len(panels)), sharex=True, squeeze=False,
-        layout="constrained",
-    )  # fmt: skip
-    for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
-        draw_searches(axis, [search for _, search, *_ in layers], [label for label, *_ in layers])
-        for k, (_, _, there, printed) in enumerate(layers):
-            axis.plot([there] * 2, [0, 1.2], "--", color=f"C{k}", linewidth=1)
-            axis.plot([printed, there], [1.12] * 2, "-", color=f"C{k}", linewidth=1.5)
-            axis.plot(printed, 1.12, "v", color=f"C{k}", markersize=9, markeredgecolor="black")
-        axis.set_title(title, fontsize=11, loc="left")
-        axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8)
-    axes[-1, 0].set_xlabel(
-        "slope (lenslets per view step); dashed: by the camera's equation, triangle: in the paper"
-    )
-    return figure
 
 
 def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):

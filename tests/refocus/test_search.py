@@ -294,7 +294,7 @@ def test_report_of_slopes_finds_the_geometry_of_both_kinds_of_scene(tmp_path):
                          lenslets=(90, 180), views=5)  # fmt: skip
         coarse.append(replace(config, image=(90, 180), camera=camera))
     text = slope_report(coarse, tmp_path)
-    names = {"slopes.csv", "slopes.json", "slopes.md", "slopes.png", "figure5.png", "figure6.png"}
+    names = {"slopes.csv", "slopes.json", "slopes.md", "figure5.png", "figure6.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert text == (tmp_path / "slopes.md").read_text()
     found = json.loads((tmp_path / "slopes.json").read_text())["data_sets"]
