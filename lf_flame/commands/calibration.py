@@ -215,7 +215,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
         fit = fit_colours(
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
-        fit = replace(fit, calibration=replace(fit.calibration, exposure=first))
+        fit = fit._replace(calibration=replace(fit.calibration, exposure=first))
         colour_output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
@@ -239,7 +239,6 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "Note: the pictures' files state no exposure. All are taken as exposed as the flame "
             "is; if not, say so by --exposure, or its absorption comes out wrong."
         )
-    tell_all("Warning", fit.warnings)
     say_files(folder)
 
 

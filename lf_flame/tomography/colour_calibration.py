@@ -29,9 +29,6 @@ TABLE = "colours"
 MOST_RELATIVE = 0.05
 """Largest relative scatter of a colour's gain over the pictures; above, no gain explains them."""
 
-TREND_CONFIDENCE = 0.999
-"""Confidence above which a gain that changes with temperature is reported."""
-
 LIT = 0.8
 """Brightness of the source's even part, relative to its brightest hundredth."""
 
@@ -43,9 +40,6 @@ FEWEST_PIXELS = 100
 
 MOST_UNEVEN = 0.05
 """Largest relative standard deviation within the even part without a warning."""
-
-LEAST_TREND = 0.003
-"""Smallest relative change of a gain over the temperatures that is reported."""
 
 
 @strict
@@ -132,22 +126,14 @@ class ColourCalibration:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ColourFit:
+class ColourFit(NamedTuple):
     """Fit of the gains of a camera's colours to pictures of a source.
 
-    Attributes
-    ----------
-    calibration : ColourCalibration
-    residuals : ndarray of float64, shape (pictures, colours)
-        Relative deviation of each picture from the fit.
-    warnings : tuple of str
-        Sentences on gains that change with temperature.
+    `residuals` are the relative deviations of each picture from the fit, (pictures, colours).
     """
 
     calibration: ColourCalibration
     residuals: np.ndarray
-    warnings: tuple[str, ...]
 
 
 def calibrate_colours(
@@ -216,7 +202,7 @@ def calibrate_colours(
     calibration = ColourCalibration(
         responses, np.exp(mean), errors, (float(temperatures.min()), float(temperatures.max()))
     )
-    return ColourFit(calibration, np.expm1(rest), _trends(temperatures, rest, responses.names))
+    return ColourFit(calibration, np.expm1(rest))
 
 
 def _checked(kelvin, signals, responses, exposures, emissivity):
@@ -245,25 +231,6 @@ def _checked(kelvin, signals, responses, exposures, emissivity):
     if not 0 < emissivity <= 1:
         raise InputError(f"emissivity must be above 0, at most 1, got {emissivity}.")
     return kelvin, signals, exposures
-
-
-def _trends(kelvin: np.ndarray, rest: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on gains that change with temperature by more than their scatter."""
-    found = []
-    if len(kelvin) < 4:
-        return ()
-    for name, values in zip(names, rest.T, strict=True):
-        if not values.any():
-            continue
-        line = stats.linregress(1 / kelvin, values)
-        change = line.slope * np.ptp(1 / kelvin)
-        if line.pvalue < 1 - TREND_CONFIDENCE and abs(change) > LEAST_TREND:
-            found.append(
-                f"The gain of {name} changes by {abs(change):.1%} from {kelvin.min():g} to "
-                f"{kelvin.max():g} K: its spectral response is another one, or black is not "
-                f"subtracted; temperatures beyond this range are wrong by more than stated."
-            )
-    return tuple(found)
 
 
 def read_colours(path: str | Path) -> ColourCalibration:

@@ -30,7 +30,6 @@ def write_colours(fit: ColourFit, kelvin: Sequence[float], folder: OutputFolder)
         "gains": calibration.gains.tolist(),
         "relative_errors": calibration.relative_errors.tolist(),
         "residuals": fit.residuals.tolist(),
-        "warnings": list(fit.warnings),
     }
 
 
