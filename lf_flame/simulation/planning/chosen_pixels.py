@@ -183,10 +183,9 @@ def refine(
         fine = image(count)
         squares = np.square(fine - coarse, dtype=np.float64)
         change, most_light = math.sqrt(np.average(squares, weights=weights)), float(fine.max())
-        if change <= allowance * most_light:
-            # The first two may agree by chance.
-            enough = 4 * change <= allowance * most_light and before > first
-            return before if enough else count
+        # The first two may agree because both miss the same edge.
+        if change <= allowance * most_light and before > first:
+            return before if 4 * change <= allowance * most_light else count
         coarse, before = fine, count
     raise InputError(
         f"The tolerance cannot be met: the number of {what} would exceed {most}; allow more, or "
