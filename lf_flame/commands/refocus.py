@@ -180,7 +180,9 @@ class Focus:
         for name in (*given, *(["map"] if self.maps else [])):
             raise InputError(f"--{name.replace('_', '-')} does not apply to a network.")
         if self.regions and (self.slopes or self.depths or self.sweep or self.search):
-            raise InputError("--region with --network makes no other pictures; call it twice.")
+            raise InputError(
+                "--region with --network makes no other pictures: leave those out, or call twice."
+            )
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Faster training steps on a processor, with the results of Keras's own up to rounding.
+"""Faster training steps on a CPU, with the results of Keras's own up to rounding.
 
 At a batch of two, Keras's step on two cores spends most of its time on memory: Adam updates 27
 million parameters by some ten operations, each of which reads and writes whole arrays, and

@@ -28,7 +28,7 @@ from lf_flame.learning.training_config import TrainingConfig
 
 LOGGER = logging.getLogger(__name__)
 
-TOGETHER = 16
+FEATURE_BATCH = 16
 """Number of samples that the backbone processes together."""
 
 STEPS_PER_EXECUTION = 32
@@ -56,8 +56,8 @@ def train(
     out : str or Path
         Run folder, for checkpoint, record and network; made if it is missing.
     minutes : float, optional
-        Time in minutes at which the call ends, at the nearest end of an epoch, with the network of
-        the lowest validation loss so far; the next call resumes. 0 trains to the end.
+        Time limit of this call in minutes, preparation included: it stops at the end of the epoch
+        nearest to it, with the best network so far, and the next call resumes. 0: no limit.
 
     Returns
     -------
@@ -81,6 +81,7 @@ def train(
     )  # fmt: skip
     decoder = network.get_layer("decoder")
 
+    # Called only if epochs are missing, as the features take a while.
     def prepare() -> Fit:
         def samples(part: str) -> tuple[np.ndarray, np.ndarray]:
             features = compute_features(network, dataset.inputs[parts[part]], part)
@@ -128,16 +129,19 @@ def _request(config: TrainingConfig, preset: str, dataset: Dataset, weights: str
 def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int) -> keras.Model:
     """Compile the decoder with Adam and the mean squared error, for epochs of this many steps.
 
-    On a processor with TensorFlow, the same steps take some 40 % of the time in another form
-    (`lf_flame.learning.fast_steps`); Keras's own form is for accelerators, compiled as a whole.
+    On a CPU with TensorFlow the decoder is trained through `matrix_view`, a second model on the
+    same variables, with `FusedAdam`: the same losses in less time. Elsewhere XLA compiles Keras's
+    own Adam and layers.
     """
-    together = max(k for k in range(1, STEPS_PER_EXECUTION + 1) if steps % k == 0)
+    # The largest divisor of an epoch, so that every execution has the same number of steps.
+    at_once = max(k for k in range(1, STEPS_PER_EXECUTION + 1) if steps % k == 0)
     if keras.backend.backend() == "tensorflow" and not accelerators():
         network, optimizer, jit = matrix_view(decoder), FusedAdam(learning_rate), False
     else:
-        network = keras.Model(decoder.input, decoder.output)
+        network = keras.Model(decoder.input, decoder.output)  # what is saved has no optimiser
         optimizer, jit = keras.optimizers.Adam(learning_rate), True
-    network.compile(optimizer, "mse", jit_compile=jit, steps_per_execution=together)
+    network.compile(optimizer, "mse", jit_compile=jit, steps_per_execution=at_once)
+    # A checkpoint also holds the optimiser's variables.
     network.optimizer.build(network.trainable_variables)
     return network
 
@@ -149,9 +153,9 @@ def compute_features(network: keras.Model, inputs: np.ndarray, part: str = "samp
     check_memory(4 * int(np.prod(shape)), f"features of {len(inputs)} samples")
     features = np.empty(shape, np.float32)
     with progress.bar(f"features, {part}", len(inputs), "image") as bar:
-        for k in range(0, len(inputs), TOGETHER):
-            some = inputs[k : k + TOGETHER]
-            features[k : k + TOGETHER] = backbone.predict_on_batch(some)
+        for k in range(0, len(inputs), FEATURE_BATCH):
+            some = inputs[k : k + FEATURE_BATCH]
+            features[k : k + FEATURE_BATCH] = backbone.predict_on_batch(some)
             bar.update(len(some))
     return features
 

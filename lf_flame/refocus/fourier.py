@@ -320,8 +320,8 @@ def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:
         shifts = [centred(count) * slopes[:, None] for count in views.shape[:2]]
         if any(np.abs(x).max() > n for x, n in zip(shifts, shape, strict=True)):
             raise InputError(
-                f"slopes must not shift a view by more than the image to be clamped at its edges, "
-                f"got slopes up to {np.abs(slopes).max():g} for {shape[0]} x {shape[1]} lenslets."
+                f"With clamped edges, slopes may shift a view by one image size at most, got "
+                f"slopes up to {np.abs(slopes).max():g} for {shape[0]} x {shape[1]} lenslets."
             )
         pads = _pads(shape, shifts)
         (t, _), (s, _) = pads

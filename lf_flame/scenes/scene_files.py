@@ -153,8 +153,8 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
     if "law" in values and "camera" not in values:
         raise InputError(
-            f"{path} holds the measured law of a camera, and the thin-lens camera is needed here: "
-            f"a table [camera], which `lf-flame calibrate --lenslet-mm` writes as camera.toml."
+            f"{path} is a measured calibration; this needs the lens's data, a table [camera], "
+            f"which `lf-flame calibrate --lenslet-mm` writes as camera.toml."
         )
     if "camera" not in values:
         raise InputError(f"{path} has no camera: it must hold a table of that name.")

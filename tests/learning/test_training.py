@@ -95,7 +95,7 @@ def test_training_on_stored_features_is_training_the_whole_network(rng):
 def test_features_of_many_samples_are_those_of_each(rng, monkeypatch):
     """More than the backbone processes together; without a backbone, the features are the image."""
     model = build_refocus_resnet50((10, 16), 1, backbone_depth="none")
-    inputs = rng.uniform(size=(2 * training.TOGETHER + 3, 10, 16, 1)).astype(np.float32)
+    inputs = rng.uniform(size=(2 * training.FEATURE_BATCH + 3, 10, 16, 1)).astype(np.float32)
     np.testing.assert_array_equal(compute_features(model, inputs), inputs)
     monkeypatch.setenv("LF_FLAME_MEMORY_GB", "1e-6")
     with pytest.raises(InputError, match="features of 35 samples would need"):
