@@ -1,7 +1,6 @@
 """One image file for each view of a light field, in a folder."""
 
 import os
-import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -17,12 +16,14 @@ from lf_flame._common.memory import check_memory
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image, to_levels, write_image
-from lf_flame.formats.view_files.names import Stated, number_grid
+from lf_flame.formats.view_files.names import number_grid, split_numbers
 from lf_flame.formats.view_files.orders import (
     FoundOrder,
     Grid,
     arranged,
+    by_columns,
     check_grid,
+    check_order,
     find_order,
     fold,
     order_memory,
@@ -53,13 +54,8 @@ class ViewFolder:
     found: FoundOrder
     left_out: int
 
-    @property
-    def missing(self) -> list[str]:
-        """Rows and columns of the missing views, such as ``0_3``."""
-        return [f"{v}_{u}" for v, u in np.ndindex(self.files.shape) if self.files[v, u] is None]
-
     def describe(self) -> str:
-        """Describe the views and their order in a few lines."""
+        """Describe the views, their order and the missing ones in a few lines."""
         v, u = self.files.shape
         first, last = (
             "(missing)" if file is None else printable(file.name)
@@ -69,7 +65,7 @@ class ViewFolder:
             f"{printable(self.path)}: {v} x {u} views, top left {first}, bottom right {last}",
             *self.found.describe(),
         ]
-        if gaps := self.missing:
+        if gaps := [f"{v}_{u}" for v, u in np.argwhere(self.files == None)]:  # noqa: E711
             named = ", ".join(gaps[:3]) + (" ..." if len(gaps) > 3 else "")
             lines.append(f"missing views, with weight 0: {len(gaps)} ({named})")
         if self.left_out:
@@ -92,7 +88,6 @@ class ViewFolder:
         """
         there = np.array([file is not None for file in self.files.flat])
         places, paths = np.flatnonzero(there), list(self.files.flat[there])
-        check_view_memory(paths, self.path, self.files.size)
         first = read_image(paths[0])
         views = np.zeros((self.files.size, *first.shape), np.float32)
 
@@ -112,18 +107,6 @@ class ViewFolder:
         shape = self.files.shape
         weights = None if there.all() else there.reshape(shape)
         return LightField(views.reshape(shape + first.shape), weights=weights)
-
-
-def check_view_memory(files: list[Path], folder: Path, places: int) -> None:
-    """Refuse views, or a search for their order, that need too much memory, before decoding."""
-    shape = read_shape(files[0])
-    values = prod(shape)
-    if shape[2] in (2, 4):
-        values -= prod(shape[:2])  # transparency is left out
-    decoding = 2 * FLOAT * prod(shape)
-    # One byte per value stores whether it is finite.
-    reading = (FLOAT + 1) * values * places + decoding * _readers(files)
-    check_memory(max(reading, order_memory(shape) + decoding), folder)
 
 
 def _readers(files: list[Path]) -> int:
@@ -162,18 +145,17 @@ def _find_files(path: Path, names: str | None) -> tuple[list[Path], int]:
     """Find the images whose names differ only in numbers, and the number of other files."""
     images, count = _images(path, names)
     kinds: dict[str, list] = {}
-    for one in images:
-        kind = re.sub(r"[-+]?\d+(\.\d+)?", "#", one.stem) + one.suffix.lower()
-        if "#" in kind:
-            kinds.setdefault(str(one.with_name(kind)), []).append(one)
-    found = max(kinds.values(), key=len, default=[])
+    for one, parts in zip(images, split_numbers([one.stem for one in images]), strict=True):
+        if len(parts) > 1:
+            kinds.setdefault("#".join(parts[::2]) + one.suffix.lower(), []).append(one)
+    several = sorted(kinds, key=lambda kind: -len(kinds[kind]))[:3]
     if len(kinds) > 1:
-        several = sorted(kinds, key=lambda kind: -len(kinds[kind]))[:3]
         raise InputError(
             f"{path} holds several sets of images, "
-            f"{', '.join(f'{len(kinds[kind])} of {Path(kind).name}' for kind in several)}: choose "
-            f"the views by --names, such as --names '{Path(several[0]).name.replace('#', '*')}'."
+            f"{', '.join(f'{len(kinds[kind])} of {kind}' for kind in several)}: choose the views "
+            f"by --names, such as --names '{several[0].replace('#', '*')}'."
         )
+    found = kinds[several[0]] if kinds else []
     if len(found) < 2:
         raise InputError(
             f"{path} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
@@ -245,10 +227,14 @@ def scan_view_folder(
     (3, 3)
     """
     path, shape = Path(path), None if grid is None else read_grid(grid)
-    order = None if order is None else stated_order(order).order
+    order = None if order is None else check_order(order)
     files, left_out = _find_files(path, names)
-    numbered = number_grid(files, Stated(path, shape, order, first))
-    check_view_memory(files, path, numbered.size)
+    turned = shape[::-1] if shape and order and by_columns(order) else shape
+    numbered = number_grid(files, path, turned, first)
+    image = read_shape(files[0])
+    # As floats, with a byte for whether a value is finite; decoding takes two more at a time.
+    reading = ((FLOAT + 1) * numbered.size + 2 * FLOAT * _readers(files)) * prod(image)
+    check_memory(max(reading, order_memory(image) + 2 * FLOAT * prod(image)), path)
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)
     else:

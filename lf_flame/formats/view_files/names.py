@@ -6,12 +6,11 @@ from decimal import Decimal
 from itertools import pairwise
 from math import gcd, prod
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.formats.view_files.orders import Grid, by_columns
+from lf_flame.formats.view_files.orders import Grid
 
 NUMBER = r"(?:(?<![0-9.])[0-9]{1,99}\.[0-9]{1,99}(?!\.?[0-9])|[0-9]{1,99})"
 """Pattern of a decimal number, beside which there is no other point, or of a whole one; a float."""
@@ -22,65 +21,48 @@ SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 Column = tuple[Decimal, ...]
 """Number at one place of the name of each file."""
 
-
-class Stated(NamedTuple):
-    """Folder of the views, for messages, and arguments of `scan_view_folder` on their numbers."""
-
-    source: Path
-    grid: Grid | None = None
-    order: str | None = None
-    first: int | None = None
+Axis = tuple[list[int], int, float, float]
+"""Place of each number along an axis, count of places, step between them, and its error."""
 
 
-class Axis(NamedTuple):
-    """Place of each number, count of places, step between them, and its error by rounding."""
-
-    places: dict[Decimal, int]
-    size: int
-    step: float
-    error: float
-
-
-def number_grid(files: list[Path], stated: Stated) -> np.ndarray:
+def number_grid(
+    files: list[Path], source: Path, grid: Grid | None = None, first: int | None = None
+) -> np.ndarray:
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
     The last two numbers that vary and lie on a grid are places along its axes: (first number,
     second number). Where only one varies it counts all views, (running number,), unless it is one
-    of the last two of as many digits, and the other always 0 or 1: a single row or column.
+    of the last two of as many digits, and the other always 0 or 1: a single row or column. A stated
+    `grid` is that of the numbers: (first, second), and `first` the number of the first place.
     """
     columns = _columns([file.stem for file in files])
+    found: list[list[Axis]] = []
     faults: list[InputError] = []
-    found: list[tuple[list[Axis], Sequence[Column]]] = []
-    for pair in list(pairwise(columns))[::-1]:
+    for pair in pairwise(columns):
         alone = len(set(zip(*pair, strict=True))) == len(files)
-        shared = min(len(set(column)) for column in pair) < len(files)
-        if alone and shared:  # each view has a place; some share a row or a column
-            try:
-                found.append((_two_axes(pair, stated), pair))
+        if alone and min(len(set(column)) for column in pair) < len(files):
+            try:  # each view has a place; some share a row or a column
+                found.insert(0, _two_axes(pair, grid or (None, None), first, source))
             except InputError as fault:  # positions beside the numbers of rows and columns
                 faults.append(fault)
     if faults and not found:
-        raise faults[0]
-    found = found or [_running_number(files, columns, stated)]
-    axes, numbers = min(found, key=lambda one: prod(axis.size for axis in one[0]))
-    sizes = [axis.size for axis in axes]
+        raise faults[-1]
+    found = found or [[_running_number(columns, grid, first, source, len(files))]]
+    axes = min(found, key=lambda axes: prod(size for _, size, *_ in axes))
+    sizes = [size for _, size, *_ in axes]
     if prod(sizes) > max(2 * len(files), 10_000):
         raise InputError(
-            f"{stated.source}: {len(files)} views cannot fill a grid of "
-            f"{' x '.join(map(str, sizes))}."
+            f"{source}: {len(files)} views cannot fill a grid of {' x '.join(map(str, sizes))}."
         )
-    grid = np.full(sizes, None, object)
-    for file, *place in zip(files, *numbers, strict=True):
-        grid[tuple(axis.places[one] for axis, one in zip(axes, place, strict=True))] = file
-    return grid
+    views = np.full(sizes, None, object)
+    views[tuple(places for places, *_ in axes)] = files
+    return views
 
 
 def _columns(names: list[str]) -> list[Column]:
     """Columns of numbers that vary, or the last two of all if they may be a row and a column."""
-    parts = split_numbers(names)
-    if len({one[::2] for one in parts}) > 1:
-        return []  # what is a number in one name is none in another
-    columns: list[Column] = list(zip(*(one[1::2] for one in parts), strict=True))
+    numbers = (one[1::2] for one in split_numbers(names))
+    columns: list[Column] = list(zip(*numbers, strict=True))
     varying = [column for column in columns if len(set(column)) > 1]
     if len(varying) != 1 or len(columns) < 2 or varying[0] not in (last := columns[-2:]):
         return varying
@@ -92,40 +74,38 @@ def _columns(names: list[str]) -> list[Column]:
 
 
 def _running_number(
-    files: list[Path], columns: list[Column], stated: Stated
-) -> tuple[list[Axis], Sequence[Column]]:
+    columns: list[Column], grid: Grid | None, first: int | None, source: Path, count: int
+) -> Axis:
     """Find the number that counts all views; gaps need a stated grid."""
-    unique = [column for column in columns if len(set(column)) == len(files)][:1]
-    if not unique:
+    numbers = next((column for column in columns if len(set(column)) == count), None)
+    if numbers is None:
         raise InputError(
-            f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
-            f"row and column, or a unique running number."
+            f"The {count} images of {source} do not number a grid: each needs a unique row and "
+            f"column, or a unique running number."
         )
-    axis = _axis(unique[0], prod(stated.grid) if stated.grid else None, stated)
-    if stated.grid is None and axis.size != len(files):
+    axis = _axis(numbers, prod(grid) if grid else None, first, source)
+    if grid is None and axis[1] != count:
         raise InputError(
-            f"Only {len(files)} views of {stated.source} are there, numbered from "
-            f"{min(unique[0])} to {max(unique[0])} with gaps: state the grid that they do not "
-            f"fill, --grid ROWSxCOLUMNS."
+            f"Only {count} views of {source} are there, numbered from {min(numbers)} to "
+            f"{max(numbers)} with gaps: state the grid that they do not fill, --grid ROWSxCOLUMNS."
         )
-    return [axis], unique
+    return axis
 
 
-def _two_axes(pair: Sequence[Column], stated: Stated) -> list[Axis]:
+def _two_axes(pair, grid: Sequence[int | None], first: int | None, source: Path) -> list[Axis]:
     """Find the places of two numbers; refuse steps that differ, as slopes would have no unit."""
-    sizes = stated.grid or (None, None)
-    sizes = sizes[::-1] if stated.order and by_columns(stated.order) else sizes
-    one, other = (_axis(*along, stated) for along in zip(pair, sizes, strict=True))
-    if one.step and other.step and abs(one.step - other.step) > one.error + other.error:
+    axes = [_axis(numbers, n, first, source) for numbers, n in zip(pair, grid, strict=True)]
+    (*_, step, error), (*_, other, other_error) = axes
+    if step and other and abs(step - other) > error + other_error:
         raise InputError(
-            f"The views of {stated.source} are {one.step:.4g} apart by the first number in their "
-            f"names, and {other.step:.4g} by the second, but views need equal steps along both "
-            f"axes; where these numbers only count, rename the files with 0, 1, 2 ..."
+            f"The views of {source} are {step:.4g} apart by the first number in their names, and "
+            f"{other:.4g} by the second, but views need equal steps along both axes; where these "
+            f"numbers only count, rename the files with 0, 1, 2 ..."
         )
-    return [one, other]
+    return axes
 
 
-def _axis(numbers: Column, size: int | None, stated: Stated) -> Axis:
+def _axis(numbers: Column, size: int | None, first: int | None, source: Path) -> Axis:
     """Find the places of numbers along an axis: multiples of one step, some may be missing.
 
     Where they do not fill a stated size, whole numbers are places. They count from `first`, by
@@ -144,20 +124,20 @@ def _axis(numbers: Column, size: int | None, stated: Stated) -> Axis:
         places = np.rint(away / step).astype(int)
         if abs(away - places * step).max() > rounding or len(set(places)) < len(found):
             raise InputError(
-                f"The views of {stated.source} are at places off a regular grid, {few} by the "
-                f"numbers in their names; only multiples of one step can be used."
+                f"The views of {source} are at places off a regular grid, {few} by the numbers in "
+                f"their names; only multiples of one step can be used."
             )
-    if size is None or (size == last + 1 and stated.first is None):
-        pairs = zip(found, places.tolist(), strict=True)
-        return Axis(dict(pairs), last + 1, step, rounding / max(last, 1))
-    start = int(found[-1] == size) if stated.first is None else stated.first
+    if size is None or (size == last + 1 and first is None):
+        placed = dict(zip(found, places.tolist(), strict=True))
+        return [placed[number] for number in numbers], last + 1, step, rounding / max(last, 1)
+    start = int(found[-1] == size) if first is None else first
     if rounding or not start <= found[0] <= found[-1] < start + size:
         raise InputError(
-            f"The numbers in the names of {stated.source}, {few}, do not count {size} places from "
+            f"The numbers in the names of {source}, {few}, do not count {size} places from "
             f"{start}: state another --grid, the --order of the numbers, or the number of the "
             f"first place (`lf-flame convert --first`)."
         )
-    return Axis({number: int(number) - start for number in found}, size, 1.0, 0.0)
+    return [int(number) - start for number in numbers], size, 1.0, 0.0
 
 
 def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:
