@@ -1,11 +1,11 @@
 """Arrays of numbers in NumPy files; shape, type and size are checked first.
 
-Nothing is unpickled. Files of arrays of all kinds have one interface: `path`, `names`,
-`header(name)` and `read(names)`.
+Nothing is unpickled. Files of arrays of all kinds have the interface of `FileOfArrays`.
 """
 
 import math
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -34,6 +34,35 @@ class ArrayHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
+class FileOfArrays(ABC):
+    """Arrays in a file of any kind, by name; `headers` are those of arrays of numbers.
+
+    A kind of file finds `headers` from what the file says of itself, and reads one array.
+    """
+
+    path: str | Path
+    headers: dict[str, ArrayHeader]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the arrays."""
+        return list(self.headers)
+
+    def header(self, name: str) -> ArrayHeader:
+        """Shape and type of an array."""
+        return self.headers[name]
+
+    def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
+        """Read arrays by name, if they fit into memory `copies` times."""
+        names = list(names)
+        check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
+        return [self._read(name) for name in names]
+
+    @abstractmethod
+    def _read(self, name: str) -> np.ndarray:
+        """Read one array."""
+
+
 NUMPY_ERRORS = (
     ValueError, TypeError, SyntaxError, TokenError, OverflowError, EOFError, OSError,
 )  # fmt: skip
@@ -46,13 +75,18 @@ NUMPY_HEADERS = {
 """Header reader for each format version; arrays of numbers need no other version."""
 
 
-class ArrayFile:
+class ArrayFile(FileOfArrays):
     """An open ``.npy`` file, which holds one array named "", or an open ``.npz`` file."""
 
     def __init__(self, path: str | Path, archive: ZipFile | None):
         self.path, self._archive = path, archive
         members = archive.namelist() if archive else [".npy"]
-        self.names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
+        self._names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the arrays; whether they hold numbers is known by their headers."""
+        return self._names
 
     def header(self, name: str) -> ArrayHeader:
         """Read shape and type of an array; refuse what is no array of numbers."""
@@ -68,15 +102,9 @@ class ArrayFile:
             raise InputError(f"{self.path} cannot be read: {what} is no plain array of numbers.")
         return ArrayHeader(shape, dtype)
 
-    def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times."""
-        names = list(names)
-        check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
-        arrays = []
-        for name in names:
-            with self._open(name) as file, readable(self.path, NUMPY_ERRORS + ZIP_ERRORS):
-                arrays.append(np.lib.format.read_array(file, allow_pickle=False))
-        return arrays
+    def _read(self, name: str) -> np.ndarray:
+        with self._open(name) as file, readable(self.path, NUMPY_ERRORS + ZIP_ERRORS):
+            return np.lib.format.read_array(file, allow_pickle=False)
 
     @contextmanager
     def _open(self, name: str) -> Iterator[IO[bytes]]:

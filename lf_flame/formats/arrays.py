@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import ArrayFile, open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile, FileOfArrays, open_arrays
 from lf_flame._common.images import FLOAT, to_unit
 from lf_flame.errors import InputError
 from lf_flame.formats.hci_files import find_hci_order, is_hci
@@ -109,12 +109,8 @@ def read_array(
     return light_field, found
 
 
-AnyFile = ArrayFile | Hdf5File | MatlabFile | ZarrFile
-"""A file of arrays."""
-
-
 @contextmanager
-def _open(path: str | Path) -> Iterator[AnyFile]:
+def _open(path: str | Path) -> Iterator[FileOfArrays]:
     """Open a file of arrays by its ending, and one of MATLAB by its content."""
     suffix = Path(path).suffix.lower()
     if suffix == ZARR_SUFFIX:
@@ -128,7 +124,7 @@ def _open(path: str | Path) -> Iterator[AnyFile]:
             yield file
 
 
-def _choose_array(file: AnyFile, axes: str | None, stated: str | None) -> str:
+def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:
     """Choose the array that holds the views, by its name or its number of axes."""
     usual = (VIEWS,) if isinstance(file, ArrayFile) else (VIEWS, TOOLBOX)
     if stated is None and len(file.names) == 1:

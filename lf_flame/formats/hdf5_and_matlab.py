@@ -1,19 +1,17 @@
 """Arrays of numbers in HDF5 and MATLAB files; shape, type and size are checked first.
 
-No other file is opened and no filter is loaded. The interface is that of
-`lf_flame._common.arrays_in_files`.
+No other file is opened and no filter is loaded.
 """
 
 import math
 import struct
 import zlib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import ArrayHeader
+from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
 from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory, memory_limit
 from lf_flame.errors import InputError
@@ -31,7 +29,7 @@ MOST_ARRAYS = 1000
 """Largest number of arrays among which views are searched for."""
 
 
-class Hdf5File:
+class Hdf5File(FileOfArrays):
     """Arrays of numbers in an HDF5 file, or in one of MATLAB 7.3.
 
     Such a file can name other files (external links, external storage, virtual arrays) and filters
@@ -49,7 +47,7 @@ class Hdf5File:
                 "HDF5 and MATLAB 7.3 files are read by h5py: pip install '.[hdf5]'."
             ) from None
         self._h5py, self.path, self._reversed = h5py, Path(path), is_matlab_hdf5(path)
-        self._found: dict[str, ArrayHeader] = {}
+        self.headers = {}
         with readable(path, DAMAGED), h5py.File(path, "r") as file:
             file.visititems(self._note)  # follows hard links only, to each object once
             self.numbers = {
@@ -58,7 +56,6 @@ class Hdf5File:
                 if (kind := file.attrs.get_id(name)).dtype.kind in "iuf"
                 and math.prod(kind.shape) == 1
             }
-        self.names = list(self._found)
 
     def _note(self, name: str, one: Any) -> bool | None:
         """Note an array that lies in the file; True ends the search."""
@@ -67,22 +64,14 @@ class Hdf5File:
             shape, dtype = one.shape, one.dtype
             if shape is not None and dtype.kind in "biuf":
                 shape = shape[::-1] if self._reversed else shape
-                self._found[name] = ArrayHeader(shape, dtype)
-        return len(self._found) >= MOST_ARRAYS or None
+                self.headers[name] = ArrayHeader(shape, dtype)
+        return len(self.headers) >= MOST_ARRAYS or None
 
-    def header(self, name: str) -> ArrayHeader:
-        """Shape and type of an array."""
-        return self._found[name]
-
-    def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times."""
-        names, arrays = list(names), []
-        check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
+    def _read(self, name: str) -> np.ndarray:
         with readable(self.path, DAMAGED), self._h5py.File(self.path, "r") as file:
-            for name in names:
-                self._check(file[name], name)
-                arrays.append(file[name][()])
-        return [array.T if self._reversed else array for array in arrays]
+            self._check(file[name], name)
+            array = file[name][()]
+        return array.T if self._reversed else array
 
     def _check(self, dataset: Any, name: str) -> None:
         """Refuse filters that the library would load, and chunks that hold more than they say."""
@@ -140,7 +129,7 @@ LOGICAL, COMPLEX = 0x200, 0x800
 """Flags of arrays."""
 
 
-class MatlabFile:
+class MatlabFile(FileOfArrays):
     """Real arrays of numbers in a MATLAB file of version 5 (before 7.3).
 
     scipy's reader ends the program where the type of stored numbers makes no sense, and unpacks
@@ -150,7 +139,8 @@ class MatlabFile:
 
     def __init__(self, path: str | Path):
         self.path, size = Path(path), check_regular(path)
-        self._found: dict[str, tuple[ArrayHeader, int, int, bool, int, str]] = {}
+        self.headers = {}
+        self._places: dict[str, tuple[int, int, bool, int, str]] = {}
         with readable(path, DAMAGED), self.path.open("rb") as file:
             order = {b"IM": "<", b"MI": ">"}.get(file.read(START)[126:])
             if order is None:
@@ -168,31 +158,23 @@ class MatlabFile:
                     (kind,), head = struct.unpack_from(f"{order}I", head), head[TAG:]
                 if kind == MATRIX:
                     name, header, first, dtype = _read_head(head, order)
-                    if header is not None:
-                        self._found.setdefault(name, (header, place, stored, packed, first, dtype))
+                    if header is not None and name not in self.headers:
+                        self.headers[name] = header
+                        self._places[name] = place, stored, packed, first, dtype
                 file.seek(place + stored)
-        self.names = list(self._found)
 
-    def header(self, name: str) -> ArrayHeader:
-        """Shape and type of an array."""
-        return self._found[name][0]
-
-    def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times, and one as stored."""
-        names, arrays = list(names), []
-        need = [self.header(name).nbytes for name in names]
-        check_memory(int(copies * sum(need) + 2 * max(need, default=0)), self.path)
-        with readable(self.path, DAMAGED), self.path.open("rb") as file:
-            for name in names:
-                header, place, stored, packed, first, dtype = self._found[name]
-                file.seek(place)
-                data, count = file.read(stored), math.prod(header.shape)
-                if packed:
-                    most = TAG + first + count * np.dtype(dtype).itemsize
-                    data = zlib.decompressobj().decompress(data, most)[TAG:]
-                numbers = np.frombuffer(data, dtype, count, first)
-                arrays.append(numbers.reshape(header.shape, order="F").astype(header.dtype))
-        return arrays
+    def _read(self, name: str) -> np.ndarray:
+        header, (place, stored, packed, first, dtype) = self.headers[name], self._places[name]
+        count = math.prod(header.shape)
+        check_memory(stored + 3 * header.nbytes, self.path)  # as stored, unpacked and as it is
+        with readable(self.path, DAMAGED), Path(self.path).open("rb") as file:
+            file.seek(place)
+            data = file.read(stored)
+            if packed:
+                most = TAG + first + count * np.dtype(dtype).itemsize
+                data = zlib.decompressobj().decompress(data, most)[TAG:]
+            numbers = np.frombuffer(data, dtype, count, first)
+            return numbers.reshape(header.shape, order="F").astype(header.dtype)
 
 
 def _read_head(head: bytes, order: str) -> tuple[str, ArrayHeader | None, int, str]:

@@ -1,13 +1,12 @@
 """Arrays of light fields in Zarr folders of any program; nothing is unpickled."""
 
-from collections.abc import Iterable
 from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import ArrayHeader
+from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
 from lf_flame._common.zarr_files import METADATA_3, ZARR_ERRORS, refuse_missing_chunks
@@ -32,11 +31,8 @@ def is_zarr(path: str | Path) -> bool:
     return any((Path(path) / name).is_file() for name in METADATA)
 
 
-class ZarrFile:
-    """Arrays of numbers in a Zarr folder; a folder that is one array has the name "" alone.
-
-    The interface is that of `lf_flame._common.arrays_in_files`.
-    """
+class ZarrFile(FileOfArrays):
+    """Arrays of numbers in a Zarr folder; a folder that is one array has the name "" alone."""
 
     def __init__(self, path: str | Path):
         self.path, zarr = Path(path), import_zarr()
@@ -48,15 +44,10 @@ class ZarrFile:
             arrays = {"": found} if isinstance(found, zarr.Array) else dict(found.arrays())
         some = list(arrays.items())[:MOST_ARRAYS]
         self._arrays = {name: array for name, array in some if array.dtype.kind in "biuf"}
-        self.names = list(self._arrays)
+        self.headers = {name: ArrayHeader(x.shape, x.dtype) for name, x in self._arrays.items()}
 
-    def header(self, name: str) -> ArrayHeader:
-        """Shape and type of an array."""
-        array = self._arrays[name]
-        return ArrayHeader(array.shape, array.dtype)
-
-    def _check(self, name: str) -> Any:
-        """Refuse codecs that could run code, too large chunks, and missing files."""
+    def _read(self, name: str) -> np.ndarray:
+        """Read an array; refuse codecs that could run code, too large chunks, missing files."""
         array = self._arrays[name]
         record = array.metadata.to_dict()
         if record["zarr_format"] == 2:
@@ -68,16 +59,9 @@ class ZarrFile:
                     f"store it with one of {', '.join(SAFE_CODECS)}."
                 )
         check_memory(prod(array.chunks) * array.dtype.itemsize, self.path)
-        refuse_missing_chunks(array, self.path)
-        return array
-
-    def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read arrays by name, if they fit into memory `copies` times."""
-        arrays = [self._check(name) for name in names]
-        needed = sum(prod(array.shape) * array.dtype.itemsize for array in arrays)
-        check_memory(int(copies * needed), self.path)
+        refuse_missing_chunks(array, Path(self.path))
         with readable(self.metadata, ZARR_ERRORS):
-            return [np.asarray(array[...]) for array in arrays]
+            return np.asarray(array[...])
 
 
 def import_zarr() -> Any:
