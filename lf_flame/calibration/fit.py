@@ -19,9 +19,6 @@ LEAST_DISTANCES = 3
 BEYOND = 0.25
 """Part of the span of distances by which a law is trusted beyond the nearest and the farthest."""
 
-WORST_SHARE = 0.02
-"""Largest misfit in depth, relative to the span of distances, with which a law is accepted."""
-
 SURE = 0.999
 """Probability above which distortion, or a misfit, is taken to be more than noise."""
 
@@ -209,7 +206,7 @@ def fit_law(
     solved = _solve(measured, _start(measured))
     residuals, centre = _residuals(measured, solved.x), float(solved.x[2])
     misfit_mm = float(np.sqrt(np.mean(residuals[0] ** 2)))
-    if misfit_mm > WORST_SHARE * span or not centre < low:
+    if misfit_mm > 0.02 * span or not centre < low:
         worst = int(np.argmax(np.abs(residuals[0])))
         raise InputError(
             f"The targets follow no law of a camera: depths by it differ from the given ones by up "

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 
 from lf_flame._common.arrays import centred
@@ -22,10 +21,6 @@ RADIUS = 0.5
 
 LEAST_SHARE = 0.5
 """Smallest share of the counted views in which a corner must be found."""
-
-MOIRE = 0.003
-"""Error in lenslets that neighbouring corners share, where sharp squares are seen by pixels that do
-not overlap: measured on pinhole pictures of boards at all angles, root mean square."""
 
 
 class LatticeFit(NamedTuple):
@@ -111,10 +106,12 @@ class Target:
         scale = float(np.sqrt(abs(a * d - b * c)))
         gradient = np.array([d, -c, -b, a]) / (2 * scale) * np.sign(a * d - b * c)
         error = float(np.sqrt(gradient @ covariance[2:6, 2:6] @ gradient))
-        # Moire between squares and pixels moves neighbouring corners alike, which their spread does
-        # not show; it averages out where the target moves by pixels from view to view.
+        # Moire between sharp squares and pixels that do not overlap moves neighbouring corners
+        # alike, which their spread does not show: by 0.003 lenslets (root mean square, measured on
+        # pinhole pictures of boards at all angles). It averages out where the target moves by
+        # pixels from view to view.
         motion = abs(self.slope) * (min(self.shape[:2]) - 1)
-        moire = MOIRE / max(1.0, np.pi * motion) / float(np.std(points))
+        moire = 0.003 / max(1.0, np.pi * motion) / float(np.std(points))
         return LatticeFit(
             scale,
             float(np.hypot(error, scale * moire)),
@@ -196,7 +193,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
 
     # The slope from the neighbouring views is exact enough for a start in the outermost ones.
     near = counted & (np.abs(offsets - offsets[middle]).max(axis=-1) <= 1)
-    tracks = track(near, _coarse_slope(views, middle, counted, points, pitch))
+    tracks = track(near, _coarse_slope(views, near, points, pitch))
     slope = float(np.median(_regress(tracks, offsets[near])[1].mean(axis=1)))
     levels = np.full((v, u), np.nan)
     levels[counted] = _brightness(views, places, slope, points)
@@ -220,28 +217,17 @@ def _brightness(views, chosen: np.ndarray, slope: float, points: np.ndarray) -> 
     return part.mean(axis=(1, 2), dtype=np.float64)
 
 
-def _coarse_slope(views, middle, counted, points, pitch: float) -> float:
-    """Slope at which the neighbours of the central view are most like it around the corners.
+def _coarse_slope(views, near: np.ndarray, points: np.ndarray, pitch: float) -> float:
+    """Slope at which the central views, where `near`, are most alike over the target.
 
     Within half a square per view step, beyond which one corner may be taken for the next.
     """
-    reach = np.arange(-2, 3) * pitch / 5
-    patch = np.stack(np.meshgrid(reach, reach, indexing="ij"), axis=-1).reshape(-1, 2)
-    places = (points[:, None] + patch).reshape(-1, 2)
-    model = map_coordinates(views[middle], places.T, order=1, mode="nearest")
-    model = model - model.mean()
+    low, high = np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
+    part = np.s_[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
+    chosen = [(int(v), int(u)) for v, u in np.argwhere(near)]
     slopes = np.arange(-0.5, 0.5, 1 / max(4 * pitch, 20)) * pitch
-    likeness = np.zeros(len(slopes))
-    around = np.pad(counted, 1)
-    for step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        row, column = np.add(middle, step)
-        if not around[row + 1, column + 1]:
-            continue
-        for k, slope in enumerate(slopes):
-            moved = places + slope * np.array(step)
-            seen = map_coordinates(views[row, column], moved.T, order=1, mode="nearest")
-            likeness[k] += model @ seen
-    return float(slopes[np.argmax(likeness)])
+    spread = [align_views(views, slope, chosen)[part].var(axis=0).sum() for slope in slopes]
+    return float(slopes[np.argmin(spread)])
 
 
 def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
