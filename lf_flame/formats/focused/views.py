@@ -34,18 +34,6 @@ It is the same for all pictures, so that their slopes are comparable."""
 NEAREST = 1.5
 """Smallest virtual depth at which patches fit into their micro-images."""
 
-REACH = 1.1
-"""Radius in pitches of the lenslets that contribute to a place: some of each kind, anywhere."""
-
-OUT_OF_FOCUS = 1e-3
-"""Weight of lenslets of a kind that is out of focus."""
-
-HALF_PATCH = 0.6
-"""Half the width of a patch, in pitches over the virtual depth: as far as a lenslet's cell goes."""
-
-LARGEST_SHIFT = 0.08
-"""Largest displacement of the lenslets in a picture from those of the calibration, in pitches."""
-
 
 def read_focused(
     path: str | Path,
@@ -156,7 +144,7 @@ def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object
         return
     stated = lenslets.array(grey.shape).centres.reshape(-1, 2)
     away = float(cKDTree(stated).query(found)[0].max())
-    if away > LARGEST_SHIFT * lenslets.grid.pitch:
+    if away > 0.08 * lenslets.grid.pitch:
         raise InputError(
             f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
             f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
@@ -199,7 +187,8 @@ class FocusedPlan:
             )
         self.reference = REFERENCE if virtual_depth is None else float(virtual_depth)
         self.step = abs(self.reference)
-        farthest = max(lenslets.radius - HALF_PATCH * pitch / self.step, 0.0) / math.sqrt(2)
+        patch = 0.6 * pitch / self.step  # half its width: as far as a lenslet's cell goes
+        farthest = max(lenslets.radius - patch, 0.0) / math.sqrt(2)
         self.spacing = 2 * farthest / (self.views - 1) if self.views > 1 else 0.0
         self._array = lenslets.array(self.shape)
         self._black = None if dark is None else as_image(dark, "dark")
@@ -232,15 +221,17 @@ class FocusedPlan:
         image = np.ascontiguousarray(image / fall, np.float32)
         inverse = self._inverse(image)
         focused = self.lenslets.in_focus(self._array, 1 / inverse)
-        weights = np.where(focused, 1.0, OUT_OF_FOCUS) * self._array.whole
+        # A lenslet of a kind that is out of focus counts only where no other sees the place.
+        weights = np.where(focused, 1.0, 1e-3) * self._array.whole
         places = centred(self.views) * self.spacing
         offsets = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
         out = np.empty((len(offsets), *self._size, image.shape[2]), np.float32)
         view = (*self.first.tolist(), self.step, self.reference)
         first = int(self._array.rows[0]), int(self._array.columns[0])
+        reach = 1.1 * self.lenslets.grid.pitch  # some lenslets of each kind are as near, anywhere
         render(
             image, self.lenslets.lattice, first, inverse, weights, offsets, view,
-            REACH * self.lenslets.grid.pitch, self.lenslets.radius, out,
+            reach, self.lenslets.radius, out,
         )  # fmt: skip
         out = out.reshape(self.views, self.views, *out.shape[1:])
         return LightField(out if image.shape[2] > 1 else out[..., 0])
@@ -299,21 +290,15 @@ def fall_off(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
 
 def mean_white(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
     """White image by the mean fall-off of a picture's micro-images, which is taken to be round."""
-    lattice, half = lenslets.lattice, int(lenslets.radius)
-    away = np.full(image.shape[:2], np.inf, np.float32)  # from the nearest micro-image's centre
-    for k, nearest in enumerate(away):
-        y, x = k - lattice.y0, np.arange(image.shape[1]) - lattice.x0
-        down, along = lattice.cos * y - lattice.sin * x, lattice.sin * y + lattice.cos * x
-        above = np.floor(down / lattice.row_pitch)
-        for row in (above, above + 1):
-            column = along / lattice.pitch - lattice.offset * (row % 2)
-            aside = lattice.pitch * (column - np.rint(column))
-            across = down - lattice.row_pitch * row
-            np.minimum(nearest, np.hypot(aside, across), out=nearest)
+    apart, half = np.ones(image.shape[:2], bool), int(lenslets.radius)
+    centres = np.rint(lenslets.array(image.shape).centres).astype(int)
+    inside = np.all((centres >= 0) & (centres < apart.shape), axis=2)
+    apart[tuple(centres[inside].T)] = False
+    away = ndimage.distance_transform_edt(apart)  # from the nearest micro-image's centre
     rings, white = np.rint(away).astype(np.intp).ravel(), np.empty_like(image)
     for channel in range(image.shape[2]):
-        light = np.bincount(rings, image[..., channel].ravel()) / np.bincount(rings)
+        sums, counts = np.bincount(rings, image[..., channel].ravel()), np.bincount(rings)
         # A picture without light, or below black, has no fall-off.
-        light = light[: half + 1] if light[0] > 0 else np.ones(half + 1)
+        light = (sums / counts)[: half + 1] if sums[0] > 0 else np.ones(half + 1)
         white[..., channel] = np.interp(away, np.arange(half + 1), light)
     return white

@@ -16,17 +16,11 @@ farthest neighbours of the first search."""
 FAR, FINER = 3.1, 4
 """Distance in pitches of the farthest neighbours of the second search; ratio of its steps."""
 
-SPOTS_ACROSS = 14
-"""Number of places along the diameter of a micro-image that are compared."""
-
 SMALLEST_PATCH = 2.0
 """Smallest displacement in pixels between neighbouring micro-images at an accepted depth."""
 
 LEAST_LIKENESS, LEAST_CONFIDENCE = 0.5, 0.1
 """Smallest likeness, and smallest difference from that at other depths, of a known depth."""
-
-SAME_PEAK = 0.07
-"""Distance in inverse depth, at least, from which on another depth is another one."""
 
 
 def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets, array: Array) -> np.ndarray:
@@ -53,7 +47,8 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets, array: Arra
     start = inverses[best]
     fine = np.arange(-2 * FINER, 2 * FINER + 1) * step / FINER
     found = start + _tops(_likeness(grey, lenslets, array, FAR, start, fine), fine)
-    apart = np.abs(inverses - start[..., None]) > max(SAME_PEAK, 2 / pitch)
+    # At inverse depths as near as that, likeness is still that of the same peak.
+    apart = np.abs(inverses - start[..., None]) > max(0.07, 2 / pitch)
     other = np.where(apart, coarse, 0).max(axis=2)
     likeness = coarse.max(axis=2)
     known = array.whole & (likeness >= LEAST_LIKENESS) & (likeness - other >= LEAST_CONFIDENCE)
@@ -80,7 +75,7 @@ def _agreeing(inverse: np.ndarray, lenslets: FocusedLenslets, array: Array) -> n
 def _likeness(grey, lenslets: FocusedLenslets, array: Array, reach: float, start, steps):
     """Likeness at inverse depths around those in `start`, shape (rows, columns, steps)."""
     radius = lenslets.radius
-    stride = max(1.0, 2 * radius / SPOTS_ACROSS)
+    stride = max(1.0, radius / 7)  # between places that are compared
     half = int(radius / stride)
     spots = stride * np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).T
     spots = np.ascontiguousarray(spots[np.hypot(*spots.T) <= radius])
