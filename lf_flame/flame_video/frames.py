@@ -17,7 +17,7 @@ from lf_flame.formats.coding import note_on_coding
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
 from lf_flame.formats.reading import Found, find_light_field
 from lf_flame.formats.stacks import is_stack
-from lf_flame.formats.view_files.names import split_numbers
+from lf_flame.formats.view_files.folder import split_numbers
 from lf_flame.lightfield import LightField
 
 

@@ -1,13 +1,14 @@
 """One function for writing light fields of all kinds."""
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
 from lf_flame.errors import InputError
+from lf_flame.formats.images import to_levels, write_image
 from lf_flame.formats.lenslet_image import write_lenslet_image
-from lf_flame.formats.view_files.folder import write_view_folder
 from lf_flame.formats.zarr_arrays import EVERY_CHUNK, import_zarr
 from lf_flame.lightfield import AXES, LightField
 
@@ -54,7 +55,7 @@ def write_light_field(
     if suffix == ".zarr":
         _write_zarr(light_field, path)
     elif not suffix:
-        write_view_folder(light_field, path, bits, linear=linear)
+        _write_views(light_field, path, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
         write_lenslet_image(light_field, path, bits, linear=linear)
     elif suffix == ".npy":
@@ -72,13 +73,31 @@ def write_light_field(
         )
 
 
+def _new_folder(path: Path) -> AbstractContextManager[Path]:
+    """Make a folder beside its place; refuse a place that holds anything."""
+    path = path.resolve()
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"Views need a new or empty folder, got {path}, which is neither.")
+    return atomic_folder(path)
+
+
+def _write_views(light_field: LightField, path: Path, bits: int, *, linear: bool) -> None:
+    """Write each view as ``view_RR_CC.png`` (floats: ``.tif``) of a folder."""
+    views = light_field.filled
+    levels = views if bits == 32 else to_levels(views, bits)
+    suffix = ".tif" if bits == 32 else ".png"
+    width = max(2, len(str(max(levels.shape[:2]) - 1)))
+    with _new_folder(path) as aside:
+        for v, u in np.ndindex(levels.shape[:2]):
+            name = f"view_{v:0{width}}_{u:0{width}}{suffix}"
+            write_image(aside / name, levels[v, u], linear=linear)
+
+
 def _write_zarr(light_field: LightField, path: Path) -> None:
     """Write views, weights and known pixels as a Zarr group, with named axes."""
     zarr = import_zarr()
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(f"A Zarr folder is written new, got {path}, which is there.")
     shape = light_field.shape
-    with atomic_folder(path) as aside:
+    with _new_folder(path) as aside:
         group = zarr.create_group(str(aside))
         views = group.create_array(
             "views", shape=shape, dtype=np.float32, dimension_names=AXES[: len(shape)],

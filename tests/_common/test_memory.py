@@ -47,7 +47,7 @@ def write_hdf5(path):
 
 VIEWS = np.zeros((2, 2, 500, 1000), np.float32)
 
-SEARCH = 240 * 0.5 + 8 * 0.5
+SEARCH = 240 * 0.5 + 32 * 0.5
 """Megabytes that the search for the order takes for views of half a million pixels."""
 
 
@@ -68,7 +68,7 @@ SEARCH = 240 * 0.5 + 8 * 0.5
         ("folder", write_folder, 4 + SEARCH, {"grid": "2x2"}),
         ("a.h5", write_hdf5, 16, {}),
         ("a.zarr", partial(write_light_field, LightField(VIEWS)), 16, {}),
-        ("a.mat", partial(savemat, mdict={"LF": VIEWS}, do_compression=True), 16 + 16, {}),
+        ("a.mat", partial(savemat, mdict={"LF": VIEWS}, do_compression=True), 24, {}),
     ],
 )
 def test_what_a_light_field_needs_is_known_before_it_is_taken(

@@ -105,7 +105,7 @@ FOLDERS = [
     (of(RUN, "0.png", grid="1x1"), "0.png is a stack|holds 1|must be|does not apply|state"),
     *((of(square(), order=order), "order must be one of row,col; ") for order in ("row", "")),
     (of({}, read=scan_view_folder), r"holds no two images \(.png, "),
-    (of(RUN, names="view*.png"), "numbers only and are like view"),
+    (of(RUN, names="view*.png"), r"are like view\*.png and differ in numbers only"),
     (partial(scan_view_folder, "nowhere"), "is no folder"),
     (of({**square(), **square(form="d{}_{}.png")}), "several sets .*--names '#?.*png'"),
     (of(dict.fromkeys(["1_1.png", "01_01.png", "1_01.png"], RUN["0.png"])), "do not number a grid"),

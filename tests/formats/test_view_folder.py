@@ -20,7 +20,7 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame import write_light_field as write
 from lf_flame.formats import scan_view_folder
-from lf_flame.formats.view_files.names import split_numbers
+from lf_flame.formats.view_files.folder import split_numbers
 from lf_flame.formats.view_files.orders import ORDERS, arranged, find_order, fold
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 

@@ -7,7 +7,7 @@ row. A minus flips an axis: ``-row`` counts rows from the bottom, ``-col`` colum
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, isqrt, prod, sqrt
+from math import ceil, isqrt, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -163,7 +163,7 @@ PATCH, BORDER = 16, 4
 out, in reduced pixels."""
 
 MOST_PIXELS = 4_000_000
-"""Largest number of pixels of a view for the search; larger views are reduced first."""
+"""Largest number of pixels of a view at the first scale; larger views are reduced first."""
 
 MOTIONS = {
     "row,col": ((1, 0), (0, 1)),
@@ -177,7 +177,7 @@ MOTIONS = {
 def order_memory(shape: tuple[int, ...]) -> int:
     """Count the bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
     pixels = shape[0] * shape[1]
-    return 240 * min(pixels, MOST_PIXELS) + 8 * pixels
+    return 240 * min(pixels, MOST_PIXELS) + 32 * pixels
 
 
 def find_order(
@@ -203,7 +203,7 @@ def find_order(
     motions: dict[str, tuple] = dict(MOTIONS)
     if folded is not None:
         motions |= {f"1x{count}": ((0, lines), (0, 1)), f"{count}x1": ((lines, 0), (1, 0))}
-    sums, times = _sum_changes(grid, read)
+    sums = _sum_changes(grid, read)
     tried = [_compare(parts, scale, motions) for scale, parts in sums.items()]
     best, second, order, slopes = max(tried, default=(0.0, 0.0, ORDERS[0], (0.0, 0.0)))
     if best - second < LEAST_MARGIN:
@@ -215,8 +215,7 @@ def find_order(
             f"one {'row' if order.startswith('1x') else 'column'}, by the parallax, {shares}: "
             f"state --grid {order}, or the --order."
         )
-    low, high = (slope * times for slope in slopes)
-    return FoundOrder(order, f"by the parallax, {shares}", (low, high))
+    return FoundOrder(order, f"by the parallax, {shares}", slopes)
 
 
 def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
@@ -236,38 +235,25 @@ def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
     yield from (tuple(whole[k].tolist()) for k in dict.fromkeys(nearest))
 
 
-def _sum_changes(grid: np.ndarray, read: Callable) -> tuple[dict[int, np.ndarray], int]:
+def _sum_changes(grid: np.ndarray, read: Callable) -> dict[int, np.ndarray]:
     """Sum products of changes and gradients over blocks of four views, by scale and patch.
 
-    Views that are small, not finite or of another shape are left out. The second result is the
-    number of pixels along an axis that were averaged to one beforehand.
+    Views that are small, not finite or of another shape are left out.
     """
     sums: dict[int, np.ndarray] = {}
-    shape, times = None, 1
+    shape = None
     for v, u in _blocks(grid):
-        grey = [_grey(read(one)) for line in grid[v : v + 2] for one in line[u : u + 2]]
-        shapes = {view.shape if np.isfinite(view).all() else None for view, _ in grey}
-        shape = shape or grey[0][0].shape
-        if shapes != {shape}:
+        views = [np.asarray(read(one)) for line in grid[v : v + 2] for one in line[u : u + 2]]
+        grey = [view.reshape(*view.shape[:2], -1).mean(axis=2, dtype=np.float32) for view in views]
+        shape = shape or grey[0].shape
+        if {view.shape if np.isfinite(view).all() else None for view in grey} != {shape}:
             continue
-        times = grey[0][1]
-        block = np.reshape([view for view, _ in grey], (2, 2, *shape))
-        for scale in SCALES:
+        block = np.reshape(grey, (2, 2, *shape))
+        least = ceil(sqrt(shape[0] * shape[1] / MOST_PIXELS))
+        for scale in (least * one for one in SCALES):
             if min(shape) // scale >= PATCH + 2 * BORDER:
                 sums[scale] = sums.get(scale, 0.0) + _measure(block, scale)
-    return sums, times
-
-
-def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
-    """Average the colours, and n x n pixels of a large view to one; also returns n."""
-    times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
-    grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
-    return _reduced(grey, times) if times > 1 else grey, times
-
-
-def _reduced(views: np.ndarray, times: int) -> np.ndarray:
-    factors = (1,) * (views.ndim - 2) + (times, times)
-    return skimage.transform.downscale_local_mean(views, factors)
+    return sums
 
 
 def _measure(block: np.ndarray, scale: int) -> np.ndarray:
@@ -276,7 +262,7 @@ def _measure(block: np.ndarray, scale: int) -> np.ndarray:
     Rows: changes from row to row times the gradients down and right, those from column to column
     times both, the squares of both gradients, and those of the changes.
     """
-    reduced = _reduced(block, scale)
+    reduced = skimage.transform.downscale_local_mean(block, (1, 1, scale, scale)).astype(float)
     views, mean = gaussian_filter(reduced, 1.0, axes=(2, 3)), reduced.mean((0, 1))
     changes = [np.diff(views, axis=0)[0].mean(0), np.diff(views, axis=1)[:, 0].mean(0)]
     slants = [gaussian_filter(mean, 1.0, order=order) for order in ((1, 0), (0, 1))]
