@@ -149,7 +149,7 @@ def test_a_law_survives_its_file_and_is_not_taken_for_a_camera(tmp_path):
     law, path = fit().law, tmp_path / "calibration.toml"
     path.write_text(law.to_toml())
     assert read_lens(path) == law
-    with pytest.raises(InputError, match="thin-lens camera"):
+    with pytest.raises(InputError, match="is a measured calibration"):
         read_camera(path)
 
 
