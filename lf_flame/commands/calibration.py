@@ -189,7 +189,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.formats import read_exposure
-    from lf_flame.tomography import colour_output
+    from lf_flame.tomography import soot_output as output
     from lf_flame.tomography.colour_calibration import MOST_UNEVEN, measure_source
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
     from lf_flame.tomography.pyrometry import least_temperature
@@ -203,7 +203,8 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             f"got {len(exposures)}."
         )
     reading = Reading(**options)
-    with output_folder(out or Path("colours"), colour_output.RECORD, overwrite=overwrite) as folder:
+    out = out or Path("colours")
+    with output_folder(out, output.COLOURS_RECORD, overwrite=overwrite) as folder:
         sources = [path for path, _ in placed]
         in_files = [] if exposures else list(filter(None, map(read_exposure, sources)))
         # Gains are those of the first picture's exposure, to which that of the flame is compared.
@@ -216,7 +217,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
         fit = fit._replace(calibration=replace(fit.calibration, exposure=first))
-        colour_output.write_colours(fit, kelvin, folder)
+        output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
             "signals": source.signals.tolist(),
@@ -227,7 +228,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "reading": reading.given(),
             "notes": reading.coded,
         }
-    click.echo(colour_output.colours_table(fit, kelvin))
+    click.echo(output.colours_table(fit, kelvin))
     click.echo(f"these colours determine temperatures of soot from {least:.0f} K on")
     if source.uneven > MOST_UNEVEN:
         tell(

@@ -117,7 +117,7 @@ def temperature(
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.tomography import temperature_output as output
+    from lf_flame.tomography import soot_output as output
     from lf_flame.tomography.emission_folder import read_colours_of
     from lf_flame.tomography.pyrometry import soot_temperature
 
@@ -141,7 +141,7 @@ def temperature(
         soot_exponent=soot_exponent,
     )
     out = out or Path("temperature") / folders[0].name
-    with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
+    with output_folder(out, output.TEMPERATURE_RECORD, overwrite=overwrite) as folder:
         warnings = output.temperature_warnings(found, colours)
         notes = output.temperature_notes(found, every, colours, soot_exponent)
         absolute = calibration_file is not None
@@ -195,7 +195,8 @@ def _calibration(
     import numpy as np
 
     from lf_flame.tomography.colour_calibration import ColourCalibration, read_colours
-    from lf_flame.tomography.pyrometry import LEAST_K, MOST_K, two_wavelengths
+    from lf_flame.tomography.pyrometry import LEAST_K, MOST_K
+    from lf_flame.tomography.spectra import SpectralResponses
 
     if (wavelengths is None) == (file is None):
         raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
@@ -204,7 +205,7 @@ def _calibration(
             raise InputError("--calibration does not apply with --colours, which holds the gains.")
         return read_colours(file)
     assert wavelengths is not None
-    colours = two_wavelengths(wavelengths)
+    colours = SpectralResponses.single(wavelengths)
     return ColourCalibration(colours, np.array([ratio or 1.0, 1.0]), np.zeros(2), (LEAST_K, MOST_K))
 
 

@@ -104,9 +104,8 @@ def flicker(
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
     from lf_flame.flame_video import find_steps
-    from lf_flame.flame_video import series as output
     from lf_flame.flame_video.flicker import LEAST_FRAMES
-    from lf_flame.flame_video.frames import find_frames
+    from lf_flame.flame_video.frames import RECORD, find_frames, write_flicker
     from lf_flame.flame_video.processing import is_video
 
     reading, done = Reading(**options), len(sources) == 1 and is_video(sources[0])
@@ -134,18 +133,17 @@ def flicker(
     source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
     out = out or Path("flicker") / (source.resolve().stem or "frames")
     with (
-        output_folder(out, output.RECORD, overwrite=overwrite) as folder,
+        output_folder(out, RECORD, overwrite=overwrite) as folder,
         TemporaryDirectory() as beside,
     ):
         notes = []
         if done:
-            series = output.read_series(sources[0], frames_per_second)
+            found, warnings = write_flicker(sources[0], folder, frames_per_second=frames_per_second)
         else:
             made = Path(beside) / "frames.zarr"
             one = Crew(workers=1)
             _, notes = _process(paths, reading, lens, steps, frames_per_second, made, one)
-            series = output.read_series(made)
-        found, warnings = output.write_flicker(series, folder)
+            found, warnings = write_flicker(made, folder)
         folder.facts |= {
             "frames_per_second": frames_per_second,
             "notes": notes,
@@ -158,7 +156,7 @@ def flicker(
         }
     tell_all("Warning", warnings)
     if found:
-        click.echo(found.describe(unit=series.unit))
+        click.echo(found)
     say_files(folder)
 
 
@@ -218,6 +216,7 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
     from lf_flame.flame_video.frames import FrameReader, find_times
+    from lf_flame.formats.coding import note_on_coding
 
     paths = [path.absolute() for path in paths]
     rows, times, notes = find_times(paths, rate or 1.0)
@@ -225,7 +224,7 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
     with progress.stage(f"Reading {printable(paths[0])}"):
         reader, said = FrameReader(paths[0], reading.stated), Said()
         found = reader.notes
-    notes = [*reader.coded, *(notes if rate else [])]
+    notes = [*filter(None, [note_on_coding(paths[0])]), *(notes if rate else [])]
     tell_all("Note", notes)
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
     for line in (*found, *on_camera):

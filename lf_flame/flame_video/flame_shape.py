@@ -70,11 +70,6 @@ class FlameShape:
     doubts: tuple[str, ...] = ()
 
     @property
-    def is_found(self) -> bool:
-        """Whether there is a flame."""
-        return len(self.contour) > 0
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what makes the measurements doubtful."""
         return tuple(DOUBTS[name] for name in self.doubts)
@@ -119,8 +114,20 @@ def measure_flame(
     >>> round(measure_flame(image, burner_row=50.0).height)  # to where it is half as bright
     20
     """
-    picture = _checked_image(image)
-    check_measures(level, pixel_mm)
+    picture = np.asarray(image)
+    is_grey = picture.ndim == 2 and min(picture.shape) >= 5 and picture.dtype.kind in "biuf"
+    if not is_grey or not np.isfinite(picture).all():
+        raise InputError(
+            f"A flame is measured in a grey image of 5 x 5 finite pixels or more, got an array of "
+            f"shape {picture.shape} and type {picture.dtype}{', with NaN or infinity' * is_grey}."
+        )
+    picture = picture.astype(np.float64)
+    if not 0 < level < 1:
+        raise InputError(f"level must be a share of the peak between 0 and 1, got {level}.")
+    if not SHORTEST <= pixel_mm <= LONGEST:
+        raise InputError(
+            f"pixel_mm must be a length from {SHORTEST:g} to {LONGEST:g} mm, got {pixel_mm}."
+        )
     lowest = len(picture) - 0.5
     burner = lowest if burner_row is None else float(burner_row)
     if not -0.5 <= burner <= lowest:
@@ -169,29 +176,6 @@ def row_error(level: float = 0.5) -> float:
     0.1
     """
     return 0.1 + 0.8 * (level - 0.5) ** 2
-
-
-def check_measures(level: float, pixel_mm: float) -> None:
-    """Refuse a level that is not between 0 and 1, or a pixel size that is no length."""
-    if not 0 < level < 1:
-        raise InputError(f"level must be a share of the peak between 0 and 1, got {level}.")
-    if not SHORTEST <= pixel_mm <= LONGEST:
-        raise InputError(
-            f"pixel_mm must be a length from {SHORTEST:g} to {LONGEST:g} mm, got {pixel_mm}."
-        )
-
-
-def _checked_image(image: ArrayLike) -> np.ndarray:
-    image = np.asarray(image)
-    if image.ndim != 2 or min(image.shape) < 5 or image.dtype.kind not in "biuf":
-        raise InputError(
-            f"A flame is measured in a grey image of 5 x 5 pixels or more, got an array of shape "
-            f"{image.shape} and type {image.dtype}."
-        )
-    image = image.astype(np.float64)
-    if not np.all(np.isfinite(image)):
-        raise InputError("The image of a flame must be finite, got NaN or infinite pixels.")
-    return image
 
 
 def _noise(image: np.ndarray) -> float:

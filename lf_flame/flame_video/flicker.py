@@ -148,16 +148,9 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
     times = times - times.mean()
     (peak, amplitude, alarm), fit = _find_peak(times, values, frequencies)
     level = brentq(lambda power: fit.false_alarm(power) - FALSE_ALARM, 1e-9, 1 - 1e-9)
+    resolution = 1 / np.ptp(times)
     return Flicker(
-        peak,
-        amplitude,
-        alarm,
-        1 / np.ptp(times),
-        resolvable,
-        frequencies,
-        fit.power,
-        level,
-        fit.noise,
+        peak, amplitude, alarm, resolution, resolvable, frequencies, fit.power, level, fit.noise
     )
 
 

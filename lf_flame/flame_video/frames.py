@@ -1,24 +1,33 @@
-"""Frames of a video: their files in order, their times, and reading them one at a time."""
+"""Frames of a video: their order, times and reading, and what was measured of a flame in them."""
 
-from collections import Counter
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
+from lf_flame._common import figures
 from lf_flame._common.arrays_in_files import open_arrays
 from lf_flame._common.images import TIFF_SUFFIXES
+from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
+from lf_flame.flame_video import processing
+from lf_flame.flame_video.flame_shape import DOUBTS, row_error
+from lf_flame.flame_video.flicker import Flicker, find_flicker
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
-from lf_flame.formats.coding import note_on_coding
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
 from lf_flame.formats.reading import Found, find_light_field
 from lf_flame.formats.stacks import is_stack
 from lf_flame.formats.view_files.folder import split_numbers
 from lf_flame.lightfield import LightField
+
+RECORD = "flicker.json"
+MEASURES = ("height", "tip_row", "width", "area", "brightness")
+RESULTS = ("frequency_hz", "peak_hz", "amplitude", "false_alarm", "resolution_hz", "resolvable")
 
 
 def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> list[Path]:
@@ -33,9 +42,6 @@ def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> lis
     missing = [path for path in found if not path.exists()]
     if missing:
         raise InputError(f"There is no frame {missing[0]}: no such file or folder.")
-    twice = [path for path, count in Counter(found).items() if count > 1]
-    if twice:
-        raise InputError(f"Each frame may be given once, got {twice[0]} more than once.")
     keys = dict(zip(found, _numbered_names(found), strict=True))
     return sorted(found, key=keys.__getitem__)
 
@@ -54,13 +60,11 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
             kinds.setdefault(kind, []).append(path)
     if len(kinds) == 1:
         return next(iter(kinds.values()))
-    if not kinds:
-        raise InputError(
-            f"{folder} holds no frames: neither images ({', '.join(IMAGE_SUFFIXES)}), nor arrays "
-            f"({', '.join(ARRAY_SUFFIXES)}), nor folders of views."
-        )
     counted = ", ".join(f"{len(paths)} x {kind}" for kind, paths in sorted(kinds.items()))
-    raise InputError(f"{folder} holds frames of several kinds ({counted}): name those meant.")
+    raise InputError(
+        f"{folder} must hold frames of one kind, images ({', '.join(IMAGE_SUFFIXES)}), arrays "
+        f"({', '.join(ARRAY_SUFFIXES)}) or folders of views, got {counted or 'none'}."
+    )
 
 
 def find_times(
@@ -138,11 +142,6 @@ class FrameReader:
         return [*self._found.notes, f"{kind} of {t} x {s} pixels"]
 
     @property
-    def coded(self) -> list[str]:
-        """Note that the frame `model` is probably gamma-coded, if it is."""
-        return list(filter(None, [note_on_coding(self.model)]))
-
-    @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the light field in `model`."""
         return self._found.light_field.shape
@@ -162,3 +161,76 @@ def _is_picture(path: Path) -> bool:
         with open_arrays(path) as file:
             return len(file.header("").shape) < 4
     return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))
+
+
+def write_flicker(
+    video: Path, folder: OutputFolder, *, frames_per_second: float | None = None
+) -> tuple[str, list[str]]:
+    """Find the flicker in a video that was processed with the step ``height``.
+
+    Writes the table, the figure and the facts of the record; gives a sentence on the flicker, empty
+    if too few frames have a height, and warnings, each with the number of its frames.
+    """
+    group = processing.open_video(video)
+    if "height" not in group:
+        raise InputError(f"{video} holds no heights: process it with the step height.")
+    if processing.count_frames(group, video).counts["to_do"]:  # refuses lost files, too
+        raise InputError(f"{video} is not finished: repeat the command that makes it.")
+    names = (*MEASURES, "state", "doubts", "time")
+    *columns, state, bits, times = (processing.read_array(group, name, video) for name in names)
+    counted = group["time"].attrs.get("units") != "s"
+    if counted != (frames_per_second is not None):
+        said = "counts frames: state" if counted else "holds the times of its frames: leave out"
+        raise InputError(f"{video} {said} --frames-per-second.")
+    times, heights = times / (frames_per_second or 1.0), columns[0]
+    paths, options = dict[str, Any](group.attrs)["frames"], dict[str, Any](group["height"].attrs)
+    sources = [name or f"frame {number}" for number, name in enumerate(paths)]
+    pixel_mm, level = options.get("pixel_mm"), options["level"]
+    unit = "px" if pixel_mm is None else "mm"
+    doubts = [[x for k, x in enumerate(DOUBTS.values()) if bit >> k & 1] for bit in bits]
+    doubtful: dict[str, list[str]] = {}
+    for number, some in enumerate(doubts):
+        some += ["The frame is unusable."] * bool(state[number] == processing.UNUSABLE)
+        for doubt in some:
+            doubtful.setdefault(doubt, []).append(sources[number])
+    warnings = [f"{len(x)} of {len(bits)} frames, first {x[0]}: {y}" for y, x in doubtful.items()]
+    found = None
+    try:
+        found = find_flicker(times, heights, resolvable=row_error(level) * (pixel_mm or 1.0))
+    except InputError as error:  # the heights are useful without a frequency
+        warnings.append(str(error))
+    with folder.path("flame.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        lengths = f"height_{unit}", "tip_row", f"width_{unit}", f"area_{unit}2"
+        writer.writerow(["frame", "time_s", *lengths, "brightness", "source", "warnings"])
+        for number, row in enumerate(np.column_stack(columns)):
+            numbers = f"{times[number]:.15g}", *(f"{x:.7g}" for x in row)
+            writer.writerow([number, *numbers, sources[number], " ".join(doubts[number])])
+    figures.save(_flicker_figure(times, heights, found, unit), folder.path("flicker.png"))
+    known = heights[np.isfinite(heights)]
+    folder.facts |= {
+        "frames": len(heights),
+        "frames_with_flame": len(known),
+        "level": level,
+        "pixel_mm": pixel_mm,
+        "unit": unit,
+        "mean_height": float(known.mean()) if len(known) else None,
+        "standard_deviation_of_height": float(known.std()) if len(known) else None,
+        "flicker": found and {name: getattr(found, name) for name in RESULTS},
+        "warnings": warnings,
+    }
+    return found.describe(unit=unit) if found else "", warnings
+
+
+def _flicker_figure(times: np.ndarray, heights: np.ndarray, found: Flicker | None, unit: str):
+    """Height against time, and its spectrum with the level of a false alarm."""
+    figure, (top, below) = figures.subplots(2, 1, figsize=(9, 6.5), layout="constrained")
+    top.plot(times, heights, "." * (len(heights) < 300) + "-", linewidth=0.8, markersize=4)
+    top.set(xlabel="time (s)", ylabel=f"height ({unit})")
+    below.set(xlabel="frequency (Hz)", ylabel="share of the scatter", title="too few heights")
+    if found is not None:
+        below.plot(found.frequencies_hz, found.power, linewidth=0.9)
+        below.axhline(found.level, color="C7", linestyle=":", label="noise is below in 99 %")
+        below.legend(fontsize=8)
+        below.set_title(fill(found.describe(unit=unit), 100), fontsize=9)
+    return figure

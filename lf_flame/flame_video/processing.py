@@ -12,7 +12,7 @@ import pickle
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +36,7 @@ from lf_flame._common.zarr_files import (
     refuse_missing_chunks,
 )
 from lf_flame.errors import InputError
-from lf_flame.flame_video.steps import Frame, Step, Values, take_steps
+from lf_flame.flame_video.steps import Frame, Step, Values
 from lf_flame.formats.reading import read_light_field
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
@@ -160,30 +160,19 @@ def process_frames(
             when = Values(times, ("time",), {"units": time_unit})
             _begin(part, request, when, read(first), steps, camera)
         group = open_video(place)
-        _refuse_other(group, request, times, place)
+        other = [name for name, value in request.items() if group.attrs.get(name) != value]
+        if not np.array_equal(read_array(group, "time", place), times):
+            other.append("times")
+        if other:
+            raise InputError(
+                f"{place} was made with other {', '.join(other)}; remove it, or choose another "
+                f"folder."
+            )
         if place == part:
-            job = Job(steps, read, tuple(dict[str, Any](group.attrs)["shape"]))
-            _run(part, group, job, paths, workers, executor, tell)
+            _run(part, group, (steps, read), paths, workers, executor, tell)
             _finish(part, out)
             group = open_video(out)
         return count_frames(group, out)
-
-
-def _refuse_other(group: zarr.Group, request: dict, times: np.ndarray, place: Path) -> None:
-    """Refuse a group that was made of something else."""
-    other = [name for name, value in request.items() if group.attrs.get(name) != value]
-    if not np.array_equal(read_array(group, "time", place), times):
-        other.append("times")
-    if other or not isinstance(group.attrs.get("shape"), list):
-        raise InputError(
-            f"{place} was made with other {', '.join(other or ['frames'])}; remove it, or choose "
-            f"another folder."
-        )
-
-
-def _together(frames: int) -> int:
-    """Count the frames of a task."""
-    return max(LEAST_TOGETHER, math.ceil(frames / MOST_TASKS))
 
 
 def _begin(part: Path, request: dict, when: Values, light_field: LightField, steps, camera) -> None:
@@ -193,7 +182,7 @@ def _begin(part: Path, request: dict, when: Values, light_field: LightField, ste
     flags = {"flag_values": list(range(len(STATES))), "flag_meanings": " ".join(STATES)}
     values = {"time": when, "state": Values(np.uint8(TO_DO), (), flags)}
     with progress.stage("Processing the first frame"):
-        values |= take_steps(Frame(light_field), steps)
+        values |= Frame(light_field).take(steps)
     frames = len(when.values)
     remove_leftovers(part)
     with atomic_folder(part) as aside:
@@ -201,7 +190,8 @@ def _begin(part: Path, request: dict, when: Values, light_field: LightField, ste
         for name, found in values.items():
             one, fixed = np.asarray(found.values), found.axes == (name,)
             # Numbers and contours share chunks.
-            together = _together(frames) if one.size <= 1024 else 1
+            most = max(LEAST_TOGETHER, math.ceil(frames / MOST_TASKS))
+            together = most if one.size <= 1024 else 1
             array = group.create_array(
                 name,
                 shape=one.shape if fixed else (frames, *one.shape),
@@ -217,10 +207,10 @@ def _begin(part: Path, request: dict, when: Values, light_field: LightField, ste
         group.update_attributes({**request, "shape": list(light_field.shape), "kind": KIND})
 
 
-def _run(part: Path, group: zarr.Group, job: "Job", paths, workers: int, executor, tell) -> None:
+def _run(part: Path, group: zarr.Group, job: tuple, paths, workers: int, executor, tell) -> None:
     """Carry out the tasks that are missing."""
     packed, to_do = pickle.dumps(job), read_array(group, "state", part) == TO_DO
-    together = _together(len(paths))
+    together = open_array(group, "state").chunks[0]
     tasks = [
         Task(packed, str(part.resolve()), start, tuple(paths[start : start + together]))
         for start in range(0, len(paths), together)
@@ -245,39 +235,15 @@ def _finish(part: Path, out: Path) -> None:
     part.rename(out)
 
 
-@dataclass
-class Job:
-    """Everything needed to process a frame, which must have a shape; picklable."""
-
-    steps: tuple[Step, ...]
-    read: Callable[[Path], LightField]
-    shape: tuple[int, ...]
-    before: dict[str, Any] = field(default_factory=dict)
-
-    def __call__(self, path: Path | None) -> tuple[int, dict[str, Values], tuple[str, ...]]:
-        """Process a frame: its state, the values that were found, and sentences."""
-        if path is None:
-            return MISSING, {}, ()
-        try:
-            light_field = self.read(path)
-            if light_field.shape != self.shape:
-                raise InputError(f"it has the shape {light_field.shape}, the first {self.shape}")
-            frame = Frame(light_field, self.before)
-            values = take_steps(frame, self.steps)
-        except (InputError, OSError) as error:
-            return UNUSABLE, {}, (f"{path.name}: {error}",)
-        return WHOLE, values, tuple(f"{path.name}: {said}" for said in frame.warnings)
-
-
 @lru_cache(maxsize=2)
-def _load(job: bytes) -> Job:
+def _load(job: bytes) -> tuple[tuple[Step, ...], Callable[[Path], LightField]]:
     """Unpack a job once in each process: plans and compiled programs stay for all its tasks."""
     return pickle.loads(job)
 
 
 @dataclass(frozen=True)
 class Task:
-    """Frames from number `first` on, for whole chunks of all arrays; the job is pickled."""
+    """Frames from number `first` on, for whole chunks of all arrays; steps and reader pickled."""
 
     job: bytes
     folder: str
@@ -289,20 +255,19 @@ class Task:
         # Chunks of NaN get files as well, so that a file that is lost is noticed.
         with zarr.config.set({"array.write_empty_chunks": True}):
             group = zarr.open_group(self.folder, mode="r+")
-            # Coordinates, which are whole already, are named after their axis.
-            arrays: dict[str, Any] = dict(group.arrays())
-            for name in [x for x, one in arrays.items() if one.metadata.dimension_names == (x,)]:
-                del arrays[name]
-        job, count = _load(self.job), len(self.paths)
+            every: list[tuple[str, Any]] = list(group.arrays())
+        # Coordinates, which are whole already, are named after their axis.
+        arrays = {name: one for name, one in every if one.metadata.dimension_names != (name,)}
+        (steps, read), count = _load(self.job), len(self.paths)
+        shape = tuple(dict[str, Any](group.attrs)["shape"])
         series = {
             name: np.full((count, *array.shape[1:]), array.fill_value, array.dtype)
             for name, array in arrays.items()
             if array.chunks[0] > 1
         }
-        job.before.clear()  # the same bytes, whatever a worker has done before
-        done = []
+        before, done = dict[str, Any](), []  # each task anew, whatever a worker has done before
         for frame, path in enumerate(self.paths):
-            state, values, said = job(path)
+            state, values, said = _process(path, steps, read, shape, before)
             for name, array in arrays.items():
                 found = values[name].values if name in values else array.fill_value
                 if name in series:
@@ -314,6 +279,21 @@ class Task:
         for name in sorted(series, key="state".__eq__):  # last: a chunk without it is made again
             arrays[name][self.first : self.first + count] = series[name]
         return done
+
+
+def _process(path: Path | None, steps: Sequence[Step], read, shape, before: dict[str, Any]):
+    """Process a frame: its state, the values that were found, and sentences."""
+    if path is None:
+        return MISSING, {}, ()
+    try:
+        light_field = read(path)
+        if light_field.shape != shape:
+            raise InputError(f"it has the shape {light_field.shape}, the first {shape}")
+        frame = Frame(light_field, before)
+        values = frame.take(steps)
+    except (InputError, OSError) as error:
+        return UNUSABLE, {}, (f"{path.name}: {error}",)
+    return WHOLE, values, tuple(f"{path.name}: {said}" for said in frame.warnings)
 
 
 def open_video(path: Path) -> zarr.Group:
@@ -330,10 +310,7 @@ def open_video(path: Path) -> zarr.Group:
 
 def is_video(path: Path) -> bool:
     """Whether a folder is the group of a processed video that is finished."""
-    try:
-        return (path / "zarr.json").is_file() and read_attributes(path).get("kind") == KIND
-    except InputError:  # an array, or a group of something else
-        return False
+    return (path / "zarr.json").is_file() and read_attributes(path).get("kind") == KIND
 
 
 def read_array(group: zarr.Group, name: str, path: Path) -> np.ndarray:
@@ -345,8 +322,6 @@ def read_array(group: zarr.Group, name: str, path: Path) -> np.ndarray:
 def count_frames(group: zarr.Group, path: Path) -> Progress:
     """Count the frames in each state; refuse a finished group of which a file is lost."""
     states = read_array(group, "state", path)
-    if states.size and states.max() >= len(STATES):
-        raise InputError(f"{path} is damaged: a state is {states.max()}.")
     if states.all():  # finished
         for name in array_names(path):
             refuse_missing_chunks(open_array(group, name), path)

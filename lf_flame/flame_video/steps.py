@@ -6,18 +6,15 @@ Tomography is imported where it is used, as it doubles the time that other steps
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.flame_video.flame_shape import DOUBTS, check_measures, measure_flame
+from lf_flame.flame_video.flame_shape import DOUBTS, measure_flame
 from lf_flame.lightfield import AXES, LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import farthest_slope, shift_and_sum
-
-if TYPE_CHECKING:
-    from lf_flame.tomography import ReconstructionPlan
 
 
 class Values(NamedTuple):
@@ -52,13 +49,9 @@ class Frame:
         v, u = self.light_field.views.shape[:2]
         self.image = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
 
-
-def take_steps(frame: Frame, steps: Sequence[Step]) -> dict[str, Values]:
-    """Give the arrays of all steps."""
-    values: dict[str, Values] = {}
-    for step in steps:
-        values |= step(frame)
-    return values
+    def take(self, steps: Sequence[Step]) -> dict[str, Values]:
+        """Take steps one after the other; give the arrays of all."""
+        return {name: values for step in steps for name, values in step(self).items()}
 
 
 @dataclass(frozen=True)
@@ -103,24 +96,20 @@ class Height:
     pixel_mm: float | None = None
     burner_row: float | None = None
 
-    def __post_init__(self):
-        check_measures(self.level, 1.0 if self.pixel_mm is None else self.pixel_mm)
-
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give the measures, NaN without a flame, and a bit for each doubt."""
-        image = np.asarray(frame.image, np.float64)
-        grey = image.mean(axis=2) if image.ndim == 3 else image
-        shape = measure_flame(grey, level=self.level, burner_row=self.burner_row)
+        grey = frame.image.mean(axis=2, dtype=float) if frame.image.ndim == 3 else frame.image
         side, unit = (1.0, "px") if self.pixel_mm is None else (self.pixel_mm, "mm")
+        shape = measure_flame(grey, level=self.level, pixel_mm=side, burner_row=self.burner_row)
         masks = {name: 1 << k for k, name in enumerate(DOUBTS)}
         known = {"flag_masks": list(masks.values()), "flag_meanings": " ".join(masks)}
         options = {"units": unit, "level": self.level, "pixel_mm": self.pixel_mm}
         points = _even_points(shape.contour).astype(np.float32)
         return {
-            "height": Values(np.float64(shape.height * side), (), options),
+            "height": Values(np.float64(shape.height), (), options),
             "tip_row": Values(np.float64(shape.tip_row)),
-            "width": Values(np.float64(shape.width * side), (), {"units": unit}),
-            "area": Values(np.float64(shape.area * side**2), (), {"units": f"{unit}2"}),
+            "width": Values(np.float64(shape.width), (), {"units": unit}),
+            "area": Values(np.float64(shape.area), (), {"units": f"{unit}2"}),
             "brightness": Values(np.float64(shape.brightness)),
             "contour": Values(points, ("point", "row_column"), {"units": "px"}),
             "doubts": Values(np.uint8(sum(masks[name] for name in shape.doubts)), (), known),
@@ -146,16 +135,14 @@ class Emission:
 
     camera: Lens = field(repr=False)
     depths_mm: tuple[float, ...]
-    block: int = 1
-    noise: float | None = None
-    strength: float | None = None
-    background: str = "fit"
+    block: int
+    options: dict[str, Any]  # noise, strength and background of a `ReconstructionPlan`
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings."""
         plan = _plan(self, frame.light_field.shape)
         found = plan.reconstruct(frame.light_field, start=frame.before.get("emission"))
-        if self.strength is not None:
+        if self.options["strength"] is not None:
             frame.before["emission"] = found
         frame.warnings += found.warnings
         return {
@@ -167,14 +154,12 @@ class Emission:
 
 
 @lru_cache(maxsize=2)
-def _plan(step: Emission, shape: tuple[int, ...]) -> "ReconstructionPlan":
+def _plan(step: Emission, shape: tuple[int, ...]):
     """Plan for light fields of a shape, once in each process, because plans are large."""
     from lf_flame.tomography import FrustumGrid, ReconstructionPlan
 
     grid = FrustumGrid(step.camera.for_light_field(shape), step.depths_mm, step.block)
-    return ReconstructionPlan(
-        grid, noise=step.noise, strength=step.strength, background=step.background
-    )
+    return ReconstructionPlan(grid, **step.options)
 
 
 def find_steps(
@@ -240,7 +225,8 @@ def find_steps(
         elif word == "emission":
             if camera is None or not depths_mm:
                 raise InputError("The step emission needs the camera, and depths of its planes.")
-            steps.append(Emission(camera, tuple(depths_mm), block, noise, strength, background))
+            options = {"noise": noise, "strength": strength, "background": background}
+            steps.append(Emission(camera, tuple(depths_mm), block, options))
         elif word == "height":
             steps.append(Height(level, side, burner_row))
         else:
@@ -256,12 +242,10 @@ def find_focus(place: str, camera: Lens | None) -> Refocus:
     try:
         number = float(place.removesuffix("mm"))
     except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
         raise InputError(
             f"A refocusing must be at a depth, as refocus@10mm, or a slope, as refocus@0.5, got "
             f"{place!r}."
-        )
+        ) from None
     if not place.endswith("mm"):
         return Refocus(number)
     if camera is None:

@@ -21,7 +21,6 @@ from .reconstruction import ReconstructionPlan as ReconstructionPlan
 from .reconstruction import reconstruct as reconstruct
 from .reconstruction import reconstruct_axisymmetric as reconstruct_axisymmetric
 from .resolution import depth_blur as depth_blur
-from .resolution import depth_modes as depth_modes
 from .soot import Soot as Soot
 from .soot import reconstruct_soot as reconstruct_soot
 from .spectra import SpectralResponses as SpectralResponses

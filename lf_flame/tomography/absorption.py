@@ -8,7 +8,7 @@ equation of transfer; for thin slabs this is ``exp(-tau / 2)``, half the thickne
 nearer to the camera, at a smaller depth, transmits ``exp(-tau)`` of the rest.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -41,9 +41,6 @@ SEARCHES = 2
 """Number of fits that choose the strength of the regularisation. The noise of the first fit still
 contains the effect of absorption on single views; from the third on, a change of strength would
 keep the rest from converging."""
-
-Bands = tuple[sparse.csr_array, sparse.csr_array]
-"""Bands of a slab, along y and along x: see `layer_bands`."""
 
 
 class AbsorbingOperator(GridOperator):
@@ -127,7 +124,9 @@ class _Slab:
     seen: np.ndarray
     own: np.ndarray
 
-    def __init__(self, bands: Bands, dtype: DTypeLike, plane: int = 0, section=None):
+    def __init__(
+        self, bands: Sequence[sparse.csr_array], dtype: DTypeLike, plane: int = 0, section=None
+    ):
         down, across = (one.astype(dtype) for one in bands)
         self._bands, self._back = (down, across), (down.T.tocsr(), across.T.tocsr())
         self.raw_shape = down.shape[0], across.shape[0]
@@ -157,7 +156,7 @@ class _Slab:
         return _apply(self._back, raw)
 
 
-def _apply(bands: Bands, plane: np.ndarray) -> np.ndarray:
+def _apply(bands: Sequence[sparse.csr_array], plane: np.ndarray) -> np.ndarray:
     """Apply bands along both axes: ``down plane across'``."""
     down, across = bands
     return np.asarray(down @ np.ascontiguousarray((across @ plane.T).T))

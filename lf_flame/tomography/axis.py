@@ -10,7 +10,7 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography.fitted_views import inner_views
+from lf_flame.tomography.frustum_grid import FEWEST
 
 EDGE_SHARE = 0.01
 """Light of a column, relative to the brightest, at which a flame is taken to end."""
@@ -119,7 +119,7 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     >>> abs(find_axis(LightField(views), camera).across_mm) < 0.01
     True
     """
-    light_field, camera = inner_views(camera.corrected(light_field), camera)
+    light_field, camera = _inner_views(camera.corrected(light_field), camera)
     views = _checked_views(light_field.filled, camera, depth_mm)
     columns = views.sum(axis=(0, 2), dtype=np.float64)  # view column, lenslet column
     if not columns.max() > 0:
@@ -145,6 +145,31 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
         lopsided=_lopsided(focused, middle),
         **_Bands(pictures).straightness(camera, slope, side),
     )
+
+
+def _inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Lens]:
+    """Cut a light field, and its camera, to the largest inner square of whole views with weight."""
+    if light_field.views.shape[:2] != (camera.views,) * 2:
+        return light_field, camera
+    counts = np.ones((camera.views,) * 2) if light_field.weights is None else light_field.weights
+    counts = counts * camera.whole_views()
+    for out in range((camera.views + 1) // 2):
+        inner = slice(out, camera.views - out)
+        weights = counts[inner, inner]
+        if weights.all():
+            break
+    count = len(weights)
+    if not weights.all() or count < min(FEWEST, camera.views) or np.ptp(weights) > 0:
+        raise InputError(
+            f"The axis is found in an inner square of {FEWEST} x {FEWEST} views or more that all "
+            f"count alike, got one of {count} x {count} with weights from {weights.min():g} to "
+            f"{weights.max():g}."
+        )
+    if count == camera.views:
+        return light_field, camera
+    views = np.ascontiguousarray(light_field.views[inner, inner])
+    valid = None if light_field.valid is None else light_field.valid[inner, inner]
+    return LightField.trusted(views, valid=valid), camera.with_views(count)
 
 
 def _checked_views(views: np.ndarray, camera: Lens, depth_mm: float | None) -> np.ndarray:

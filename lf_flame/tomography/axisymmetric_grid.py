@@ -10,7 +10,6 @@ small matrices for each slab, and its Gram matrix is a short sum of Kronecker pr
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -60,8 +59,6 @@ class AxisymmetricGrid:
     burner_mm : float, optional
         Height from the optical axis, upwards, below which there is no emission: a flame ends
         sharply at its burner, and a smooth section could not. Default: no burner.
-    depth_ratio : float, optional
-        Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, axisymmetric.
     finer : int, optional
         Number of steps between nodes for each pixel, for a flame that is known in detail.
     counted : array_like of bool, shape (views, views), optional
@@ -91,7 +88,6 @@ class AxisymmetricGrid:
     block: int = 1
     which: str = "all"
     burner_mm: float | None = None
-    depth_ratio: float = 1.0
     finer: int = 1
     counted: np.ndarray | None = field(default=None, repr=False, compare=False)
 
@@ -103,8 +99,6 @@ class AxisymmetricGrid:
                 f"Axis, depth and radius must be finite, got {self.axis_mm}, {self.depth_mm}, "
                 f"{self.radius_mm} mm."
             )
-        if not 0.1 <= self.depth_ratio <= 10:
-            raise InputError(f"depth_ratio must be 0.1 to 10, got {self.depth_ratio}.")
         object.__setattr__(self, "counted", self._middle.counted)
         half_width = self.pixel_mm * self._middle.shape[2] / 2
         if abs(self.axis_mm) >= half_width:
@@ -160,15 +154,9 @@ class AxisymmetricGrid:
         aperture = self.camera.views * self.camera.view_step_mm
         farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
         slope = (aperture / 2 + farthest) / self.camera.distance_mm(self.depth_mm)
-        reach = self.depth_ratio * self.radius_mm
-        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.pixel_mm))))
-        edges = np.linspace(reach, -reach, count + 1)
+        count = max(1, int(np.ceil(self.radius_mm * slope / (PARALLAX * self.pixel_mm))))
+        edges = np.linspace(self.radius_mm, -self.radius_mm, count + 1)
         return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
-
-    @property
-    def slab_mm(self) -> float:
-        """Thickness of a slab in mm."""
-        return 2 * self.depth_ratio * self.radius_mm / len(self.slab_depths_mm)
 
     def empty_slab(self, depth_mm: float) -> Layer:
         """Cells of a slab without light, from the burner, or from below all views, upwards."""
@@ -241,14 +229,6 @@ class AxisymmetricGrid:
         one = np.zeros(1, int)
         return self._middle.view_groups() if self.which == "all" else [(one, one)]
 
-    def matches(self, other: Any) -> bool:
-        """Whether another grid has the same nodes, and fits the same views."""
-        return (
-            isinstance(other, AxisymmetricGrid)
-            and self == other
-            and self._middle.matches(other._middle)
-        )
-
     @cached_property
     def by_height(self) -> list[sparse.csr_array]:
         """Contribution of each node's height to a pixel row of a view row, for each slab.
@@ -289,14 +269,13 @@ class AxisymmetricGrid:
         between two nodes emission is linear in the radius, which has a closed integral.
         """
         across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
-        # In depth, scaled to an axisymmetric flame.
-        unit = self.depth_ratio * self.step_mm
-        middle, half = (depth - self.depth_mm) / unit, self.slab_mm / 2 / unit
+        slab_mm = 2 * self.radius_mm / len(self.slab_depths_mm)
+        middle, half = (depth - self.depth_mm) / self.step_mm, slab_mm / 2 / self.step_mm
         cones = _cones_to(middle + half, across, len(self.radii_mm))
         cones -= _cones_to(middle - half, across, len(self.radii_mm))
         # A node's emission is the second difference of three cones.
         nodes = np.diff(cones, 2, axis=1).reshape(-1, SAMPLES, len(self.radii_mm))
-        return nodes.mean(axis=1) * unit
+        return nodes.mean(axis=1) * self.step_mm
 
 
 def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:

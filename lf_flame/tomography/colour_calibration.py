@@ -32,9 +32,6 @@ MOST_RELATIVE = 0.05
 LIT = 0.8
 """Brightness of the source's even part, relative to its brightest hundredth."""
 
-RIM = 2
-"""Number of pixels from the edge of the even part that are left out."""
-
 FEWEST_PIXELS = 100
 """Smallest number of pixels of the even part."""
 
@@ -102,12 +99,6 @@ class ColourCalibration:
             raise InputError(
                 f"temperature_range_K must be two increasing temperatures, got {low:g}, {high:g}."
             )
-
-    def exposed(self, exposure: float) -> ColourCalibration:
-        """Gains for another exposure; these apply to any exposure if theirs is not known."""
-        if self.exposure is None:
-            return self
-        return replace(self, gains=self.gains * exposure / self.exposure, exposure=exposure)
 
     def to_toml(self) -> str:
         """Give the calibration as a TOML file, which `read_colours` reads."""
@@ -209,12 +200,12 @@ def _checked(kelvin, signals, responses, exposures, emissivity):
     """Check the arguments of `calibrate_colours`; temperatures, signals and exposures as arrays."""
     kelvin, signals = np.asarray(kelvin, float), np.asarray(signals, float)
     count, colours = kelvin.size, len(responses.names)
-    if kelvin.ndim != 1 or count < 2 or np.ptp(kelvin) == 0:
+    known = kelvin.ndim == 1 and np.all((kelvin > 0) & (kelvin < np.inf))
+    if not known or count < 2 or np.ptp(kelvin) == 0:
         raise InputError(
-            f"Colours need pictures at two temperatures or more, got {kelvin.tolist()} K."
+            f"Colours need pictures at two temperatures or more, in K, above 0, got "
+            f"{kelvin.tolist()}."
         )
-    if not np.all((kelvin > 0) & (kelvin < np.inf)):
-        raise InputError(f"Temperatures must be in K, above 0, got {kelvin.tolist()}.")
     if signals.shape != (count, colours):
         raise InputError(
             f"{count} pictures of a camera with {colours} spectral responses need signals of shape "
@@ -321,7 +312,7 @@ def measure_source(photographs: Sequence[np.ndarray]) -> SourceSignals:
     bright = np.mean(scaled, axis=0)
     smooth = ndimage.uniform_filter(bright, 3)
     mask = smooth > LIT * np.percentile(smooth, 99)
-    mask = ndimage.binary_erosion(mask, iterations=RIM) if not mask.all() else mask
+    mask = mask if mask.all() else ndimage.binary_erosion(mask, iterations=2)  # without its rim
     if mask.sum() < FEWEST_PIXELS:
         raise InputError(
             f"The source must be evenly bright over {FEWEST_PIXELS} pixels or more, and only "
@@ -354,7 +345,8 @@ def read_exposed_colours(path: Path, source: Path) -> tuple[ColourCalibration, l
     times = exposure / calibration.exposure
     if abs(times - 1) < 1e-6:
         return calibration, []
-    return calibration.exposed(exposure), [
+    gains = calibration.gains * exposure / calibration.exposure
+    return replace(calibration, gains=gains, exposure=exposure), [
         f"{source} was exposed {times:.3g} times as the furnace's first picture, as their files "
         f"state; this is taken into account."
     ]

@@ -202,7 +202,7 @@ def _likeness(residual: np.ndarray) -> float:
 def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
     """Check for light at the edges of the field: a background, or emission that is cut off."""
     edge, peak = measure_edge(views), float(views.max())
-    adds = abs(edge.adds) if edge.is_significant else 0.0
+    adds = abs(edge.adds) if abs(edge.level) > 5 * edge.error else 0.0  # else it is noise
     share = f"{adds:.0%} of the" if adds < 1 else "more than the rest of its"
     advice = "subtract the dark frame, or fit the background (--background fit)"
     if fitted:

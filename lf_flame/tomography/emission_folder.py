@@ -6,10 +6,11 @@ import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tifffile
+from pydantic import Field
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import load_record, to_json
@@ -17,12 +18,18 @@ from lf_flame._common.images import read_pixels
 from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.emission import Emission, Place
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
+Length = Annotated[float, Field(ge=1e-12, le=1e12)]
+Position = Annotated[float, Field(ge=-1e12, le=1e12)]
+
 RECORD = "emission.json"
+CELLS = (
+    "geometry", "depths_mm", "cell_mm", "axis_mm", "axis_depth_mm", "radius_mm", "step_mm",
+    "burner_mm",
+)  # fmt: skip
 EMISSION, SIGMA, DRAWS, CORRECTION = "emission.tif", "sigma.tif", "draws.tif", "correction.tif"
 
 UNITS = {
@@ -150,15 +157,15 @@ def write_table(path: Path, names: Sequence[str], rows: Iterable[Iterable]) -> N
 class _Record:
     """Content of the record of an emission that other commands need."""
 
-    geometry: str
-    depths_mm: list[float] = field(default_factory=list)
-    cell_mm: list[float] = field(default_factory=list)
-    axis_mm: float | None = None
-    axis_depth_mm: float | None = None
-    radius_mm: float | None = None
-    burner_mm: float | None = None
-    step_mm: float | None = None
-    top_mm: float | None = None
+    geometry: Literal["planes", "section"]
+    depths_mm: list[Position] = field(default_factory=list)
+    cell_mm: list[Length] = field(default_factory=list)
+    axis_mm: Position | None = None
+    axis_depth_mm: Position | None = None
+    radius_mm: Length | None = None
+    burner_mm: Position | None = None
+    step_mm: Length | None = None
+    top_mm: Position | None = None
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     call: str | None = None
@@ -167,21 +174,12 @@ class _Record:
     soot_exponent: float | None = None
 
     def __post_init__(self):
-        sides = self.cell_mm if self.geometry == "planes" else [self.step_mm]
-        if self.geometry not in UNITS or len(sides) != len(self.depths_mm or [0]):
-            raise InputError(
-                f"geometry must be one of {', '.join(UNITS)}, with a number in cell_mm for each of "
-                f"depths_mm, got {self.geometry!r}, {len(sides)} and {len(self.depths_mm)}."
-            )
-        for side in sides if self.geometry == "planes" else [self.step_mm, self.radius_mm]:
-            if side is None or not SHORTEST <= side <= LONGEST:
-                raise InputError(
-                    f"cell_mm, step_mm and radius_mm must be lengths from {SHORTEST:g} to "
-                    f"{LONGEST:g} mm, got {side}."
-                )
-        places = [self.axis_mm, self.axis_depth_mm] if self.geometry == "section" else []
-        if any(place is None or not abs(place) <= LONGEST for place in places):
-            raise InputError(f"axis_mm and axis_depth_mm must be finite lengths, got {places}.")
+        of_section = [self.axis_mm, self.axis_depth_mm, self.radius_mm, self.step_mm]
+        on_planes, count = self.geometry == "planes", len(self.depths_mm)
+        if len(self.cell_mm) != count or on_planes != (count > 0):
+            raise InputError(f"planes need depths_mm with a number in cell_mm for each of {count}.")
+        if not on_planes and None in of_section:
+            raise InputError("a section needs axis_mm, axis_depth_mm, radius_mm and step_mm.")
 
 
 class EmissionFolder:
@@ -251,8 +249,6 @@ class EmissionFolder:
             )
         if not np.isfinite(stack).all():
             raise InputError(f"{path} must hold finite numbers, and holds NaN or infinity.")
-        if name == SIGMA and stack.min() < 0:
-            raise InputError(f"{path} must hold numbers of 0 or above, got {stack.min():g}.")
         return stack
 
     @property
@@ -279,26 +275,22 @@ def read_colours_of(*paths: Path) -> list[EmissionFolder]:
     """Read folders of one flame, one for each colour, which must have the same cells and bars."""
     folders = [EmissionFolder(path) for path in paths]
     first = folders[0]
+    known = first.record
     for one in folders:
-        both = f"{first.folder} and {one.folder}"
-        if one.is_section != first.is_section:
-            raise InputError(f"{both} must both be of lf-flame abel or both of reconstruct.")
-        known = first.record
-        names = "axis_mm", "axis_depth_mm", "radius_mm", "step_mm", "burner_mm"
-        if any(getattr(one.record, name) != getattr(known, name) for name in names):
-            place = f"--axis-mm {known.axis_mm!r} --axis-depth {known.axis_depth_mm!r} --radius "
-            place += f"{known.radius_mm!r}"
-            place += "" if known.burner_mm is None else f" --burner {known.burner_mm!r}"
-            raise InputError(
-                f"{both} must have the same axis, radius, burner and cells; call lf-flame abel for "
-                f"the second colour with the first one's numbers, {place}."
-            )
-        same = f"{both} must hold the same planes of one camera: their"
-        if (one.depths_mm, one.cell_mm) != (first.depths_mm, first.cell_mm):
-            raise InputError(f"{same} depths are {first.depths_mm} and {one.depths_mm} mm.")
+        other = [name for name in CELLS if getattr(one.record, name) != getattr(known, name)]
         if one.emission.shape != first.emission.shape:
-            shapes = f"{first.emission.shape} and {one.emission.shape}"
-            raise InputError(f"{same} shapes are {shapes}.")
+            other.append("the shape of their pictures")
+        if other:
+            advice = ""
+            if first.is_section and one.is_section:
+                advice = "; call lf-flame abel for the second colour with --axis-mm "
+                advice += f"{known.axis_mm!r} --axis-depth {known.axis_depth_mm!r} --radius "
+                advice += f"{known.radius_mm!r}"
+                advice += "" if known.burner_mm is None else f" --burner {known.burner_mm!r}"
+            raise InputError(
+                f"{first.folder} and {one.folder} must hold the same planes, or the same section, "
+                f"of one camera, and differ in {', '.join(other)}{advice}."
+            )
     for one in folders:
         if one.sigma is None:
             raise InputError(f"{one.folder} has no {SIGMA}; make it with --bootstrap 20.")

@@ -152,10 +152,10 @@ def shown_planes(count: int) -> np.ndarray:
 def temperature_figure(
     kelvin: np.ndarray, sigma: np.ndarray, emission: np.ndarray, places: Sequence[Place]
 ):
-    """Draw emission, temperature with isotherms, and its standard deviation side by side.
+    """Draw emission, temperature, and its standard deviation side by side.
 
-    All maps are (planes, rows, columns), NaN where there is no temperature. Isotherms are drawn
-    where three standard deviations are less than their distance; maps are cut to what is known.
+    All maps are (planes, rows, columns), NaN where there is no temperature, and cut to what is
+    known.
     """
     shown = shown_planes(len(kelvin))
     columns = (
@@ -187,25 +187,9 @@ def temperature_figure(
         bar.set_label(f"{word}\n({unit})", fontsize=FONT)
         bar.ax.xaxis.set_major_locator(MaxNLocator(3))
         bar.ax.tick_params(labelsize=FONT, length=2)
-    for axis, plane in zip(axes[:, 1], shown, strict=True):
-        _draw_isotherms(axis, kelvin[plane], sigma[plane], ranges[1], places[plane].extent_mm)
     for axis in axes[:, 0]:
         axis.set_ylabel("height (mm)", fontsize=FONT)
     return figure
-
-
-def _draw_isotherms(axis, kelvin, sigma, limits: tuple[float, float], extent_mm) -> None:
-    """Draw isotherms at round temperatures, with their numbers."""
-    levels = [level for level in MaxNLocator(5).tick_values(*limits)
-              if limits[0] <= level <= limits[1]]  # fmt: skip
-    step = levels[1] - levels[0] if len(levels) > 1 else np.inf
-    well_known = np.where(3 * sigma < step, kelvin, np.nan)
-    if not levels or min(kelvin.shape) < 2 or not np.isfinite(well_known).any():
-        return
-    lines = axis.contour(
-        well_known, levels, colors="w", linewidths=0.5, extent=extent_mm, origin="upper"
-    )
-    axis.clabel(lines, fmt="%d", fontsize=0.7 * FONT)
 
 
 def _range(values: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,14 +127,6 @@ class FrustumGrid:
         views[self.counted] = picked[:, 0]
         return views
 
-    def matches(self, other: Any) -> bool:
-        """Whether another grid has the same cells, and fits the same views."""
-        if not isinstance(other, FrustumGrid):
-            return False
-        every = np.ones((self.camera.views,) * 2, bool)
-        mine, theirs = (every if one.counted is None else one.counted for one in (self, other))
-        return self == other and np.array_equal(mine, theirs)
-
     def view_groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Rows of views that fit the same columns, and these: indices, together each view once."""
         if self.counted is None:
@@ -247,14 +238,13 @@ def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[flo
         raise InputError(
             f"Depths need finite ends and a step above 0 mm, got {from_mm}, {to_mm}, {step_mm}."
         )
-    with np.errstate(over="ignore"):
-        steps = np.abs(np.subtract(to_mm, from_mm)) / step_mm
+    steps = abs(to_mm - from_mm) / step_mm
     if not steps < MOST_PLANES:
         raise InputError(
             f"Depths must be at most {MOST_PLANES} planes, got {from_mm:g} to {to_mm:g} mm in "
             f"steps of {step_mm:g} mm."
         )
-    count = round(float(steps))
+    count = round(steps)
     if abs(count * step_mm - abs(to_mm - from_mm)) > 1e-6 * step_mm:
         raise InputError(
             f"The step of {step_mm} mm must divide the way from {from_mm} to {to_mm} mm."

@@ -162,9 +162,6 @@ class _Differences:
         return float(total) / pairs / self.variance if pairs else 0.0
 
 
-LEAST_SIGNIFICANT = 5.0
-"""Number of standard errors above which the edge's level is a background."""
-
 LEAST_EMPTY = 0.02
 """Smallest fraction of empty pixels with which a background is measured."""
 
@@ -190,11 +187,6 @@ class Edge:
     error: float
     adds: float
     brightest: float
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether the level is more than noise."""
-        return abs(self.level) > LEAST_SIGNIFICANT * self.error
 
 
 def measure_edge(views: np.ndarray) -> Edge:

@@ -130,11 +130,10 @@ def _rows(profile: Profile):
 
 def _profiles_figure(found: dict[str, list[Profile]], depths_mm: list[float]):
     """Draw profiles up and across each depth plane with their bands, or one standard deviation."""
-    from lf_flame._common.figures import subplots
     from lf_flame.tomography.figures import shown_planes
 
     shown = shown_planes(len(depths_mm))
-    figure, axes = subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    figure, axes = figures.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     places = (("axial", "height (mm)"), ("radial", "across (mm)"))
     for axis, (name, label) in zip(axes, places, strict=True):
         for colour, plane in enumerate(shown):

@@ -27,12 +27,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from lf_flame.errors import InputError
-from lf_flame.tomography.spectra import (
-    LEAST_NM,
-    MOST_NM,
-    SpectralResponses,
-    check_exponent,
-)
+from lf_flame.tomography.spectra import SpectralResponses, check_exponent
 
 LEAST_K, MOST_K = 500.0, 5000.0
 """Range of temperatures in K of glowing soot; temperatures outside count as undetermined."""
@@ -53,13 +48,6 @@ LEAST_SIGNAL = 3.0
 
 LEAST_ERROR = 1e-6
 """Smallest relative error of an emission in a weight, so that no weight is infinite."""
-
-
-SINGLE_WAVELENGTHS = (
-    "Each colour is taken for light of a single wavelength. Through broad filters, as of a colour "
-    "camera (Bayer), temperatures are off by tens to hundreds of kelvin: give their spectral "
-    "responses."
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,32 +200,15 @@ def two_colour_temperature(
     >>> round(float(found.kelvin), 3)
     1800.0
     """
-    responses = two_wavelengths(wavelengths_nm)
     if not (np.isfinite(calibration) and calibration > 0):
         raise InputError(f"calibration must be a finite number above 0, got {calibration}.")
     return soot_temperature(
         (first, second),
-        responses,
+        SpectralResponses.single(wavelengths_nm),
         sigmas=sigmas,
         soot_exponent=soot_exponent,
         gains=(calibration, 1.0),
     )
-
-
-def two_wavelengths(wavelengths_nm: tuple[float, float]) -> SpectralResponses:
-    """Responses to two single wavelengths in nm, which must differ by a thousandth at least."""
-    lengths = np.asarray(wavelengths_nm, float)
-    if lengths.shape != (2,) or not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
-        raise InputError(
-            f"wavelengths_nm must be two in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
-            f"{wavelengths_nm}."
-        )
-    if abs(lengths[0] - lengths[1]) < 1e-3 * lengths.max():
-        raise InputError(
-            f"wavelengths_nm must differ by a thousandth at least, got {wavelengths_nm}: the ratio "
-            f"of a colour to itself has no temperature."
-        )
-    return SpectralResponses.single(lengths.tolist())
 
 
 def _scatter(

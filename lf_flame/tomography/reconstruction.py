@@ -10,15 +10,18 @@ from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.optics.lens import Lens
+from lf_flame.refocus import align_views
 from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.data_checks import axis_checks, data_checks, depth_checks, left_out
 from lf_flame.tomography.emission import Emission
 from lf_flame.tomography.fit import Explanation, Fit, FitOptions, check_bootstrap
-from lf_flame.tomography.fitted_views import fitted_views
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.geometries import PlaneGeometry, geometry_of
 from lf_flame.tomography.noise import Level, fit_background, noise_variance
+
+Grid = FrustumGrid | AxisymmetricGrid
 
 LARGEST = 1e15
 """Largest value of a light field: the fit sums squares of squares of pixels in float64."""
@@ -208,7 +211,7 @@ class ReconstructionPlan:
 
     def __init__(
         self,
-        grid: FrustumGrid | AxisymmetricGrid,
+        grid: Grid,
         *,
         noise: float | None = None,
         strength: float | None = None,
@@ -229,18 +232,7 @@ class ReconstructionPlan:
     def absorbing(
         self, optical_thickness: ArrayLike | None, *, strength: float | None = None
     ) -> ReconstructionPlan:
-        """Plan with the same operators and options, and another optical thickness.
-
-        Parameters
-        ----------
-        optical_thickness, strength
-            As for `reconstruct`. Default of the strength: as in this plan.
-
-        Raises
-        ------
-        InputError
-            If a shape or a value cannot be used.
-        """
+        """Plan with the same operators and options, another thickness, and a strength if given."""
         plan = copy.copy(self)
         if strength is not None:
             plan._options = replace(self._options, strength=strength)
@@ -290,8 +282,12 @@ class ReconstructionPlan:
         check_bootstrap(bootstrap)
         rng = np.random.default_rng(rng)
         even = self.grid.camera.corrected(light_field)
-        grid, views, valid = fitted_views(even, self.grid)
-        _check_range(views, self._options.noise)
+        grid, views, valid = _fitted_views(even, self.grid)
+        largest = max(float(views.max()), -float(views.min()))
+        if not largest <= LARGEST:
+            raise InputError(
+                f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
+            )
         checks = left_out(grid, valid)
         geometry = self._prepare(grid)
         before = None if start is None else _checked_start(start, grid)
@@ -352,18 +348,70 @@ class ReconstructionPlan:
         cells = self.grid.crop(cells) if isinstance(self.grid, FrustumGrid) else cells
         return np.ascontiguousarray(cells, np.float32)
 
-    def _prepare(self, grid: FrustumGrid | AxisymmetricGrid):
+    def _prepare(self, grid: Grid):
         """Keep the operators of the views with weight, made anew where others have weight."""
-        if not grid.matches(self._geometry.grid):
+        if not _matches(grid, self._geometry.grid):
             self._geometry, self._absorption = geometry_of(grid), None
         if self._absorption is None and self._thickness is not None:
             self._absorption = Absorption(self._geometry.operator, grid, self._thickness)
         return self._geometry
 
 
-def _checked_start(start: Emission, grid: FrustumGrid | AxisymmetricGrid) -> Explanation:
+def _fitted_views(
+    light_field: LightField, grid: Grid
+) -> tuple[Grid, np.ndarray, np.ndarray | None]:
+    """Pick the views that a grid fits, in its pixels: grid, views, and which rays are known.
+
+    A ray is known if all pixels of its block are; None if all are.
+    """
+    camera = grid.camera
+    if isinstance(grid, AxisymmetricGrid) and grid.which == "central":
+        if light_field.views.shape[:2] == (1, 1):
+            camera = camera.with_views(1)
+    elif light_field.weights is not None and light_field.weights.shape == (camera.views,) * 2:
+        weights = light_field.weights
+        some = weights[weights > 0]
+        if np.ptp(some) > 0:
+            raise InputError(
+                f"A fit needs views that all count alike, or not at all, got weights from "
+                f"{some.min():g} to {some.max():g}."
+            )
+        counted = weights > 0 if grid.counted is None else (weights > 0) & grid.counted
+        grid = replace(grid, counted=counted)
+    views = grid.pick(_average_blocks(light_field, camera, grid.block))
+    if light_field.valid is None:
+        return grid, views, None
+    one = LightField.trusted(light_field.valid.astype(np.float32))
+    known = _average_blocks(one, camera, grid.block) > 1 - 1 / (2 * grid.block**2)
+    return grid, views, grid.pick(known)
+
+
+def _average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray:
+    """Average blocks of a camera's lenslets, float32, shape (v, u, t, s)."""
+    views = light_field.filled
+    wanted = (camera.views, camera.views, *camera.lenslets)
+    if views.shape != wanted:
+        hint = "; in colour, its colours need a calibration (--colours)" if views.ndim == 5 else ""
+        raise InputError(
+            f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
+            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."
+        )
+    if block == 1:
+        return views
+    # Alignment at slope 0 is the identity; it averages blocks at the speed of reading.
+    indices = [(v, u) for v in range(camera.views) for u in range(camera.views)]
+    aligned = align_views(views, 0.0, indices, block=(block, block))
+    return aligned.reshape(*views.shape[:2], *aligned.shape[1:])
+
+
+def _matches(grid: Grid, other: Grid) -> bool:
+    """Whether two grids have the same cells or nodes, and fit the same views."""
+    return grid == other and np.array_equal(np.asarray(grid.counted), np.asarray(other.counted))
+
+
+def _checked_start(start: Emission, grid: Grid) -> Explanation:
     """Fit from which to start; refused if it is of another grid."""
-    if not grid.matches(start.grid):
+    if not _matches(grid, start.grid):
         raise InputError(
             f"start must be a reconstruction on the plan's grid with the same views, got one of "
             f"{start.grid.view_count} views on {start.grid}."
@@ -377,17 +425,3 @@ def _chi_squared(residual: np.ndarray, valid: np.ndarray | None, noise: float) -
     rays = np.prod(residual.shape[2:]) if valid is None else valid.sum(axis=(2, 3))
     with np.errstate(invalid="ignore"):
         return power / rays / noise_variance(noise)
-
-
-def _check_range(views: np.ndarray, noise: float | None) -> None:
-    """Refuse values with squares that overflow or are not finite, and a noise above all values."""
-    largest = max(float(views.max()), -float(views.min()))
-    if not largest <= LARGEST:
-        raise InputError(
-            f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
-        )
-    if noise is not None and 0 < largest < noise:
-        raise InputError(
-            f"noise, the standard deviation of a pixel, must be at most the light field's largest "
-            f"value, {largest:.4g}, got {noise:g}."
-        )

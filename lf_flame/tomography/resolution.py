@@ -61,53 +61,15 @@ def depth_blur(camera: Lens, period_mm: Number) -> Number:
     >>> round(depth_blur(PAPER_CAMERA, 1.0), 1)  # mm in depth, for detail of 1 mm across
     4.2
     """
-    return _checked(period_mm) / angular_width(camera)
-
-
-def depth_modes(camera: Lens, period_mm: Number, thickness_mm: float) -> Number:
-    """Count the values that can be distinguished along depth: ``1 + thickness / blur``.
-
-    Parameters
-    ----------
-    camera : Lens
-    period_mm : float or ndarray
-        Lateral period of the detail in the focal plane in mm, above 0.
-    thickness_mm : float
-        Extent in depth of the emission, centred on the focal plane: from 0 to less than twice the
-        focus distance.
-
-    Raises
-    ------
-    InputError
-        If a period is not above 0, or the extent reaches the lens.
-
-    Examples
-    --------
-    >>> from lf_flame import PAPER_CAMERA
-    >>> from lf_flame.tomography import depth_modes
-    >>> round(depth_modes(PAPER_CAMERA, 1.0, 20.0), 1)  # numbers within 20 mm of depth
-    5.8
-    """
-    limit = 2 * camera.pupil_distance_mm
-    if not 0 <= thickness_mm < limit:
-        raise InputError(
-            f"thickness_mm must be from 0 to less than {limit:g}, twice the focus distance, where "
-            f"it reaches the lens, got {thickness_mm:g}."
-        )
-    return 1 + thickness_mm / depth_blur(camera, period_mm)
-
-
-def _checked(period_mm):
-    periods = np.asarray(period_mm, float)
-    if not np.all(periods > 0):
+    if not np.all(np.asarray(period_mm) > 0):
         raise InputError(f"period_mm must be above 0, got {period_mm}.")
-    return periods if periods.ndim else float(periods)
+    return period_mm / angular_width(camera)
 
 
 def resolution_report(
     lens: Lens, periods_mm: Sequence[float], thickness_mm: float | None = None
 ) -> str:
-    """Tabulate the blur in depth of detail of some lateral periods.
+    """Tabulate the blur in depth of detail of some lateral periods, and how many values it leaves.
 
     The extent in depth is 30 mm by default, or a tenth of the distance if that is less.
     """
@@ -119,7 +81,7 @@ def resolution_report(
     periods = periods_mm or (float(f"{finest:.3g}"), *(one for one in PERIODS_MM if one > finest))
     rows = [
         (f"{period:g}", f"{depth_blur(lens, period):.3g}",
-         f"{depth_modes(lens, period, thickness_mm):.1f}")
+         f"{1 + thickness_mm / depth_blur(lens, period):.1f}")
         for period in periods
     ]  # fmt: skip
     heads = "lateral period (mm)", "blur in depth (mm)", f"values in {thickness_mm:g} mm of depth"

@@ -131,10 +131,8 @@ class SectionProblem:
         start: np.ndarray | None = None,
         foreground: np.ndarray | None = None,
     ) -> Solution:
-        """Fit with one strength of the regularisation, by ADMM; starts from known emission."""
+        """Fit with one strength by ADMM, starting from known emission; all nodes may emit."""
         gram = self.gram
-        if foreground is not None:
-            raise ValueError("All nodes may emit.")
         light = np.zeros_like(gram.unit) if start is None else start.ravel() / gram.unit
         multiplier = np.zeros_like(light)
         for _ in range(iterations):

@@ -42,9 +42,6 @@ STEP_NM, GAUSS_POINTS = 10.0, 4
 PLAIN_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 _.-]{0,38}[A-Za-z0-9_-])?")
 """Names of colours: results of each lie in a folder of its name, so no name may be a path."""
 
-MOST_ROWS = 20_000
-"""Largest number of wavelengths of a curve."""
-
 
 @dataclass(frozen=True, eq=False)
 class SpectralResponses:
@@ -93,13 +90,13 @@ class SpectralResponses:
                 f"Responses need a row of values for each of the {len(names)} colours and a value "
                 f"for each of the wavelengths, got shapes {values.shape} and {lengths.shape}."
             )
-        if not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
+        in_nm = np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM))
+        if not (in_nm and np.all(np.diff(lengths) > 0)):
+            shown = ", ".join(f"{length:g}" for length in lengths[:4])
             raise InputError(
-                f"Wavelengths must be in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
-                f"{_listed(lengths)}."
+                f"Wavelengths must increase, and must be in nm, from {LEAST_NM:g} to {MOST_NM:g}, "
+                f"got {shown}{', ...' * (lengths.size > 4)}."
             )
-        if not np.all(np.diff(lengths) > 0):
-            raise InputError(f"Wavelengths must increase, got {_listed(lengths)}.")
         if not np.isfinite(values).all() or values.min() < 0:
             raise InputError(
                 f"Responses must be finite, 0 or above, got values from {values.min():g} to "
@@ -263,19 +260,14 @@ def read_responses(path: str | Path) -> SpectralResponses:
             f"{','.join(rows[0])[:80] if rows else 'nothing'!r}."
         )
     names, table = [name.strip() for name in rows[0][1:]], rows[1:]
-    if not 2 <= len(table) <= MOST_ROWS:
-        raise InputError(
-            f"{path} must hold 2 to {MOST_ROWS} wavelengths below its heading, got {len(table)}."
-        )
-    for number, row in enumerate(table, 2):
-        if len(row) != len(names) + 1:
-            raise InputError(
-                f"{path}, row {number}, must hold {len(names) + 1} numbers, got {len(row)}."
-            )
+    if len(table) < 2:
+        raise InputError(f"{path} must hold 2 wavelengths or more, got {len(table)}.")
     try:
-        numbers = np.array(table, float)
-    except ValueError as error:
-        raise InputError(f"{path} must hold numbers below its heading: {error}.") from None
+        numbers = np.array(table, float).reshape(len(table), len(names) + 1)
+    except ValueError:
+        raise InputError(
+            f"{path} must hold {len(names) + 1} numbers in each row below its heading."
+        ) from None
     try:
         return SpectralResponses(tuple(names), numbers[:, 0], numbers[:, 1:].T)
     except InputError as error:
@@ -289,8 +281,3 @@ def check_exponent(soot_exponent: float) -> None:
             f"soot_exponent must be from {LEAST_EXPONENT:g} to {MOST_EXPONENT:g}, got "
             f"{soot_exponent}."
         )
-
-
-def _listed(lengths: np.ndarray) -> str:
-    shown = ", ".join(f"{length:g}" for length in lengths[:4])
-    return shown + (", ..." if lengths.size > 4 else "")

@@ -10,7 +10,7 @@ from programs import run
 
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
-from lf_flame.tomography.temperature_output import temperature_warnings
+from lf_flame.tomography.soot_output import temperature_warnings
 
 HEIGHTS, RADII = 12, 8
 

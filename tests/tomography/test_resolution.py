@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, PlenopticCamera
-from lf_flame.tomography import depth_blur, depth_modes
+from lf_flame.tomography import depth_blur
 from lf_flame.tomography.resolution import angular_width, finest_period
 
 
@@ -16,13 +16,11 @@ def test_the_angle_is_that_of_the_aperture():
     assert angular_width(PAPER_CAMERA) == pytest.approx(wanted, rel=1e-12)
 
 
-def test_blur_and_modes_of_the_paper_camera():
+def test_the_blur_of_the_paper_camera():
     """The figures of the rule 1 / (k theta), from an aperture of 77.8 mm at 326 mm."""
     periods = np.array([0.26, 0.5, 1, 2, 5, 10])
     assert depth_blur(PAPER_CAMERA, periods) == pytest.approx(periods * 326 / 77.9, rel=2e-3)
     assert finest_period(PAPER_CAMERA) == pytest.approx(2 * 0.1314, rel=1e-3)
-    assert depth_modes(PAPER_CAMERA, 1.0, 30.0) == pytest.approx(8.17, abs=0.01)
-    assert depth_modes(PAPER_CAMERA, 10.0, 0.0) == 1
 
 
 @pytest.mark.parametrize(("f_number", "blur"), [(4.0, 12.0), (16.0, 48.0)])

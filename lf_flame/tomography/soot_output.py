@@ -1,14 +1,16 @@
-"""Output files of soot temperatures, and notes on them."""
+"""Output files of calibrations of colours and of soot temperatures, and notes on these."""
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 import tifffile
+from tabulate import tabulate
 
 from lf_flame._common import figures
+from lf_flame._common.atomic_files import write_text
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.formats.coding import CODED
-from lf_flame.tomography.colour_calibration import ColourCalibration
+from lf_flame.tomography.colour_calibration import ColourCalibration, ColourFit
 from lf_flame.tomography.emission import Place
 from lf_flame.tomography.emission_folder import RECORD as SOURCE
 from lf_flame.tomography.emission_folder import EmissionFolder
@@ -17,12 +19,11 @@ from lf_flame.tomography.pyrometry import (
     LEAST_K,
     LEAST_SIGNAL,
     MOST_K,
-    SINGLE_WAVELENGTHS,
     Temperatures,
     soot_temperature,
 )
 
-RECORD = "temperature.json"
+COLOURS_RECORD, TEMPERATURE_RECORD = "calibrate-colours.json", "temperature.json"
 SIGMA_FILE = "temperature_sigma.tif"
 
 UNSURE_EXPONENT = 0.3
@@ -35,6 +36,56 @@ furnace are ordinary, so the calibration's range alone would warn of sound resul
 
 MOST_MISFIT = 4.0
 """Largest chi-squared of the median cell without a note."""
+
+
+def write_colours(fit: ColourFit, kelvin: Sequence[float], folder: OutputFolder) -> None:
+    """Write the gains with their responses, and the deviation of each picture."""
+    head = (
+        "# Measured by lf-flame calibrate-colours. The signal of a black body is\n"
+        "# gain * integral of response * radiance, in W / (m^2 sr) for responses without unit.\n"
+    )
+    calibration = fit.calibration
+    write_text(folder.path("colours.toml"), head + calibration.to_toml())
+    figures.save(_colours_figure(fit, kelvin), folder.path("colours.png"))
+    folder.facts |= {
+        "kelvin": list(kelvin),
+        "colours": list(calibration.responses.names),
+        "gains": calibration.gains.tolist(),
+        "relative_errors": calibration.relative_errors.tolist(),
+        "residuals": fit.residuals.tolist(),
+    }
+
+
+def colours_table(fit: ColourFit, kelvin: Sequence[float]) -> str:
+    """Deviation of each picture from the fit, and the gains, as a table for the terminal."""
+    names = fit.calibration.responses.names
+    rows = [
+        [f"{temperature:g}", *(f"{100 * one:+.2f}" for one in line)]
+        for temperature, line in zip(kelvin, fit.residuals, strict=True)
+    ]
+    rows.append(["gain", *(f"{gain:.4g}" for gain in fit.calibration.gains)])
+    rows.append(["error (%)", *(f"{100 * one:.2g}" for one in fit.calibration.relative_errors)])
+    heads = ["source (K)", *(f"{name} (%)" for name in names)]
+    return tabulate(rows, heads, disable_numparse=True, colalign=["right"] * len(heads))
+
+
+def _colours_figure(fit: ColourFit, kelvin: Sequence[float]):
+    """Draw the responses, and the deviations by temperature."""
+    figure, (left, right) = figures.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
+    responses = fit.calibration.responses
+    for number, name in enumerate(responses.names):
+        curve = responses.values[number]
+        style = {"color": f"C{number}", "label": name}
+        left.plot(responses.wavelengths_nm, curve / curve.max(), **style)
+        order = np.argsort(kelvin)
+        right.plot(
+            np.asarray(kelvin)[order], 100 * fit.residuals[order, number], marker="o", **style
+        )
+    left.set(xlabel="wavelength (nm)", ylabel="response, relative to its maximum")
+    right.set(xlabel="temperature of the source (K)", ylabel="deviation from the fit (%)")
+    right.axhline(0, color="0.6", linewidth=0.8)
+    left.legend()
+    return figure
 
 
 def temperature_warnings(found: Temperatures, calibration: ColourCalibration) -> list[str]:
@@ -63,7 +114,11 @@ def temperature_notes(
     """List the assumptions behind the temperatures, one or two sentences each."""
     notes = []
     if calibration.responses.single_wavelengths:
-        notes.append(SINGLE_WAVELENGTHS)
+        notes.append(
+            "Each colour is taken for light of a single wavelength. Through broad filters, as of a "
+            "colour camera (Bayer), temperatures are off by tens to hundreds of kelvin: give their "
+            "spectral responses."
+        )
     for folder in folders:
         record = folder.record
         if any(CODED in note for note in record.notes):
@@ -84,13 +139,6 @@ def temperature_notes(
             f"order of the folders, and their calibration."
         )
         return notes
-    low, high = calibration.temperature_range_K
-    outside = int(np.sum(known & ((found.kelvin < low) | (found.kelvin > high))))
-    if outside:
-        notes.append(
-            f"{outside} of {int(known.sum())} temperatures are outside the calibration's, {low:g} "
-            f"to {high:g} K: there they rest on the spectral responses alone."
-        )
     if found.misfit is not None and np.nanmedian(found.misfit) > MOST_MISFIT:
         notes.append(
             f"Soot of one temperature does not explain all colours: chi-squared is "
