@@ -188,11 +188,12 @@ def write_flicker(
     pixel_mm, level = options.get("pixel_mm"), options["level"]
     unit = "px" if pixel_mm is None else "mm"
     doubts = [[x for k, x in enumerate(DOUBTS.values()) if bit >> k & 1] for bit in bits]
+    for number in np.flatnonzero(state == processing.UNUSABLE):
+        doubts[number].append("The frame is unusable.")
     doubtful: dict[str, list[str]] = {}
-    for number, some in enumerate(doubts):
-        some += ["The frame is unusable."] * bool(state[number] == processing.UNUSABLE)
+    for source, some in zip(sources, doubts, strict=True):
         for doubt in some:
-            doubtful.setdefault(doubt, []).append(sources[number])
+            doubtful.setdefault(doubt, []).append(source)
     warnings = [f"{len(x)} of {len(bits)} frames, first {x[0]}: {y}" for y, x in doubtful.items()]
     found = None
     try:
