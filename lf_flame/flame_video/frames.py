@@ -188,8 +188,8 @@ def write_flicker(
     pixel_mm, level = options.get("pixel_mm"), options["level"]
     unit = "px" if pixel_mm is None else "mm"
     doubts = [[x for k, x in enumerate(DOUBTS.values()) if bit >> k & 1] for bit in bits]
-    for number in np.flatnonzero(state == processing.UNUSABLE):
-        doubts[number].append("The frame is unusable.")
+    for lost in np.flatnonzero(state == processing.UNUSABLE):
+        doubts[lost].append("The frame is unusable.")
     doubtful: dict[str, list[str]] = {}
     for source, some in zip(sources, doubts, strict=True):
         for doubt in some:
