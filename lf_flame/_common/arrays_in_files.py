@@ -35,18 +35,14 @@ class ArrayHeader:
 
 
 class FileOfArrays(ABC):
-    """Arrays in a file of any kind, by name; `headers` are those of arrays of numbers.
+    """Arrays of numbers in a file of any kind, by name.
 
-    A kind of file finds `headers` from what the file says of itself, and reads one array.
+    A kind of file finds names and headers from what the file says of itself, and reads one array.
     """
 
     path: str | Path
+    names: list[str]
     headers: dict[str, ArrayHeader]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the arrays."""
-        return list(self.headers)
 
     def header(self, name: str) -> ArrayHeader:
         """Shape and type of an array."""
@@ -81,12 +77,7 @@ class ArrayFile(FileOfArrays):
     def __init__(self, path: str | Path, archive: ZipFile | None):
         self.path, self._archive = path, archive
         members = archive.namelist() if archive else [".npy"]
-        self._names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the arrays; whether they hold numbers is known by their headers."""
-        return self._names
+        self.names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
 
     def header(self, name: str) -> ArrayHeader:
         """Read shape and type of an array; refuse what is no array of numbers."""

@@ -56,6 +56,7 @@ class Hdf5File(FileOfArrays):
                 if (kind := file.attrs.get_id(name)).dtype.kind in "iuf"
                 and math.prod(kind.shape) == 1
             }
+        self.names = list(self.headers)
 
     def _note(self, name: str, one: Any) -> bool | None:
         """Note an array that lies in the file; True ends the search."""
@@ -162,6 +163,7 @@ class MatlabFile(FileOfArrays):
                         self.headers[name] = header
                         self._places[name] = place, stored, packed, first, dtype
                 file.seek(place + stored)
+        self.names = list(self.headers)
 
     def _read(self, name: str) -> np.ndarray:
         header, (place, stored, packed, first, dtype) = self.headers[name], self._places[name]

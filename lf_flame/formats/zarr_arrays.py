@@ -44,6 +44,7 @@ class ZarrFile(FileOfArrays):
             arrays = {"": found} if isinstance(found, zarr.Array) else dict(found.arrays())
         some = list(arrays.items())[:MOST_ARRAYS]
         self._arrays = {name: array for name, array in some if array.dtype.kind in "biuf"}
+        self.names = list(self._arrays)
         self.headers = {name: ArrayHeader(x.shape, x.dtype) for name, x in self._arrays.items()}
 
     def _read(self, name: str) -> np.ndarray:

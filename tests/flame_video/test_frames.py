@@ -17,6 +17,13 @@ from lf_flame.formats import read_light_field
         ["t_-12.5", "t_-3.0", "t_-0.5", "t_0.0", "t_2.5", "t_10.0"],
         ["x-10", "x-9", "x0", "x9", "x10"],
         ["view-9", "view-10", "view-100"],
+        ["2023-12-31", "2024-01-05", "2024-02-15"],
+        ["frame.0002", "frame.0010"],
+        ["a.1.02.03", "a.1.02.10"],
+        ["1.9", "1.10"],
+        ["0", "0.50", "12.25"],
+        ["y-5x-2", "y-4x-2", "y-4x+2"],
+        [f"{10**19}", f"{10**19 + 1}"],
     ],
 )
 def test_frames_come_in_the_order_of_their_numbers(tmp_path, names):

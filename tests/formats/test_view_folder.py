@@ -1,7 +1,6 @@
 """Folders of views: names, grids, order, what is refused, and the way back."""
 
 from dataclasses import replace
-from decimal import Decimal
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -20,7 +19,6 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame import write_light_field as write
 from lf_flame.formats import scan_view_folder
-from lf_flame.formats.view_files.folder import split_numbers
 from lf_flame.formats.view_files.orders import ORDERS, arranged, find_order, fold
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
@@ -83,32 +81,6 @@ def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
     for grid in (None, shape):
         light_field = read_light_field(tmp_path, grid=grid)
         np.testing.assert_array_equal(light_field.views, views / np.float32(255))
-
-
-@pytest.mark.parametrize(
-    ("names", "numbers"),
-    [
-        (["frame2", "frame10"], [(2,), (10,)]),
-        (["pos_-40_-0.5", "pos_-8_16"], [(-40, -0.5), (-8, 16)]),
-        (["y-4", "y0", "y4"], [(-4,), (0,), (4,)]),
-        (["y-5x-2", "y-4x+2"], [(-5, -2), (-4, 2)]),
-        (["view-01-02", "view-11-12"], [(1, 2), (11, 12)]),
-        (["2024-01-05", "2024-02-15"], [(2024, 1, 5), (2024, 2, 15)]),
-        (["0", "0.5", "12.25"], [(0,), (0.5,), (12.25,)]),
-        (["0", "0.50", "12.25"], [(0,), (0.5,), (12.25,)]),
-        (["1.9", "1.10"], [(1, 9), (1, 10)]),
-        (["a.1.02.03", "a.1.02.10"], [(1, 2, 3), (1, 2, 10)]),
-        (["frame.0002", "frame.0010"], [(2,), (10,)]),
-        ([f"{10**19}", f"{10**19 + 1}"], [(10**19,), (10**19 + 1,)]),
-    ],
-    ids=lambda value: str(value[0]),
-)
-def test_numbers_in_names_are_read_and_sort(names, numbers):
-    found = split_numbers(names)
-    assert [part[1::2] for part in found] == [tuple(map(Decimal, map(str, n))) for n in numbers]
-    assert sorted(names, key=dict(zip(names, found, strict=True)).get) == [
-        name for _, name in sorted(zip(numbers, names, strict=True))
-    ]
 
 
 def test_stanford_names_take_the_grid_and_not_the_positions(tmp_path, rng):

@@ -129,15 +129,12 @@ def fold(
     `read`. Refused are other numbers of views, and such that move as one row or column does.
     """
     count, side = len(row), isqrt(len(row))
-    if grid is None and side**2 != count:
-        raise InputError(
-            f"{source} holds {count} views with one running number, which make no square: state "
-            f"their rows x columns, --grid ROWSxCOLUMNS."
-        )
     rows, columns = grid or (side, side)
     if rows * columns != count:
+        fault = "make no square" if grid is None else f"do not fill a grid of {rows} x {columns}"
         raise InputError(
-            f"A grid of {rows} x {columns} views does not fit {source}, which holds {count}."
+            f"{source} holds {count} views with one running number, which {fault}: state their "
+            f"rows x columns, --grid ROWSxCOLUMNS."
         )
     lines = (columns, rows) if order and by_columns(order) else (rows, columns)
     folded = row.reshape(*lines, *row.shape[1:])
