@@ -58,9 +58,11 @@ def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> Hel
         slopes = tuple(config.camera.depth_to_slope(z) for z in config.depths_mm)
         indices = tuple(range(max(count - samples, 0), count))
         return HeldOut(config, slopes, indices, None, f"missing. {error}")
-    record = found.record
+    record, recipe = found.record, found.record["recipe"]
+    planned = recipe.get("epochs", record["epochs"])
     origin = (
-        f"preset {record['preset']}, {epochs_in_words(record)}, backbone "
+        f"preset {record['preset']}, {record['epochs']:,} of {planned:,} epochs, best "
+        f"{record['best_epoch']:,}, batch {recipe['batch_size']}, backbone "
         f"{record['backbone_weights']}"
     )
     indices = tuple(record["test_indices"][:samples])
@@ -122,16 +124,6 @@ def scene_settings(config: DatasetConfig) -> dict:
     """Return the settings of a data set that its scenes depend on, without depths and inputs."""
     free = ("input", "shuffled_depths", "samples")
     return {key: value for key, value in to_json(config).items() if key not in free}
-
-
-def epochs_in_words(record: dict) -> str:
-    """Describe the length of a run from its record: "84 of 1,000 epochs, best 81, batch 2"."""
-    epochs, recipe = record["epochs"], record["recipe"]
-    planned = recipe.get("epochs", epochs)
-    length = f"{epochs:,} of {planned:,}" if planned > epochs else f"{epochs:,}"
-    best = record.get("best_epoch")
-    best = f", best {best:,}" if best is not None else ""
-    return f"{length} epochs{best}, batch {recipe['batch_size']}"
 
 
 def read_history(path: Path, epochs: int) -> pd.DataFrame:

@@ -24,6 +24,20 @@ def step_bar(steps: Iterable[T], total: int | None = None) -> Iterable[T]:
     return tqdm(steps, "measuring", total, unit="step")
 
 
+def panels(
+    titles: Sequence[str], size: tuple[float, float], xlabel: str = "", **shared: bool
+) -> tuple[Figure, Any]:
+    """Make a figure with a row of panels with grids; `shared` axes are those of `subplots`."""
+    figure, axes = figures.subplots(
+        1, len(titles), figsize=size, squeeze=False, layout="constrained", **shared
+    )
+    for axis, title in zip(axes[0], titles, strict=True):
+        axis.set_title(title, fontsize=10)
+        axis.set_xlabel(xlabel)
+        axis.grid(alpha=0.25)
+    return figure, axes[0]
+
+
 def write_report(
     out: Path,
     name: str,

@@ -1,8 +1,13 @@
-"""Seconds of calls made in turn, how fast memory is read, and the memory of a process."""
+"""Seconds of calls made in turn, how fast memory is read, and what a system costs in a process.
 
+This module loads no network, so that a process that runs none stays small.
+"""
+
+import os
 import resource
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +15,9 @@ from typing import Any
 
 import numba
 import numpy as np
+
+from lf_flame._common.workers import worker_pool
+from lf_flame.systems.base import RefocusingSystem
 
 ROUNDS, SHORT_S, LONG_S = 3, 0.3, 5.0
 """Usual number of rounds; more until SHORT_S have passed, none that begins after LONG_S."""
@@ -89,13 +97,34 @@ def read_once(array: np.ndarray) -> None:
     _sum_parts(words, np.empty(min(64, words.size), np.uint64))
 
 
-def forget_peak_memory() -> None:
-    """Reset the peak of memory that the system keeps for this process, where it can (Linux)."""
-    with suppress(OSError):
+def measure_cost(
+    load: Callable[[], RefocusingSystem], views: np.ndarray, slopes: np.ndarray, block
+) -> dict[str, float]:
+    """Time a system on a frame, in a process of its own that does nothing else.
+
+    Returns ``milliseconds``, and ``memory_mb``, the peak less the light field; NaN where the
+    process died.
+    """
+    with worker_pool(1) as pool:
+        try:
+            return pool.submit(_measure, load, views, slopes, block).result()
+        except BrokenProcessPool:  # killed, as for want of memory
+            return {"milliseconds": float("nan"), "memory_mb": float("nan")}
+
+
+def _measure(load, views, slopes, block) -> dict[str, float]:
+    """Take the fastest of 15 repeats, or of as many as a second holds: networks speed up."""
+    with Path(os.devnull).open("w") as nowhere:  # TensorFlow's messages; errors are still raised
+        os.dup2(nowhere.fileno(), 2)
+    with suppress(OSError):  # Linux keeps the peak of memory, and resets it so
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    system = load()
+    times = in_turn(lambda: system.refocus(views, slopes, block), rounds=15, least_s=1.0)
+    memory_mb = (_peak_memory() - views.nbytes) / 1e6
+    return {"milliseconds": 1e3 * float(times.best[0]), "memory_mb": memory_mb}
 
 
-def peak_memory() -> int:
+def _peak_memory() -> int:
     """Peak resident memory of this process in bytes."""
     status = Path("/proc/self/status")
     if status.exists():  # on Linux getrusage still counts what the parent had before it started us

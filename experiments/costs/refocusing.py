@@ -21,9 +21,8 @@ from scipy.fft import set_workers
 from skimage.transform import downscale_local_mean
 
 from experiments.inputs import DATA_SETS, HeldOut, find_scenes
-from experiments.report import markdown, step_bar, write_report
+from experiments.report import markdown, panels, step_bar, write_report
 from experiments.timing import in_turn
-from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
@@ -256,22 +255,17 @@ worst is a single image. Few views over the full aperture show ghosts.""",
 
 def figure(scenes: Mapping[str, dict], table: pd.DataFrame):
     """Draw PSNR over milliseconds, without the exact result, one panel for each data set."""
-    picture, axes = subplots(
-        1, len(scenes), figsize=(6.0 * len(scenes), 6.5), sharex=True, sharey=True,
-        squeeze=False, layout="constrained",
-    )  # fmt: skip
-    for axis, (name, scene) in zip(axes[0], scenes.items(), strict=True):
+    titles = [f"{name}: {scene['light_field']}" for name, scene in scenes.items()]
+    size = (6.0 * len(scenes), 6.5)
+    picture, axes = panels(titles, size, "milliseconds on all cores", sharex=True, sharey=True)
+    for axis, name in zip(axes, scenes, strict=True):
         rows = table[(table["data_set"] == name) & (table["psnr_db"] < np.inf)]
         for family, (colour, markers) in FAMILIES.items():
             some = rows[rows["family"] == family].to_dict("records")
             for row, marker in zip(some, markers, strict=False):
                 axis.plot(row["milliseconds"], row["psnr_db"], marker, color=colour,
                           label=row["title"], markersize=8)  # fmt: skip
-        axis.set_title(f"{name}: {scene['light_field']}", fontsize=9)
-        axis.set_xlabel("milliseconds on all cores")
-        axis.grid(which="major", alpha=0.25)
-    axes[0, 0].set_xscale("log")
-    axes[0, 0].set_ylabel("PSNR against the exact result (dB)")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    picture.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    axes[0].set(xscale="log", ylabel="PSNR against the exact result (dB)")
+    handles = axes[0].get_legend_handles_labels()
+    picture.legend(*handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return picture

@@ -20,10 +20,9 @@ from experiments import timing
 from experiments.effects.effects import Trial, effect_trials
 from experiments.effects.tracer import flat_views
 from experiments.inputs import DATA_SETS
-from experiments.report import markdown, step_bar, write_report
+from experiments.report import markdown, panels, step_bar, write_report
 from experiments.timing import in_turn, on_threads
 from lf_flame._common.config import to_json
-from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -210,11 +209,8 @@ def _measure_method(study: Study, name: str, truth: np.ndarray, budget_s: float)
 
 def _measure_effect(name: str, trial: Trial) -> dict:
     """Render with an effect forced off and on; all else as planned."""
-    planned = plan_effects(trial.scene, trial.camera, TOLERANCE, {name: True})
-    calls = [
-        partial(render, trial.scene, trial.camera, TOLERANCE, effects={name: on}, seed=1)
-        for on in (False, True)
-    ]
+    planned = plan_effects(*trial, TOLERANCE, {name: True})
+    calls = [partial(render, *trial, TOLERANCE, effects={name: on}, seed=1) for on in (False, True)]
     times = in_turn(*calls)
     without, image = (found.views.astype(np.float64) for found in times.results)
     seconds_off, seconds_on = times.best.tolist()
@@ -289,11 +285,9 @@ noise it is the standard deviation, and `inf` where something opaque may hide al
 
 def figure(studies: Mapping[str, dict], accuracy: pd.DataFrame):
     """Draw error against seconds, one panel for each scene."""
-    picture, axes = subplots(
-        1, len(studies), figsize=(4.6 * len(studies), 5.2), sharex=True, sharey=True,
-        squeeze=False, layout="constrained",
-    )  # fmt: skip
-    for (scene, study), axis in zip(studies.items(), axes[0], strict=True):
+    titles, size = [study["title"] for study in studies.values()], (4.6 * len(studies), 5.2)
+    picture, axes = panels(titles, size, "seconds on one thread", sharex=True, sharey=True)
+    for scene, axis in zip(studies, axes, strict=True):
         for name, method in METHODS.items():
             points = accuracy[(accuracy["scene"] == scene) & (accuracy["method"] == name)]
             axis.loglog(
@@ -301,10 +295,7 @@ def figure(studies: Mapping[str, dict], accuracy: pd.DataFrame):
                 markersize=13 if method.marker == "*" else 5, label=method.label,
                 linestyle="-" if method.share else "",
             )  # fmt: skip
-        axis.set_title(study["title"], fontsize=11)
-        axis.set_xlabel("seconds on one thread")
-        axis.grid(which="major", alpha=0.25)
-    axes[0, 0].set_ylabel("root-mean-square error, relative to the brightest pixel")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    picture.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    axes[0].set_ylabel("root-mean-square error, relative to the brightest pixel")
+    handles = axes[0].get_legend_handles_labels()
+    picture.legend(*handles, loc="outside lower center", ncols=5, frameon=False)
     return picture

@@ -14,15 +14,14 @@ reference of the scene as trained:
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from experiments.inputs import DepthScenario, draw_scenario, make_scenarios, scene_settings
-from experiments.paper.ridge import NAME as RIDGE
-from experiments.paper.ridge import Ridge
+from experiments.linear import RIDGE, Ridge
 from experiments.report import markdown, step_bar, write_report
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import DatasetConfig
@@ -38,25 +37,18 @@ from lf_flame.systems.resnet50 import ResNet50
 COLUMNS = ["scenario", "system", "psnr_db", "psnr_foreground_db", "ssim", "share_memorised"]
 
 
-@dataclass(frozen=True)
-class Linear:
-    """The ridge regression of a data set as a system, for the slopes of that data set alone."""
-
-    ridge: Ridge
-    config: DatasetConfig
-
-    def refocus(self, light_field: LightField, slopes, block) -> np.ndarray:
-        """Predict the images of a light field, (planes, h, w)."""
-        return self.ridge.predict(self.config.encode(light_field)[None])[0]
+def predict(ridge: Ridge, config: DatasetConfig, light_field: LightField, _slopes, _block):
+    """Predict the images (planes, h, w) of a data set's own slopes, by its ridge regression."""
+    return ridge.predict(config.encode(light_field)[None])[0]
 
 
 def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], dict, dict]:
     """Load runs and data sets that differ only in their input, and in the order of their depths.
 
     Returns the configuration of the first, by which scenes are drawn, the slopes of the planes, the
-    systems by name (shift-and-sum of some views, for comparison, the networks of the runs, and for
-    each data set the ridge regression), and the networks' records. An InputError refuses what is
-    neither, or other scenes or another camera.
+    refocusing functions by name of system (shift-and-sum of some views, for comparison, the
+    networks of the runs, and for each data set the ridge regression), and the networks' records. An
+    InputError refuses what is neither, or other scenes or another camera.
     """
     systems, networks, linear, records = {}, {}, {}, {}
     first: Dataset | None = None
@@ -80,17 +72,17 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
             weights = re.sub(r" \(sha256 \w+\)", "", record["backbone_weights"])
             name = f"{folder}: {learnt}; {record['preset']}, {weights}"
             records[name] = {k: x for k, x in record.items() if k != "test_indices"}
-            networks[name] = ResNet50.of_run(folder)
+            networks[name] = ResNet50.of_run(folder).refocus
         name = f"{RIDGE}: {learnt}"
         if name not in linear:
             split, seed = record.get("split", (0.8, 0.1, 0.1)), record.get("seed", 1)
             parts = split_indices(len(dataset), split, seed)
-            linear[name] = Linear(Ridge(dataset, parts), config)
+            linear[name] = partial(predict, Ridge(dataset, parts), config)
     assert first is not None
     config, views = first.config, first.config.camera.views
     for encoding in (InputEncoding("views"), InputEncoding("grid")):
         name = f"shift-and-sum of {len(encoding.view_indices(views, views))} views"
-        systems[name] = ShiftAndSum(name, encoding.view_indices)
+        systems[name] = ShiftAndSum(name, encoding.view_indices).refocus
     return config, first.attrs["slopes"], {**systems, **networks, **linear}, records
 
 
@@ -104,11 +96,11 @@ def share_memorised(predicted, reference, trained):
 def run_depth_test(folders: Sequence[Path], out: Path, samples: int) -> Path:
     """Test runs and data sets on `samples` scenes for each scenario, and write the report."""
     config, slopes, systems, records = load_systems(folders)
-    everyone = [ShiftAndSum(), *systems.values()]
+    everyone = [ShiftAndSum().refocus, *systems.values()]
     scenarios, rows, trained = make_scenarios(config), [], None
     for scenario in step_bar(scenarios):
         stacks = [
-            [system.refocus(light_field, slopes, config.block) for system in everyone]
+            [refocus(light_field, slopes, config.block) for refocus in everyone]
             for light_field in draw_scenario(config, scenario, samples)
         ]
         reference, *images = np.swapaxes(stacks, 0, 1)

@@ -45,17 +45,9 @@ WITHOUT = {
 or absorb, diffraction at the main lens takes each lenslet's light as a whole."""
 
 
-def draw_scene(rng: np.random.Generator) -> tuple[Scene, PlenopticCamera]:
-    """Draw one to three layers, flames, rough textures or cards, and a small camera.
-
-    Each imperfection of the camera, and each property of matter, is there about every second time.
-    Raises InputError if the scene is impossible, such as two surfaces at one place.
-    """
-    camera = _draw_camera(rng)
-    return Scene([_draw_layer(rng) for _ in range(rng.integers(1, 4))]), camera
-
-
 def _draw_camera(rng: np.random.Generator) -> PlenopticCamera:
+    """Draw a small camera, each imperfection of which is there about every second time."""
+
     def maybe(value, otherwise=None):
         return value if rng.random() < 0.5 else otherwise
 
@@ -80,6 +72,7 @@ def _draw_camera(rng: np.random.Generator) -> PlenopticCamera:
 
 
 def _draw_layer(rng: np.random.Generator) -> Layer:
+    """Draw a flame, a rough texture or a card, with properties of matter every second time."""
     place = {"depth_mm": rng.uniform(-20, 30), "centre_mm": rng.uniform(-0.4, 0.4, 2)}
     kind = rng.choice(["flame", "noise", "card"])
     if kind == "card":
@@ -113,11 +106,13 @@ def measure_scene(seed: int, number: int) -> list[dict] | None:
     """Plan a random scene, and force each effect that arises against what was decided.
 
     Returns a row for each effect that has a bound: ``scene``, ``effect``, ``bound``, ``change`` and
-    ``error`` of the rays that showed it; None if the scene was refused. After `MOST_SECONDS` the
-    rows found so far are returned.
+    ``error`` of the rays that showed it; None if the scene was refused, as with two surfaces at one
+    place. After `MOST_SECONDS` the rows found so far are returned.
     """
     try:
-        scene, camera = draw_scene(np.random.default_rng([seed, number]))
+        rng = np.random.default_rng([seed, number])
+        camera = _draw_camera(rng)
+        scene = Scene([_draw_layer(rng) for _ in range(rng.integers(1, 4))])
         plan = plan_effects(scene, camera, TOLERANCE, rays=1)  # of the decisions alone
     except InputError:
         return None

@@ -6,8 +6,7 @@ effect changes most, and as many drawn at random. All numbers are relative to th
 
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,7 @@ from matplotlib.figure import Figure
 
 from experiments.effects import bounds
 from experiments.effects.tracer import trace_pixels
-from experiments.report import markdown, step_bar, write_report
-from lf_flame._common import figures
+from experiments.report import markdown, panels, step_bar, write_report
 from lf_flame._common.config import to_json
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.optics.sensor import STAGES, Sensor
@@ -65,12 +63,8 @@ NOISE = ("shot_noise", "read_noise")
 """Effects whose change is a root-mean-square over the image, and has a closed form."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A scene and a camera that call for an effect."""
-
-    scene: Scene
-    camera: PlenopticCamera
+Trial = tuple[Scene, PlenopticCamera]
+"""A scene and a camera that call for an effect."""
 
 
 def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str, Trial]:
@@ -89,7 +83,7 @@ def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str,
     lone = Scene([flame])
 
     def before(scene: Scene = lone, **changes) -> Trial:
-        return Trial(scene, replace(camera, **changes))
+        return scene, replace(camera, **changes)
 
     width = camera.aperture_mm
     distance = 0.3 * camera.focus_distance_mm
@@ -115,16 +109,6 @@ def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str,
     }
 
 
-def measure_effects(cameras: Mapping[str, PlenopticCamera] = CAMERAS, rays: int = RAYS) -> list:
-    """Measure every effect on every camera, a row each; the tracer's rays are a power of 2."""
-    trials = [
-        (name, camera, trial)
-        for camera, optics in cameras.items()
-        for name, trial in effect_trials(optics).items()
-    ]
-    return [measure_effect(*trial, rays) for trial in step_bar(trials)]
-
-
 def measure_effect(name: str, camera: str, trial: Trial, rays: int = RAYS) -> dict:
     """Compare one effect of the library with its reference.
 
@@ -135,7 +119,7 @@ def measure_effect(name: str, camera: str, trial: Trial, rays: int = RAYS) -> di
     """
     on, off = (_render(trial, name, kept) for kept in (True, False))
     peak = max(float(off.max()), 1e-300)
-    bound = plan_effects(trial.scene, trial.camera, TOLERANCE)[name].bound
+    bound = plan_effects(*trial, TOLERANCE)[name].bound
     compare = _compare_noise if name in NOISE else _compare_pixels
     reference, library, rms, error, change = (
         float(value) / peak for value in compare(name, trial, on, off, rays)
@@ -161,13 +145,13 @@ def _render(trial: Trial, name: str, kept: bool) -> np.ndarray:
         forced["f_number_mismatch"] = False
     if name == "f_number_mismatch":
         forced["round_aperture"] = True  # the matched round aperture is what it departs from
-    image = render(trial.scene, trial.camera, TOLERANCE, effects=forced, seed=SEED)
+    image = render(*trial, TOLERANCE, effects=forced, seed=SEED)
     return image.views.astype(np.float64)
 
 
 def _compare_noise(name: str, trial: Trial, on: np.ndarray, off: np.ndarray, _rays: int) -> tuple:
     """Noise by EMVA 1288: variance of the electrons is their mean, or that of the read noise."""
-    sensor = trial.camera.sensor
+    sensor = trial[1].sensor
     electrons = off * sensor.exposure_e if name == "shot_noise" else sensor.read_noise_e**2
     reference = math.sqrt(np.mean(electrons)) / sensor.exposure_e
     library = math.sqrt(np.mean((on - off) ** 2))
@@ -179,8 +163,8 @@ def _compare_pixels(name: str, trial: Trial, on: np.ndarray, off: np.ndarray, ra
     """Compare some pixels with the tracer, behind which the sensor is a closed form."""
     pixels = _choose_pixels(on, off)
     patterns = DIFFRACTION.get(name, ())
-    mean, error = trace_pixels(trial.scene, trial.camera, pixels, rays, REPEATS, SEED, patterns)
-    reference, error = _behind_the_sensor(name, trial.camera.sensor, mean, error)
+    mean, error = trace_pixels(*trial, pixels, rays, REPEATS, SEED, patterns)
+    reference, error = _behind_the_sensor(name, trial[1].sensor, mean, error)
     at = tuple(pixels.T)
     difference = on[at] - reference
     worst = int(np.abs(difference).argmax())
@@ -210,8 +194,16 @@ def _behind_the_sensor(name: str, sensor: Sensor | None, mean: np.ndarray, error
 
 
 def run_effects(out: Path, scenes: int, seed: int = 0, rays: int = RAYS) -> Path:
-    """Measure all effects, check the bounds on random scenes, and write ``effects.*``."""
+    """Measure all effects, check the bounds on random scenes, and write ``effects.*``.
+
+    `rays` of the tracer are a power of 2.
+    """
     started = time.perf_counter()
+    trials = [
+        (name, camera, trial)
+        for camera, optics in CAMERAS.items()
+        for name, trial in effect_trials(optics).items()
+    ]
     record = {
         "cameras": {name: to_json(camera) for name, camera in CAMERAS.items()},
         "tolerance": TOLERANCE,
@@ -219,7 +211,7 @@ def run_effects(out: Path, scenes: int, seed: int = 0, rays: int = RAYS) -> Path
         "rays": rays,
         "repeats": REPEATS,
         "seed": SEED,
-        "rows": measure_effects(CAMERAS, rays),
+        "rows": [measure_effect(*trial, rays) for trial in step_bar(trials)],
         "bounds": bounds.check_bounds(scenes, seed),
     } | {"wall_s": time.perf_counter() - started}
     return write_report(
@@ -271,20 +263,16 @@ def body(record: dict) -> list[str]:
 def _figure(rows: list[dict]) -> Figure:
     """Draw the change, the bound and the difference from the tracer for each camera and effect."""
     cameras = list(dict.fromkeys(row["camera"] for row in rows))
-    size = (3.6 * len(cameras) + 1, 5)
-    drawn, axes = figures.subplots(
-        1, len(cameras), figsize=size, sharey=True, squeeze=False, layout="constrained"
-    )
-    for axis, camera in zip(axes[0], cameras, strict=True):
+    drawn, axes = panels(cameras, (3.6 * len(cameras) + 1, 5), sharey=True)
+    for axis, camera in zip(axes, cameras, strict=True):
         one = pd.DataFrame([row for row in rows if row["camera"] == camera])
         apart = one.difference.abs().clip(lower=1e-7)
         axis.hlines(one.index, apart, one.change, color="0.85", zorder=0)
         axis.plot(one.bound.clip(upper=50), one.index, "k|", ms=10, label="bound of the plan")
         axis.plot(one.change, one.index, "o", color="#0072B2", ms=5, label="largest change")
         axis.plot(apart, one.index, "X", color="#D55E00", ms=5, label="library - tracer")
-        axis.set(xscale="log", xlim=(5e-8, 60), ylim=(len(one) - 0.5, -0.5), title=camera)
+        axis.set(xscale="log", xlim=(5e-8, 60), ylim=(len(one) - 0.5, -0.5))
         axis.set_yticks(one.index, [name.replace("_", " ") for name in one.effect])
-        axis.grid(axis="x", alpha=0.25)
     drawn.supxlabel("relative to the brightest pixel (infinite bounds at 50)", fontsize=9)
-    drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return drawn

@@ -1,19 +1,28 @@
-"""Emission by planes on traced flames, beside simple methods, and how often its bars are right."""
+"""Emission of traced flames, by planes and about an axis, beside simple methods; its error bars."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy import stats
 
 from experiments.emission import truth
-from experiments.emission.flames import PAPER, noisy
-from experiments.emission.rivals import PLANES, QUICK
+from experiments.emission.rivals import PLANES, QUICK, round_methods
 from experiments.emission.truth import Sheet, Slab, burner_sheet, volume
 from experiments.report import step_bar
 from lf_flame import LightField, PlenopticCamera
-from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography import (
+    AxisymmetricGrid,
+    FrustumGrid,
+    find_axis,
+    reconstruct,
+    reconstruct_axisymmetric,
+)
+
+PAPER = truth.Lens(views=15, lenslets=(90, 180), lenslet_focal=1.2, pitch=0.336)
+"""The paper's camera, whose images of 270 x 540 lenslets are averaged to 90 x 180 pixels."""
 
 OURS = "reconstruct"
 SMALL = truth.Lens(lenslets=(60, 60))
@@ -21,6 +30,11 @@ QUARTER = truth.Lens(views=15, lenslets=(72, 84))
 """A field a quarter as wide as the paper's, for flames a quarter in size."""
 
 DEPTHS = 20.0, 10.0, 0.0, -10.0
+
+
+def noisy(views: np.ndarray, noise: float, rng: np.random.Generator) -> LightField:
+    """Add Gaussian noise, relative to the brightest pixel."""
+    return LightField(views + noise * views.max() * rng.standard_normal(views.shape))
 
 
 def four(heights, places, foot: float, size: float = 1.0) -> list[Slab]:
@@ -128,26 +142,15 @@ def large_flames(rng: np.random.Generator) -> Iterator[dict]:
         yield from case.errors((0.01, 0.05), 3, rng, QUICK)
 
 
-def photons(views: np.ndarray, rng: np.random.Generator) -> LightField:
-    """Count photo-electrons, 100 in the brightest pixel."""
-    share = views.max() / 100
-    return LightField(rng.poisson(views / share) * share)
-
-
-def in_the_mean(judged: list[tuple[float, float]]) -> dict:
-    """Mean of the shares that bars cover, its standard error, and the mean error, over draws."""
-    covered, error = np.array(judged).T
-    standard_error = float(covered.std(ddof=1) / np.sqrt(covered.size))
-    mean = {"covered": float(covered.mean()), "standard_error": standard_error}
-    return mean | {"error": float(error.mean())}
-
-
 def _small(y, x, z):
     return truth.round_glow(0.5 - y / 6.25, np.hypot(x, z), 1.0)
 
 
 def bars(rng: np.random.Generator) -> Iterator[dict]:
-    """Count how often bars of 95 % cover the true emission of the cells of small flames."""
+    """Count how often bars of 95 % cover the true emission of the cells of small flames.
+
+    Electrons are those of the brightest pixel.
+    """
     apart, deep = [slab.depth for slab in behind(0.25)], volume(_small, 3.0, 0.125, (-4, 4, -3, 3))
     times = float(stats.t(20).ppf(0.975))
     cases = (
@@ -157,11 +160,79 @@ def bars(rng: np.random.Generator) -> Iterator[dict]:
     )
     for case in step_bar(cases):
         lit = case.truth > 0.05 * case.truth.max(axis=(1, 2), keepdims=True)
+        electron = case.views.max() / 100
         for noise in (0.01, "100 electrons"):
-            judged = []
+            covered, errors = [], []
             for _ in range(10):
-                seen = photons(case.views, rng) if noise != 0.01 else noisy(case.views, noise, rng)
+                seen = (
+                    noisy(case.views, 0.01, rng)
+                    if noise == 0.01
+                    else LightField(rng.poisson(case.views / electron) * electron)
+                )
                 found = reconstruct(seen, case.grid, bootstrap=20, rng=rng)
-                covered = np.abs(found.emission - case.truth) <= times * found.sigma
-                judged.append((covered[lit].mean(), relative_error(found.emission, case.truth)))
-            yield {"flame": case.name, "noise": noise, "what": "cells"} | in_the_mean(judged)
+                inside = np.abs(found.emission - case.truth) <= times * found.sigma
+                covered.append(inside[lit].mean())
+                errors.append(relative_error(found.emission, case.truth))
+            yield {
+                "flame": case.name, "noise": noise, "what": "cells",
+                "covered": float(np.mean(covered)),
+                "standard_error": float(np.std(covered, ddof=1) / np.sqrt(len(covered))),
+                "error": float(np.mean(errors)),
+            }  # fmt: skip
+
+
+HEIGHT, RADIUS, REACH = 25.0, 4.0, 12.0
+"""Height and radius of the axisymmetric flame, and the radius up to which it is sought, in mm."""
+
+
+@cache
+def round_views() -> np.ndarray:
+    """Trace the axisymmetric flame; its axis is in the middle of a pixel column."""
+    slabs = truth.volume(round_glow, REACH, 0.25, (-HEIGHT / 2, HEIGHT / 2, -REACH, REACH + 1))
+    return truth.trace(PAPER, slabs, spots=4, parts=1)
+
+
+def round_glow(y: np.ndarray, x: np.ndarray, z: np.ndarray | float) -> np.ndarray:
+    """Emission of the axisymmetric flame per mm."""
+    return truth.round_glow(0.5 - y / HEIGHT, np.hypot(x - PAPER.cell / 2, z), RADIUS)
+
+
+Section = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Heights and radii in mm, and the emission there, (heights, radii)."""
+
+
+def sections(light_field: LightField) -> Iterator[tuple[str, list[Section]]]:
+    """Find the half section by every method: from all views, and from the central view alone."""
+    camera = PlenopticCamera(**PAPER.numbers())
+    axis, step, centre = find_axis(light_field, camera), PAPER.cell, PAPER.views // 2
+    for views, seen, image in (
+        ("all", "all views", light_field.photograph),
+        ("central", "central view", light_field.views[centre, centre]),
+    ):
+        grid = AxisymmetricGrid(camera, axis.across_mm, axis.depth_mm, REACH, 1, views, -HEIGHT / 2)
+        found = reconstruct_axisymmetric(light_field, grid)
+        yield f"abel, {seen}", [(grid.heights_mm, grid.radii_mm, found.emission)]
+        middle, count = image.shape[1] // 2, int(np.ceil(REACH / step))  # right of the middle
+        right = np.asarray(image[:, middle:], float)
+        half = (right + image[:, middle::-1][:, : right.shape[1]]) / 2
+        heights = ((len(half) - 1) / 2 - np.arange(len(half))) * step
+        for name, invert in round_methods():
+            found_by = (one[:, :count] for one in invert(half, step))
+            yield f"{name}, {seen}", [(heights, np.arange(count) * step, one) for one in found_by]
+
+
+def section_error(heights: np.ndarray, radii: np.ndarray, found: np.ndarray) -> float:
+    """Root-mean-square error over the volume, but for the tip, which is finer than a pixel."""
+    up = heights / HEIGHT + 0.5
+    rows = (up > 0.03) & (up < 0.97)
+    wanted = truth.round_glow(up[rows, None], radii[None], RADIUS)
+    weight = np.sqrt(radii)
+    return float(np.linalg.norm((found[rows] - wanted) * weight) / np.linalg.norm(wanted * weight))
+
+
+def round_flame(rng: np.random.Generator) -> Iterator[dict]:
+    """Find the half section of an axisymmetric flame whose axis is to be found, too."""
+    for noise in (0.0, 0.01, 0.05):
+        for method, found in sections(noisy(round_views(), noise, rng)):
+            error = min(section_error(*one) for one in found)
+            yield {"flame": "axisymmetric", "noise": noise, "method": method, "error": error}

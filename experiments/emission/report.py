@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.emission import flames, planes, soot, truth
+from experiments.emission import planes, soot, truth
 from experiments.emission.rivals import refocused
 from experiments.report import markdown, write_report
 from lf_flame._common import provenance
@@ -49,7 +49,7 @@ PARTS = {
         "over the volume between 3 and 97 % of the flame's height, relative to the truth; one draw "
         "of the noise. Onion peeling and PyAbel invert the central view, or the mean of all views, "
         "row by row; Daun's penalty is that, of seven, of least true error.",
-        {"Error of the volume": flames.round_flame},
+        {"Error of the volume": planes.round_flame},
     ),
     "soot": Part(
         "Soot temperature from one exposure",
@@ -175,9 +175,9 @@ def slices_figure(seed: int) -> Figure:
             axis.set_title(f"{word}, {depth:+g} mm", fontsize=9)
             axis.axis("off")
         figure.colorbar(drawn, ax=list(line[:4]), shrink=0.85, label="radiance")
-    found = dict(flames.sections(planes.noisy(flames.round_views(), 0.01, rng)))
+    found = dict(planes.sections(planes.noisy(planes.round_views(), 0.01, rng)))
     heights, radii, section = found["abel, all views"][0]
-    wanted = truth.round_glow(heights[:, None] / flames.HEIGHT + 0.5, radii[None], flames.RADIUS)
+    wanted = truth.round_glow(heights[:, None] / planes.HEIGHT + 0.5, radii[None], planes.RADIUS)
     for axis, word, values in zip(axes[:, 4], ("truth", "abel"), (wanted, section), strict=False):
         extent = (0, radii[-1], heights[-1], heights[0])
         drawn = axis.imshow(values, cmap="inferno", vmin=0, vmax=wanted.max(), extent=extent)

@@ -34,8 +34,8 @@ class Values(NamedTuple):
     scale: Any = None
 
 
-@dataclass(frozen=True)
-class HardCase:
+@dataclass
+class hard_case:  # a decorator
     """A case: what is hard, the formula that suggests itself, and what the package does instead.
 
     `allowed` is the largest error of the package; the error of the obvious formula exceeds it by
@@ -46,22 +46,16 @@ class HardCase:
     obvious: str
     here: str
     allowed: float
-    find: Callable[[], Values]
     fails_by: float = 1e3
 
-
-CASES: list[HardCase] = []
-
-
-def hard_case(name: str, obvious: str, here: str, allowed: float, fails_by: float = 1e3):
-    """Enter a function into `CASES`."""
-
-    def enter(find: Callable[[], Values]) -> Callable[[], Values]:
-        CASES.append(HardCase(name, obvious, here, allowed, find, fails_by))
+    def __call__(self, find: Callable[[], Values]) -> Callable[[], Values]:
+        """Enter the function that finds the values."""
+        self.find = find
+        CASES.append(self)
         return find
 
-    return enter
 
+CASES: list[hard_case] = []
 
 SUBJECTS = {
     "optics": "Optics",
@@ -71,14 +65,14 @@ SUBJECTS = {
 """Modules of this folder that hold cases, in the table's order, and what they are about."""
 
 
-def all_cases() -> list[HardCase]:
+def all_cases() -> list[hard_case]:
     """Gather the cases of all subjects."""
     for subject in SUBJECTS:
         importlib.import_module(f"experiments.hard_cases.{subject}")
     return CASES
 
 
-def measure(case: HardCase) -> dict[str, Any]:
+def measure(case: hard_case) -> dict[str, Any]:
     """Compute a case.
 
     Returns ``exact``, ``obvious`` and ``ours``, the values where the obvious formula is worst, as

@@ -9,9 +9,8 @@ import pandas as pd
 from skimage.metrics import structural_similarity
 from tqdm import tqdm
 
+from experiments.linear import RIDGE, Ridge
 from experiments.paper.figures import result_figure, setup_figure
-from experiments.paper.ridge import NAME as RIDGE
-from experiments.paper.ridge import Ridge
 from experiments.paper.tables import TABLES, compare_with_paper, read_paper_values
 from experiments.report import markdown, write_report
 from lf_flame._common import figures, provenance
@@ -49,7 +48,7 @@ def score_baselines(
 ) -> dict[str, list[dict]]:
     """Score images that need no network on the test split, rows of each plane by baseline.
 
-    The mean training image, and the ridge regression of `experiments.paper.ridge`.
+    The mean training image, and the ridge regression of `experiments.linear`.
     """
     parts = split_indices(len(dataset), split, seed)
     targets = dataset.targets[parts["test"]]

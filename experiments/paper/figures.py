@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.transforms import Affine2D
 
+from experiments.report import panels
 from lf_flame._common.figures import subplots
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
@@ -117,22 +118,18 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
     enlarged.set_title(f"{LENSLETS_ENLARGED} x {LENSLETS_ENLARGED} of its lenslets", fontsize=10)
 
 
-def learning_figure(panels: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):
+def learning_figure(tables: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):
     """Draw validation PSNR against epochs, a panel for each table, a colour for each recipe.
 
     Each panel holds the histories of its runs by recipe, and the PSNR values that the paper prints.
     """
-    figure, axes = subplots(
-        1, len(panels), figsize=(6.5 * len(panels), 5), squeeze=False, layout="constrained"
-    )
-    for axis, (title, (recipes, printed)) in zip(axes[0], panels.items(), strict=True):
+    figure, axes = panels(list(tables), (6.5 * len(tables), 5), "epochs")
+    for axis, (recipes, printed) in zip(axes, tables.values(), strict=True):
         axis.axhspan(min(printed), max(printed), color="0.85", label="printed, range of the planes")
         for k, (recipe, histories) in enumerate(recipes.items()):
             for number, history in enumerate(histories):
                 style = {"color": f"C{k}", "label": None if number else recipe}
                 axis.plot(history.epoch, history.val_psnr_db, lw=0.7, **style)
-        axis.set(xlabel="epochs", ylabel="PSNR of the validation split (dB)")
-        axis.set_title(title, fontsize=11)
-        axis.grid(alpha=0.3)
+        axis.set_ylabel("PSNR of the validation split (dB)")
         axis.legend(fontsize=9, loc="lower right")
     return figure

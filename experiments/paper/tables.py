@@ -65,11 +65,6 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
     return table.assign(paper_ssim=paper["ssim"], paper_psnr_db=paper["psnr_db"])[COLUMNS]
 
 
-def _machine(record: dict) -> str:
-    """Name of the accelerators, if there are any, and of the machine."""
-    return ", ".join([*record.get("devices", ()), record["machine"]])
-
-
 RECIPE = ("preset", "split", "parts", "model", "recipe", "epochs")
 """Entries of a record that are equal in runs whose scores may be pooled."""
 
@@ -242,11 +237,12 @@ def _describe(pool: list[Result], paper: dict) -> str:
     """Say what a row rests on, how far it was trained, and how long all epochs would take."""
     record, planned = pool[0].record, paper["epochs"]
     epochs, seconds = record["epochs"], record["train_s"]
+    machine = ", ".join([*record.get("devices", ()), record["machine"]])
     listed = sorted(pool, key=lambda result: result.record["seed"])
     seeds = ", ".join(f"seed {one.record['seed']} ({one.run})" for one in listed)
     text = (
         f"{seeds}, weights {pool[0].weights}. Trained for {epochs:,} of the paper's {planned:,} "
-        f"epochs (best: {record['best_epoch']:,}), in {_duration(seconds)} on {_machine(record)}."
+        f"epochs (best: {record['best_epoch']:,}), in {_duration(seconds)} on {machine}."
     )
     if epochs >= planned or record["preset"] != "paper":
         return text

@@ -5,6 +5,7 @@ tops. Photographs on surfaces, which have texture everywhere, flatter every meth
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -88,18 +89,12 @@ REAL = {"stilllife_3x3/stillLife_lf_3x3": still_life, "lytro_2067": lytro}
 
 
 def samples(real: Path, tables: Sequence[int], kinds: Mapping, seeds: Sequence[int]) -> Iterator:
-    """Give, one after the other, functions that make a sample."""
-    for name, read in REAL.items():
-        if (real / name).is_dir():
-            yield lambda read=read, name=name: read(real / name)
-    for seed in tables:
-        yield lambda seed=seed: _own("table top", *make_tabletop(seed))
+    """Give samples, one after the other."""
+    yield from (read(real / name) for name, read in REAL.items() if (real / name).is_dir())
+    yield from (_own("table top", *make_tabletop(seed)) for seed in tables)
     pictures = scenes.photographs() if kinds else []
-    for name in kinds:
-        for seed in seeds:
-            yield lambda name=name, seed=seed: _own(
-                name, *scenes.make_sample(kinds[name], seed, pictures)
-            )
+    for name, seed in product(kinds, seeds):
+        yield _own(name, *scenes.make_sample(kinds[name], seed, pictures))
 
 
 def _own(name: str, views: np.ndarray, truth: np.ndarray) -> Sample:
@@ -181,8 +176,7 @@ def measure(
     Returns the record, and of each kind's first scene central view, true slopes and all maps.
     """
     rows, shown = [], {}
-    for make in step_bar(list(samples(real, tables, kinds, seeds))):
-        name, views, truth, slopes, step = make()
+    for name, views, truth, slopes, step in step_bar(samples(real, tables, kinds, seeds)):
         middle = views[views.shape[0] // 2, views.shape[1] // 2]
         images = {"central view": middle, "truth": truth}
         for title, method in METHODS.items():

@@ -3,7 +3,7 @@
 A study file (experiments/studies/*.toml) names a data set, a training configuration, and what each
 variant changes of them. With a preset, a network is trained for each variant. Beside it, and alone
 without a preset, stand two results that need no training: the ridge regression of
-`experiments.paper.ridge`, and the bound of `experiments.studies.pca_bound`.
+`experiments.linear`, and its bound.
 
 The folder WORK/STUDY holds for each variant VARIANT.zarr, its data set (or that of the first
 variant with the same one), VARIANT/, its run, and last VARIANT.json, its scores. A study resumes
@@ -22,10 +22,9 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from experiments.paper.ridge import Ridge
+from experiments.linear import Ridge, project
 from experiments.paper.tables import TABLES, read_paper_values
 from experiments.report import markdown, write_report
-from experiments.studies.pca_bound import project
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.figures import subplots

@@ -79,16 +79,14 @@ def select_entries(
     if official:
         load = partial(RefocusNet.of_weights, official)
         networks.append(Entry(OFFICIAL, load, {}))
-    papers = [runs / "shapes", runs / "flames", *variants]
-    return [*_formulas(), *networks, *(resnet_entry(path, tested) for path in papers)]
-
-
-def _formulas() -> list[Entry]:
     names = {f"shift-and-sum, {what}": selection for what, selection in SELECTIONS.items()}
+    papers = [runs / "shapes", runs / "flames", *variants]
     return [
         Entry("shift-and-sum, all views", ShiftAndSum, {}),
         Entry("Fourier slice, all views", FourierSlice, {}),
         *(Entry(name, partial(ShiftAndSum, name, views), {}) for name, views in names.items()),
+        *networks,
+        *(resnet_entry(path, tested) for path in papers),
     ]
 
 

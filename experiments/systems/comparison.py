@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from experiments.report import markdown, step_bar, write_report
+from experiments.report import markdown, panels, step_bar, write_report
 from experiments.systems.compared import Entry, Scene, TestSet
-from experiments.systems.cost import measure_cost
-from lf_flame._common.figures import subplots
+from experiments.timing import measure_cost
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import score
 from lf_flame.systems.base import RefocusingSystem
@@ -31,9 +30,6 @@ PANELS = {"flames": "flames", "flames, order reversed": "flames at other depths"
 
 PSNR_RANGE = (20.0, 70.0)
 """Range of PSNR in the figure; a triangle at the edge marks values outside it."""
-
-EQUAL = 0.25
-"""Largest relative difference of training times that are called equal."""
 
 
 def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
@@ -233,7 +229,7 @@ def _unequal(systems: pd.DataFrame) -> str:
     """Name the systems whose training was shorter or longer than the others'."""
     trained = systems[systems.training_s > 0]
     usual = trained.training_s[trained.at_seconds.notna()].median()
-    other = trained[(trained.training_s / usual - 1).abs() > EQUAL]
+    other = trained[(trained.training_s / usual - 1).abs() > 0.25]
     if other.empty:
         return "All had the same training time, within a quarter."
     names = (f"{row.system} ({row.training_s:,.0f} s)" for row in other.itertuples())
@@ -273,22 +269,18 @@ def figure(scores: pd.DataFrame, systems: pd.DataFrame):
     sets |= {name: name for name in photographs}
     sets = sets or {scores.test_set[0]: scores.test_set[0]}
     rows = systems[systems.milliseconds.notna()].sort_values("milliseconds")
-    drawn, axes = subplots(
-        1, len(sets), figsize=(5.5 + 2.2 * len(sets), 1.2 + 0.42 * len(rows)), sharey=True,
-        squeeze=False, layout="constrained",
-    )  # fmt: skip
-    for axis, (name, title) in zip(axes[0], sets.items(), strict=True):
+    size = (5.5 + 2.2 * len(sets), 1.2 + 0.42 * len(rows))
+    drawn, axes = panels(list(sets.values()), size, "PSNR (dB)", sharey=True)
+    for axis, name in zip(axes, sets, strict=True):
         means = scores[scores.test_set == name].groupby("system")["psnr_db"].mean()
         for place, system in enumerate(rows.system):
             value = means.get(system, np.nan)
             marker = "<" if value < PSNR_RANGE[0] else ">" if value > PSNR_RANGE[1] else "o"
             colour = "tab:orange" if "(ours)" in system else "tab:blue"
             axis.plot(np.clip(value, *PSNR_RANGE), place, marker, color=colour, clip_on=False)
-        axis.set(xlim=PSNR_RANGE, xlabel="PSNR (dB)")
-        axis.set_title(title, fontsize=10)
-        axis.grid(alpha=0.3)
-    axes[0, 0].set_yticks(range(len(rows)), [_label(row) for row in rows.itertuples()], fontsize=8)
-    axes[0, 0].invert_yaxis()
+        axis.set_xlim(PSNR_RANGE)
+    axes[0].set_yticks(range(len(rows)), [_label(row) for row in rows.itertuples()], fontsize=8)
+    axes[0].invert_yaxis()
     return drawn
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from experiments.__main__ import commands
 from experiments.depth_test.permutation import run_depth_test, share_memorised
 from experiments.inputs import draw_scenario, find_scenes, make_scenarios
-from experiments.paper.ridge import NAME, Ridge
+from experiments.linear import RIDGE, Ridge
 from experiments.systems.compared import resnet_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
@@ -133,10 +133,10 @@ def test_what_has_memorised_its_scenes_is_found_out(runs, tmp_path):
     table = pd.read_csv(tmp_path / "depth_test.csv")
     means = table.set_index(["scenario", "system"])
     network = f"{runs[0]}: input raw, fixed depths; smoke, no backbone"
-    linear = f"{NAME}: input raw, fixed depths"
+    linear = f"{RIDGE}: input raw, fixed depths"
     assert set(table.system) == {
         "shift-and-sum of 3 views", "shift-and-sum of 9 views", network, linear,
-        f"{NAME}: input views, fixed depths",
+        f"{RIDGE}: input views, fixed depths",
     }  # fmt: skip
     rows = means.xs(linear, level="system")
     assert rows.psnr_db["as trained"] > rows.psnr_db["first and last exchanged"] + 5

@@ -17,7 +17,7 @@ def test_every_effect_has_a_trial_that_calls_for_it(camera):
     trials = effect_trials(CAMERAS[camera])
     assert list(trials) == list(EFFECTS)
     for name, trial in trials.items():
-        assert plan_effects(trial.scene, trial.camera, effects.TOLERANCE)[name].kept, name
+        assert plan_effects(*trial, effects.TOLERANCE)[name].kept, name
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from experiments.hard_cases import report
-from experiments.hard_cases.report import CASES, HardCase, Values, all_cases, measure
+from experiments.hard_cases.report import CASES, Values, all_cases, hard_case, measure
 
 
 @pytest.mark.jit
@@ -22,7 +22,9 @@ def test_errors_are_the_largest_of_all_places_and_reported(tmp_path, monkeypatch
         (Values([0.0, 2.0], [0.5, math.nan], [0.0, 3.0], scale=2.0), (math.inf, 0.5)),
         (Values(math.inf, 100.0, math.inf), (math.inf, 0)),
     ):
-        found = measure(HardCase("", "", "", 0.0, lambda values=values: values))
+        case = hard_case("", "", "", 0.0)
+        case.find = lambda values=values: values
+        found = measure(case)
         assert (found["obvious_error"], found["our_error"]) == errors
     monkeypatch.setattr(report, "all_cases", lambda: CASES[:3])
     text = report.run_hard_cases(tmp_path).read_text()

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from experiments.inputs import read_history
+from experiments.linear import RIDGE, STRENGTHS, Ridge
 from experiments.paper.evaluation import score_baselines, score_windows
 from experiments.paper.figures import LENSLETS_ENLARGED, enlarged_part
-from experiments.paper.ridge import NAME, STRENGTHS, Ridge
 from experiments.paper.tables import (
     compare_table,
     compare_with_paper,
@@ -99,8 +99,8 @@ def test_ridge_learns_what_is_linear_and_the_mean_image_stands_beside_it(rng):
     scenes = Scenes(rng)
     found = score_baselines(scenes, (0.5, 0.25, 0.25), 1)
     parts = split_indices(40, (0.5, 0.25, 0.25), 1)
-    assert list(found) == ["mean training image", NAME]
-    assert min(row["psnr_db"] for row in found[NAME]) > 100
+    assert list(found) == ["mean training image", RIDGE]
+    assert min(row["psnr_db"] for row in found[RIDGE]) > 100
     test = scenes.targets[parts["test"]]
     mean = np.broadcast_to(scenes.targets[parts["train"]].mean(axis=0), test.shape)
     psnr = [row["psnr_db"] for row in found["mean training image"]]

@@ -8,8 +8,7 @@ from builders import camera, shapes, toml
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.paper.ridge import Ridge
-from experiments.studies.pca_bound import project
+from experiments.linear import Ridge, project
 from experiments.studies.study import COLUMNS, read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame._common import figures

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from experiments.__main__ import commands
 from experiments.inputs import find_scenes
 from experiments.systems import compared, comparison
-from experiments.systems.cost import measure_cost
+from experiments.timing import measure_cost
 from lf_flame import InputError, LightField
 from lf_flame._common import figures
 from lf_flame.datasets.config import read_config
