@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import tifffile
 from scipy.ndimage import gaussian_filter, shift
 
 from lf_flame import PlenopticCamera
@@ -90,6 +91,35 @@ RUN = {
     },
 }  # fmt: skip
 """Record of a training run on two shapes."""
+
+
+RESPONSES = (
+    "wavelength_nm,blue,red\n478,0,0\n479,0,0\n480,1,0\n481,0,0\n639,0,0\n640,0,1\n641,0,0\n"
+)
+"""Table of two narrow filters: triangles of 2 nm, whose area is 1 nm."""
+
+
+def write_folder(folder, record, files):
+    """Write a folder of emission: its record, and files of bytes or arrays; None is no file."""
+    folder.mkdir()
+    (folder / "emission.json").write_text(json.dumps(record))
+    for name, content in files.items():
+        if isinstance(content, bytes):
+            (folder / name).write_bytes(content)
+        elif content is not None:
+            tifffile.imwrite(folder / name, content)
+    return folder
+
+
+def write_section(folder, emission, sigma=None, **facts):
+    """Write a folder as ``lf-flame abel`` does."""
+    record = {
+        "geometry": "section", "axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0,
+        "burner_mm": -12.5, "step_mm": 0.5, "notes": [],
+    }  # fmt: skip
+    files = {"emission.tif": np.float32(emission)}
+    files["sigma.tif"] = None if sigma is None else np.float32(sigma)
+    return write_folder(folder, record | facts, files)
 
 
 def textured(rng, slope=0.7, views=(4, 5), shape=(60, 72)):

@@ -167,5 +167,5 @@ def narrow_bundles() -> Values:
         x = np.sort([*-shoulder, *np.linspace(-0.13, 0.13, 21), *shoulder])
         exact.extend(exact_share(n, wide, other) for n in x)
         obvious.extend(ramps(n, np.float64(wide), other) for n in x)
-        ours.extend(trapezoid_cdf(n, wide, other) for n in x)
+        ours.extend(trapezoid_cdf(n, max(wide, other), min(wide, other)) for n in x)
     return Values(np.array(exact), obvious, ours, scale=1.0)

@@ -117,32 +117,7 @@ def test_netpbm_keeps_all_levels(tmp_path, rng, highest, kind):
         read_image(tmp_path / "a.ppm")
 
 
-@pytest.mark.parametrize("compression", ["tiff_lzw", "packbits"])
-def test_packed_tiff_of_another_program_is_read(tmp_path, rng, compression):
-    levels = np.repeat(rng.integers(0, 2, (16, 2)) * 255, 8, axis=1).astype(np.uint8)
-    Image.fromarray(levels).save(tmp_path / "a.tif", compression=compression)
-    np.testing.assert_allclose(read_image(tmp_path / "a.tif"), levels / 255, atol=1e-6)
-
-
 PACKINGS = {"lzw": imagecodecs.lzw_encode, "zlib": zlib.compress, "zstd": imagecodecs.zstd_encode}
-
-
-@pytest.mark.parametrize("packing", [None, *PACKINGS])
-@pytest.mark.parametrize(
-    ("kind", "order", "planar"),
-    [("u1", "<", "contig"), ("u2", ">", "separate"), ("u2", "<", "contig"), ("f4", ">", "contig")],
-)
-def test_packed_levels_keep_all_bits(tmp_path, rng, order, packing, planar, kind):
-    levels = rng.uniform(size=(9, 8, 3)).astype("f4")
-    if kind != "f4":
-        levels = (levels * np.iinfo(kind).max).astype(kind)
-    stored = levels if planar == "contig" else np.moveaxis(levels, -1, 0)
-    for predictor in (False, True) if packing else (False,):
-        tifffile.imwrite(
-            tmp_path / "a.tif", stored, byteorder=order, photometric="rgb", planarconfig=planar,
-            compression=packing, predictor=predictor,
-        )  # fmt: skip
-        np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
 
 
 @pytest.mark.parametrize("order", "<>")

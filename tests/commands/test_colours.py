@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from builders import RESPONSES, camera_toml
 from click.testing import CliRunner
 
 from experiments.emission.truth import Lens, SootFlame, planck, trace
@@ -15,26 +16,7 @@ from lf_flame.tomography.colour_calibration import read_exposed_colours
 COLOURS = (480.0, 640.0)
 LENS = Lens(views=3, lenslets=(36, 32))
 GAINS = np.array([1 / planck(nm, 1800.0) for nm in COLOURS])
-CAMERA = f"""
-[camera]
-main_lens_focal_mm = {LENS.focal}
-focus_distance_mm = {LENS.focus}
-lenslet_focal_mm = {LENS.lenslet_focal}
-lenslet_pitch_mm = {LENS.pitch}
-views = {LENS.views}
-lenslets = [{LENS.lenslets[0]}, {LENS.lenslets[1]}]
-"""
 CALIBRATION = "--colours", "colours/colours.toml"
-# Two narrow filters: triangles of 2 nm, whose area is 1 nm.
-RESPONSES = """wavelength_nm,blue,red
-478,0,0
-479,0,0
-480,1,0
-481,0,0
-639,0,0
-640,0,1
-641,0,0
-"""
 
 
 def run(*words, code=0):
@@ -47,7 +29,7 @@ def run(*words, code=0):
 def furnace(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("camera.csv").write_text(RESPONSES)
-    Path("camera.toml").write_text(CAMERA)
+    Path("camera.toml").write_text(camera_toml(LENS.views, LENS.lenslets))
     pictures = []
     for kelvin in (1500, 1700, 1900):
         signal = GAINS * [planck(nm, kelvin) for nm in COLOURS]

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 import tifffile
 from builders import camera_toml
-from PIL import Image
 from programs import run
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.commands.emission import read_thickness
 from lf_flame.scenes.flames import flame_texture
 
 CAMERA = camera_toml(5, (48, 60))
@@ -83,29 +81,6 @@ def test_emission_is_found_at_each_depth(call, flames, tmp_path, drawn):
 
 
 @pytest.mark.slow
-def test_dark_frames_and_absorption_are_taken_into_account(call, flames, tmp_path):
-    """The nearer flame is its own (1 - exp(-tau)) / tau brighter, the other one exp(tau) more."""
-    words = ("--depth-mm", 6, "--depth-mm", -4, "--block", 2, "--bootstrap", 0, "--strength", 0.01)
-    np.save("dark.npy", np.full_like(flames, 0.1))
-    tifffile.imwrite("tau.tif", np.full((2, 24, 30), 0.2, np.float32))
-    found = []
-    for views, more in (
-        (flames, []),
-        (flames + np.float32(0.1), ["--dark", "dark.npy"]),
-        (flames, ["--optical-thickness", "tau.tif"]),
-    ):
-        call("reconstruct", views, *words, *more, "--overwrite")
-        found.append(tifffile.imread(tmp_path / "found" / "emission.tif"))
-    assert found[1] == pytest.approx(found[0], abs=1e-3)
-    own = 0.2 / -np.expm1(-0.2)
-    lights = [one.sum(axis=(1, 2)) for one in found]
-    assert lights[2] / lights[0] == pytest.approx([own * np.exp(0.2), own], rel=1e-3)
-    record = json.loads((tmp_path / "found" / "emission.json").read_text())
-    assert record["greatest_optical_thickness"] == pytest.approx(0.4)
-    assert read_thickness("0.4") == 0.4
-
-
-@pytest.mark.slow
 def test_a_ball_is_found_with_its_axis(call, ball, tmp_path, drawn):
     call("abel", ball, "--bootstrap", 3)
     record = json.loads((tmp_path / "found" / "emission.json").read_text())
@@ -123,19 +98,3 @@ def test_a_ball_is_found_with_its_axis(call, ball, tmp_path, drawn):
         axis = [float(row["emission_per_mm"]) for row in csv.DictReader(file)]
     assert axis == [row["emission_per_mm"] for row in rows if row["radius_mm"] == 0]
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-def test_one_plain_picture_is_enough_if_the_depth_is_stated(ball, tmp_path, drawn):
-    (tmp_path / "one.toml").write_text(
-        CAMERA.replace("views = 5", "views = 1").replace("0.4", "2.0")
-    )
-    picture = ball[2, 2].clip(0) / ball.max()
-    Image.fromarray(np.rint(picture * 65535).astype(np.uint16)).save(tmp_path / "one.png")
-    words = ["abel", tmp_path / "one.png", "--camera", tmp_path / "one.toml", "--bootstrap", 0]
-    words += ["--out", tmp_path / "out"]
-    assert "--axis-depth" in str(run(*words).exception)
-    result = run(*words, "--axis-depth", DEPTH, "--axis-mm", ACROSS, "--radius", 2.5)
-    assert result.exit_code == 0, result.output
-    section = tifffile.imread(tmp_path / "out" / "emission.tif") * ball.max()
-    assert section.max() == pytest.approx(PEAK, rel=0.2)

@@ -155,16 +155,3 @@ def test_what_process_wrote_is_read(tmp_path):
     for refused in (["--slope", 1], []):
         done = run("flicker", out, *refused, "--out", tmp_path / "other")
         assert "InputError" in repr(done.exception)
-
-
-def test_pictures_that_are_likely_coded_get_a_note(tmp_path):
-    (tmp_path / "video").mkdir()
-    for number in range(16):
-        grey = np.zeros((30, 30), np.uint8)
-        grey[12 + number % 3 :, 12:18] = 200
-        imsave(tmp_path / "video" / f"{number}.png", grey, check_contrast=False)
-    words = ["--frames-per-second", 50, "--views", 3, "--out", tmp_path / "out"]
-    result = run("flicker", tmp_path / "video", *words)
-    assert result.exit_code == 0, result.output
-    assert "0.png is a PNG file of 8 bits. Such files usually hold gamma-coded" in result.output
-    assert "gamma-coded" in record_of(tmp_path / "out")["notes"][0]

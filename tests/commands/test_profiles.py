@@ -1,31 +1,22 @@
 """lf-flame profiles."""
 
 import csv
-import json
 
 import numpy as np
 import pytest
-import tifffile
+from builders import write_folder
 from programs import run
+
+RECORD = {"geometry": "planes", "depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5]}
 
 
 @pytest.fixture
 def folder(tmp_path):
     """A folder as reconstruct leaves it: two planes of 6 x 8 cells, and four draws."""
-    path = tmp_path / "flames"
-    path.mkdir()
     planes = np.arange(96, dtype=np.float32).reshape(2, 6, 8)
     steps = np.array([-1, 1, -1, 1], np.float32)
-    tifffile.imwrite(path / "emission.tif", planes)
-    tifffile.imwrite(path / "draws.tif", planes + 2 + steps[:, None, None, None])
-    sign(path)
-    return path
-
-
-def sign(path, **changes):
-    """Write what is read of the record of reconstruct."""
-    record = {"geometry": "planes", "depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5], **changes}
-    (path / "emission.json").write_text(json.dumps(record))
+    files = {"emission.tif": planes, "draws.tif": planes + 2 + steps[:, None, None, None]}
+    return write_folder(tmp_path / "flames", RECORD, files)
 
 
 def rows_of(path):
@@ -57,12 +48,10 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_plane_is_read_back_as_one(tmp_path, count):
     """A stack of one plane, or of one draw's plane, is rows and columns alone to a TIFF reader."""
-    folder = tmp_path / "one"
-    folder.mkdir()
     plane = np.arange(48, dtype=np.float32).reshape(1, 6, 8)
-    tifffile.imwrite(folder / "emission.tif", plane)
-    tifffile.imwrite(folder / "draws.tif", np.stack([plane + n for n in range(count)]))
-    sign(folder, depths_mm=[4.0], cell_mm=[1.0])
+    files = {"emission.tif": plane, "draws.tif": np.stack([plane + n for n in range(count)])}
+    record = RECORD | {"depths_mm": [4.0], "cell_mm": [1.0]}
+    folder = write_folder(tmp_path / "one", record, files)
     result = run("profiles", folder, "--across", 0.5, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     rows = rows_of(tmp_path / "out" / "axial.csv")

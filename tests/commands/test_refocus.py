@@ -14,7 +14,6 @@ from skimage.io import imread
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.atomic_files import exclusive
 from lf_flame.commands import cli, refocus_output
-from lf_flame.commands.refocus import SLOPE_CONVENTIONS
 from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
@@ -22,7 +21,6 @@ from lf_flame.formats import (
     write_light_field,
 )
 from lf_flame.formats.images import write_image
-from lf_flame.optics.slope_conventions import CONVENTIONS
 from lf_flame.refocus import refocus, round_aperture, shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.training import load_system
@@ -120,16 +118,6 @@ def test_sweep_and_map(folder, camera, tmp_path, drawn):
     assert imread(tmp_path / "out" / "all_in_focus.png").shape == (40, 48)
 
 
-def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path):
-    source, targets = folder, ("lenslets.png", "views.npy", "more", "lenslets.tif")
-    for target in targets:
-        options = ["--views", 5] if source.suffix in (".png", ".tif") else []
-        run(source, tmp_path / target, *options, command="convert")
-        source = tmp_path / target
-    found = read_light_field(source, views=5)
-    np.testing.assert_array_equal(found.views, light_field.views)
-
-
 def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
     for brightness in (1e-3, 50.0):
         np.save(tmp_path / "views.npy", light_field.views * np.float32(brightness))
@@ -208,10 +196,6 @@ def test_calls_for_other_slopes_get_other_folders_by_default(folder, tmp_path, m
         run(folder, "--out", folder)
     with pytest.raises(InputError, match="views is not replaced, as it is no result"):
         run(folder, "--out", folder, "--overwrite")
-
-
-def test_the_program_knows_all_conventions():
-    assert set(SLOPE_CONVENTIONS) == set(CONVENTIONS)
 
 
 @pytest.mark.parametrize(("words", "advised"), [(("auto",), False), ((-1, 1), True)])

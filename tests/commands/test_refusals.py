@@ -1,6 +1,5 @@
 """What the commands refuse themselves: each in one sentence, with nothing written."""
 
-import json
 import shlex
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import click
 import numpy as np
 import pytest
 import tifffile
-from builders import camera_toml
+from builders import RESPONSES, camera_toml, write_folder, write_section
 from checkerboards import Bench
 
 from lf_flame import InputError, LightField, write_light_field
@@ -27,9 +26,6 @@ LAW = CameraLaw(
 )  # fmt: skip
 COLOURS = ColourCalibration(
     SpectralResponses.single((480.0, 640.0), ("blue", "red")), [3.0, 2.0], [0, 0], (1500, 1900)
-)
-RESPONSES = (
-    "wavelength_nm,blue,red\n478,0,0\n479,0,0\n480,1,0\n481,0,0\n639,0,0\n640,0,1\n641,0,0\n"
 )
 BROKEN_PLANES = {
     "low": ("draws.tif", PLANES[:, :3]),
@@ -53,25 +49,6 @@ def write_planes(folder, name="", content=None):
     elif name:
         files[name] = content
     write_folder(folder, record, files)
-
-
-def write_section(folder, sigma=SECTION, **facts):
-    """A folder of `lf-flame abel`."""
-    record = {
-        "geometry": "section", "axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0,
-        "burner_mm": -12.5, "step_mm": 0.5, "notes": [],
-    }  # fmt: skip
-    write_folder(folder, record | facts, {"emission.tif": SECTION, "sigma.tif": sigma})
-
-
-def write_folder(folder, record, files):
-    folder.mkdir()
-    (folder / "emission.json").write_text(json.dumps(record))
-    for name, content in files.items():
-        if isinstance(content, bytes):
-            (folder / name).write_bytes(content)
-        elif content is not None:
-            tifffile.imwrite(folder / name, content)
 
 
 def write_light_fields():
@@ -111,9 +88,9 @@ def folder(tmp_path_factory):
         write_planes(Path("planes"))
         for name, (file, content) in BROKEN_PLANES.items():
             write_planes(Path(f"planes_{name}"), file, content)
-        write_section(Path("green"))
-        write_section(Path("aside"), axis_mm=0.3)
-        write_section(Path("bare"), sigma=None)
+        write_section(Path("green"), SECTION, SECTION)
+        write_section(Path("aside"), SECTION, SECTION, axis_mm=0.3)
+        write_section(Path("bare"), SECTION)
         tifffile.imwrite("two.tif", np.zeros((2, 48, 60), np.float32))
         tifffile.imwrite("levels.tif", np.zeros((48, 60), np.uint8))
         Path("page.png").write_bytes(b"")

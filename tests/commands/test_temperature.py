@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 import tifffile
+from builders import write_section
 from programs import run
 
 from lf_flame.formats.coding import CODED
@@ -26,26 +27,6 @@ def soot(wavelength_nm, kelvin):
 
 def kelvin_of_nodes():
     return 1700.0 + 20 * np.arange(HEIGHTS)[:, None] - 10 * np.arange(RADII)
-
-
-def write_section(folder, emission, sigma=None, **facts):
-    """A folder as lf-flame abel writes it."""
-    folder.mkdir()
-    stacks = {"emission.tif": emission}
-    if sigma is not None:
-        stacks["sigma.tif"] = sigma
-    for name, stack in stacks.items():
-        tifffile.imwrite(folder / name, np.asarray(stack, np.float32))
-    record = {
-        "geometry": "section",
-        "axis_mm": 0.25,
-        "axis_depth_mm": -3.0,
-        "radius_mm": 4.0,
-        "burner_mm": -12.5,
-    }
-    record |= {"step_mm": 0.5, "notes": [], **facts}
-    (folder / "emission.json").write_text(json.dumps(record))
-    return folder
 
 
 @pytest.fixture

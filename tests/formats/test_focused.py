@@ -1,6 +1,5 @@
 """Cameras with focused lenslets: calibration files, virtual depth, views."""
 
-import json
 import shutil
 from functools import cache
 from pathlib import Path
@@ -17,7 +16,7 @@ from lf_flame.formats import LensletGrid, read_focused
 from lf_flame.formats.focused.lenslets import FocusedLenslets, read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan, fall_off, mean_white
 from lf_flame.formats.focused.virtual_depth import find_virtual_depth
-from lf_flame.formats.images import read_image, write_image
+from lf_flame.formats.images import write_image
 
 BLURRED = (0.0, 2.0, 4.0)
 """Radii in pixels by which the three kinds blur a micro-image."""
@@ -221,24 +220,6 @@ def call(raw_levels, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_commands_take_pictures_of_focused_lenslets(call):
-    result = call("convert", "raw.png", "views.npz", "--focused", "camera.xml")
-    assert result.exit_code == 0, result.output
-    result = call("refocus", "views.npz", "--search", "--out", "out")
-    assert result.exit_code == 0, result.output
-    camera = Camera()
-    radius, patch = camera.pitch / 2 - 1, 0.6 * camera.pitch / 3
-    spacing = 2 * (radius - patch) / np.sqrt(2) / 4  # of 5 views over a square within the rim
-    slope = (3 - camera.apparent(4.4)) * spacing / 3
-    record = json.loads(Path("out/refocus.json").read_text())
-    assert record["search"]["slope"] == pytest.approx(slope, rel=0.02)
-    options = "--focused", "camera.xml", "--views", "1"
-    result = call("convert", "raw.png", "sharp.tif", *options, "--virtual-depth", "4.3")
-    assert result.exit_code == 0, result.output
-    assert read_image("sharp.tif").std() > 0.05
-
-
-@pytest.mark.slow
 def test_frames_of_a_video_are_read_by_one_plan(call):
     options = {"focused": Path("camera.xml"), "views": 3}
     shutil.copy("raw.png", "later.png")
@@ -304,9 +285,6 @@ def test_each_colour_of_a_mosaic_gives_its_own_views(lenslets_of):
 @cache
 def levels_of(camera):
     return np.rint(40000 * camera.record(3.1, Waves())).astype(np.uint16)
-
-
-GOOD = Camera().xml()
 
 
 @pytest.mark.slow

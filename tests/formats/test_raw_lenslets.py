@@ -1,18 +1,16 @@
 """Raw lenslet images: grids found to a small part of a pixel, light and slopes kept."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from micro_images import nearest_lenslet
 from scipy import ndimage
 
-from lf_flame import InputError, LightField, write_light_field
+from lf_flame import InputError, LightField
 from lf_flame.formats import read_light_field, read_raw
 from lf_flame.formats.images import write_image
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
@@ -42,16 +40,6 @@ def white_image(grid, shape, rng, radius=0.45, gap=0.05, noise=0.0, falloff=0.0,
     return image + noise * rng.standard_normal(shape)
 
 
-def random_grid(layout, rng):
-    return LensletGrid(
-        x0=rng.uniform(0, 100),
-        y0=rng.uniform(0, 100),
-        pitch=rng.uniform(9.7, 20),
-        rotation=rng.uniform(-0.05, 0.05),
-        layout=layout,
-    )
-
-
 def farthest(found, true, shape):
     """Largest distance of a found centre from the nearest true one, in pixels."""
     y, x = np.moveaxis(found.centres(shape), -1, 0)
@@ -62,18 +50,7 @@ def farthest(found, true, shape):
     return np.abs(z - place * true.pitch - 1j * row * true.row_pitch).max()
 
 
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-def test_random_grids_are_found(layout, rng):
-    for _ in range(5):
-        true, shape = random_grid(layout, rng), tuple(rng.integers(220, 360, 2))
-        look = {"radius": (0.35, 0.5), "gap": (0, 0.3), "noise": (0, 0.08), "falloff": (0, 0.7)}
-        look = {name: rng.uniform(*limits) for name, limits in look.items()}
-        found = estimate_grid(white_image(true, shape, rng, dead=0.02, **look))
-        assert found.layout == layout
-        assert farthest(found, true, shape) < 0.05
-        assert found.pitch == pytest.approx(true.pitch, abs=0.005)
-        assert found.row_pitch == pytest.approx(true.row_pitch, abs=0.006)
-        assert found.rotation == pytest.approx(true.rotation, abs=3e-4)
+SPOILT = {"gap": 0.2, "noise": 0.06, "falloff": 0.6, "dead": 0.02}
 
 
 @pytest.mark.parametrize(
@@ -84,23 +61,18 @@ def test_random_grids_are_found(layout, rng):
         (LensletGrid(20, 30, 14.3, 0.02, row_pitch=12.1), {"radius": 0.4}, 0.02),
         (LensletGrid(20, 30, 15.2, 0.02, "hexagonal"), {"radius": 0.2, "noise": 0.02}, 0.02),
         (LensletGrid(20, 30, 15.2, 0.02), {"radius": 0.5, "noise": 0.02}, 0.02),
+        *(
+            (LensletGrid(53, 8, 11.9, -0.045, layout), SPOILT, 0.05)
+            for layout in ("rectangular", "hexagonal")
+        ),
     ],
 )
 def test_grids_are_found_to_a_hundredth_of_a_pixel(true, look, error, rng):
-    """In clean images; with rows closer than columns; of small or touching micro-images."""
+    """In clean images; with rows closer than columns; of small or touching micro-images; spoilt."""
     found = estimate_grid(white_image(true, (401, 503), rng, **look))
+    assert found.layout == true.layout
     assert found.row_pitch == pytest.approx(true.row_pitch, abs=0.002)
     assert farthest(found, true, (401, 503)) < error
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-def test_a_grid_of_many_lenslets_is_found_from_some_of_them(layout, rng):
-    true, shape = LensletGrid(20, 30, 5.2, 0.008, layout), (820, 860)
-    white = white_image(true, shape, rng, radius=0.4, noise=0.02, falloff=0.8)
-    y, x = np.indices(shape)
-    white[np.hypot(y - 410, x - 430) > 480] = 0  # the corners
-    assert farthest(estimate_grid(white), true, shape) < 0.05
 
 
 @pytest.mark.slow
@@ -321,16 +293,6 @@ def test_views_and_lenslets_that_are_dark_in_the_white_image():
     np.testing.assert_allclose(found.views[counts][:, :3], 0.8, rtol=1e-6)
 
 
-def test_an_image_goes_on_beyond_its_border_as_it_ends(rng):
-    """Decoded with its edge repeated by hand, it is the same: parts of 10 / 7 pixels."""
-    raw, far = rng.uniform(size=(40, 50)), 40
-    grid = grid_from_pitch(raw.shape, 10)
-    wide = replace(grid, x0=grid.x0 + far, y0=grid.y0 + far)
-    padded = decode_raw(np.pad(raw, far, mode="edge"), wide, views=7).views
-    inner = (..., slice(4, -4), slice(4, -4))  # of four more lenslets on each side
-    np.testing.assert_allclose(decode_raw(raw, grid, views=7).views, padded[inner], atol=1e-6)
-
-
 BAYER = {"red": 0.52, "green": 1.0, "blue": 0.61}
 """Levels of a white wall in daylight behind a common sensor's colour filters."""
 
@@ -400,23 +362,6 @@ def test_the_black_level_is_in_the_raw_and_in_the_white_image(kind, rng):
         np.testing.assert_allclose(coloured[..., 1], 2 * even, rtol=1e-5)
 
 
-def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng):
-    views = rng.uniform(0.2, 0.6, (3, 4, 20, 22)).astype(np.float32)
-    black = rng.uniform(0.05, 0.2, views.shape).astype(np.float32)
-    for name, array in (("lit", views + black), ("dark", black)):
-        write_light_field(LightField(array), tmp_path / name)
-        np.save(tmp_path / f"{name}.npy", array)
-        pages = array[:, :3].reshape(9, 20, 22)
-        tifffile.imwrite(tmp_path / f"{name}.tif", pages, photometric="minisblack")
-    for ending, wanted in (("", views), (".npy", views), (".tif", views[:, :3])):
-        paths = [tmp_path / f"{name}{ending}" for name in ("lit", "dark")]
-        grid = (3, 3) if ending == ".tif" else None  # unrelated views show none
-        read = read_light_field(paths[0], order="-row,col", grid=grid, dark=paths[1]).views
-        np.testing.assert_allclose(read, wanted[::-1], atol=3e-5)
-    with pytest.raises(InputError, match="dark.tif is no folder"):
-        read_light_field(tmp_path / "lit", dark=tmp_path / "dark.tif")
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not MICROSCOPE.is_dir(), reason="no real raw image beside the checkout")
 def test_a_real_raw_image_of_round_micro_images_has_a_map(caplog):
@@ -461,17 +406,3 @@ def test_hot_pixels_are_replaced_and_dead_ones_unknown(layout, bayer, rng, caplo
         lost = known & ~found.valid
         assert 0 < lost[counts].mean() < most
     assert 17 <= int(re.search(r"(\d+) hot pixels", caplog.text)[1]) <= 20
-
-
-def test_saturated_raw_images_are_noted(rng, caplog):
-    grid = grid_from_pitch((60, 80), 10)
-    for raw, said in (
-        (rng.integers(0, 5000, (60, 80)), 4095),
-        (rng.integers(0, 5000, (60, 80)) / 65535, 4095 / 65535),
-        (rng.uniform(size=(60, 80)), 0.7),
-    ):
-        clipped = np.minimum(raw, said)
-        caplog.clear()
-        decode_raw(clipped.astype(np.uint16) if said == 4095 else clipped, grid)
-        count = np.count_nonzero(clipped == said)
-        assert (f"{count} pixels" in caplog.text) == (said != 0.7)

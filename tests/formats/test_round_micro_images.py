@@ -71,17 +71,6 @@ def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, 
         assert found == pytest.approx(truth, rel=error, abs=0.001)
 
 
-@pytest.mark.parametrize(("top", "said"), [(4000, "only 12 of 16 bits"), (60000, "")])
-def test_raw_images_that_fill_few_bits_are_noted(top, said, tmp_path, capsys):
-    """One row alone is bright, as of a flame; the top level is that of this row."""
-    raw = np.random.default_rng(1).integers(0, 300, (60, 80)).astype(np.uint16)
-    raw[31, 40] = top
-    tifffile.imwrite(tmp_path / "raw.tif", raw)
-    Reading(pitch=10.0).read(tmp_path / "raw.tif")
-    told = "".join(capsys.readouterr())
-    assert (f"{said} (the highest level is {top})" in told) if said else "of 16 bits" not in told
-
-
 def test_views_of_the_white_image_give_reflectance():
     """The white image's own level and colour are in neither raw nor quotient."""
     levels = np.tile([[0.5, 1.0], [1.0, 0.6]], (45, 45))

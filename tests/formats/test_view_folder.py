@@ -11,12 +11,11 @@ from builders import textured
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from scipy.ndimage import gaussian_filter
 from sentences import refusals
 from skimage.io import imsave
 from tifffile import imwrite
 
-from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
+from lf_flame import InputError, LightField, read_light_field
 from lf_flame import write_light_field as write
 from lf_flame.formats import scan_view_folder
 from lf_flame.formats.view_files.orders import ORDERS, arranged, find_order, fold
@@ -126,21 +125,6 @@ def test_numbers_are_places_in_the_stated_grid(tmp_path, form, first, there, sta
     np.testing.assert_array_equal(found.weights, weights)
     wanted = weights * np.arange(81).reshape(9, 9) / 255
     np.testing.assert_allclose(found.views[..., 0, 0], wanted, atol=1e-7)
-
-
-def test_holes_in_a_grid_of_rows_and_columns_need_no_option(tmp_path, rng):
-    """A cross of views, as of a camera on a rail that is turned."""
-    views = np.rint(255 * textured(rng, 0.6, views=(5, 5))).astype(np.uint8)
-    save(tmp_path, numbered(range(5), range(5), "{}_{}.png"), views)
-    weights = np.zeros((5, 5))
-    weights[2], weights[:, 2] = 1, 1
-    for v, u in np.argwhere(weights == 0):
-        (tmp_path / f"{v}_{u}.png").unlink()
-    assert "with weight 0: 16 (0_0, 0_1, 0_3 ...)" in scan_view_folder(tmp_path).describe()
-    found = read_light_field(tmp_path)
-    np.testing.assert_array_equal(found.weights, weights)
-    slope = find_sharpest_slope(found, np.arange(-1, 1.01, 0.1)).slope
-    assert slope == pytest.approx(0.6, abs=0.02)
 
 
 def test_names_choose_the_views_and_other_files_are_left_out(tmp_path, rng):
@@ -303,19 +287,6 @@ def test_an_order_by_the_parallax_may_be_half_turned(rng):
     assert len(find_order(views).describe()) == 1  # as a mosaic or names state it
     told = "".join(find_order(views[::-1]).describe())
     assert "order row,-col fits as well, and reverses all slopes: state --order=row,-col if" in told
-
-
-def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small_camera, tmp_path):
-    camera = replace(small_camera, lenslets=(40, 48))
-    texture = gaussian_filter(rng.uniform(size=(200, 240)), 6)
-    texture = (texture - texture.min()) / np.ptp(texture) / 1.01
-    for depth in (6.0, -5.0):
-        layer = Layer(texture, depth_mm=depth, size_mm=(8.0, 9.6))
-        folder = tmp_path / f"{depth:g}"
-        write(render(Scene([layer]), camera), folder)
-        found = scan_view_folder(folder).found
-        assert found.order == "row,col"
-        assert found.slopes == pytest.approx([float(camera.depth_to_slope(depth))] * 2, rel=0.2)
 
 
 # Running numbers ----------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from sentences import refusals
 
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.errors import InputError
@@ -165,12 +166,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("call", "said"), REFUSED, ids=[f"{k}-{said[:30]}" for k, (_, said) in enumerate(REFUSED)]
-)
-def test_it_is_refused_in_a_sentence(call, said):
-    with pytest.raises(InputError, match=said):
-        call()
+test_it_is_refused_in_a_sentence = refusals(REFUSED)
 
 
 @pytest.mark.jit  # 0 times infinity, which shows it, is a warning in plain Python

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import reference
@@ -7,11 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.timing import on_threads
-from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
+from lf_flame import InputError, LightField
 from lf_flame.refocus import (
     _kernels,
     align_views,
-    find_sharpest_slope,
     fourier_refocus,
     refocus_surface,
     shift,
@@ -119,12 +116,6 @@ def test_whole_slope_equals_shifted_copies(rng):
     np.testing.assert_allclose(found[inside], np.mean(rolled, axis=0)[inside], rtol=1e-6)
 
 
-def test_constant_light_field_keeps_its_value():
-    views = np.full((5, 5, 12, 11), 0.3, np.float32)
-    np.testing.assert_allclose(shift_and_sum(views, [-1.3, 0.4, 2]), 0.3, rtol=1e-7)
-    np.testing.assert_allclose(fourier_refocus(views, [-1.3, 0.4, 2]), 0.3, rtol=1e-6)
-
-
 def test_colour_is_refocused_channel_by_channel(rng):
     views = rng.uniform(size=(3, 3, 8, 9, 3)).astype(np.float32)
     for refocus in (shift_and_sum, fourier_refocus):
@@ -174,16 +165,6 @@ def test_a_view_is_moved_by_the_slope_times_its_distance_from_the_middle():
     assert aligned[6, 2] == aligned.sum() == 1
     with pytest.raises(InputError, match="must be finite"):
         align_views(views, 2.0, [(1, 1)])
-
-
-@pytest.mark.jit
-@pytest.mark.slow
-@pytest.mark.parametrize("depth", [20.0, -10.0])
-def test_a_layer_is_sharpest_at_its_slope(depth, rng):
-    camera = replace(PAPER_CAMERA, views=9, lenslets=(80, 80))
-    scene = Scene([Layer(rng.uniform(size=(9, 9)), depth, (5.0, 5.0))])
-    found = find_sharpest_slope(render(scene, camera), np.arange(-100, 101) * 0.05)
-    assert found.slope == pytest.approx(camera.depth_to_slope(depth), abs=0.02)
 
 
 def test_the_package_refocuses_when_called_and_pictures_are_written(tmp_path, rng):

@@ -12,7 +12,6 @@ from lf_flame import InputError, Layer, PlenopticCamera, Scene
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.flames import projected_glow
-from lf_flame.scenes.scene import BRIGHTEST
 from lf_flame.scenes.scene_files import LayerEntry, read_scene
 from lf_flame.scenes.shapes import shape_texture
 
@@ -133,12 +132,6 @@ def test_two_cards_at_one_depth_may_touch_but_not_overlap():
         Scene([card(0.2, 0.2), card(0.5, 4.0), card(0.8, 0.7 - 1e-6)])
     Scene([card(0.2, 0.2), card(0.8, 0.5, depth=3.1)])
     Scene([card(0.2, 0.2), card(0.8, 0.5, opaque=False)])
-
-
-def test_the_brightest_texture_is_what_float32_images_hold():
-    assert Layer([[BRIGHTEST]], 0.0, (1.0, 1.0)).texture.max() == BRIGHTEST
-    with pytest.raises(InputError, match="texture must be .* at most 1e.36,"):
-        Layer([[BRIGHTEST * (1 + 1e-15)]], 0.0, (1.0, 1.0))
 
 
 @pytest.mark.parametrize("size", [(12.0, 12.0), (0.1, 0.1), (0.1, 3.0), (7.3, 0.4), (5.0, 9.1)])

@@ -1,4 +1,4 @@
-"""Refocusing what has no focus, and slopes, brightness and thread counts at their extremes.
+"""Refocusing what has no focus, and brightness at its extremes.
 
 More cases, each beside the formula that suggests itself, are in `experiments/hard_cases`.
 """
@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.refocus import (
-    find_sharpest_slope,
-)
+from lf_flame.refocus import find_sharpest_slope
 
 UNIT32 = 2.0**-24
 """Unit roundoff of float32, in which light fields are stored."""
@@ -40,10 +38,3 @@ def test_search_says_where_nothing_is_in_focus(name):
     views = without_a_focus()[name]
     with pytest.raises(InputError, match="No slope is sharpest: .* rounding of float32 pixels"):
         find_sharpest_slope(views)
-
-
-def test_slopes_to_search_are_equal_steps_whatever_their_size():
-    """Not to within 1e-8, NumPy's default, however small they are."""
-    uneven = np.array([0.0, 1e-9, 5e-9])
-    with pytest.raises(InputError, match="equal steps"):
-        find_sharpest_slope(np.ones((3, 3, 16, 16)), uneven)

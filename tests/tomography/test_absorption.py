@@ -19,8 +19,6 @@ from lf_flame.tomography.resolution import NO_DEPTH
 
 DEPTHS = (3.0, 0.0, -4.0)
 TOTAL = 0.5
-LEAVES = -np.expm1(-TOTAL) / TOTAL
-"""Of an even mixture, by the equation of transfer: 0.787."""
 
 
 def operator_of(grid, thickness, dtype="float64"):

@@ -98,22 +98,6 @@ def test_adjoint_and_gram_are_the_operators(camera, which, block):
     assert scaled == pytest.approx(operator.rmatvec(seen), abs=1e-11 * np.abs(scaled).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("which", "share", "limit"),
-    [("all", 0.01, 0.015), ("central", 0.01, 0.06)],
-)
-def test_section_is_found(grid, truth, seen, which, share, limit):
-    asked = replace(grid, which=which)
-    found = reconstruct_axisymmetric(add_noise(seen, share), asked)
-    assert volume_error(found.emission, truth, grid) < limit
-    assert found.emission.min() >= 0
-    if share:
-        assert found.noise == pytest.approx(share * seen.views.max(), rel=0.05)
-        assert found.chi_squared.mean() == pytest.approx(1, abs=0.05)
-    assert found.chi_squared.shape == ((7, 7) if which == "all" else (1, 1))
-
-
 def test_axis_is_found_across_and_in_depth(camera, seen):
     axis = find_axis(add_noise(seen, 0.02), camera)
     assert axis.across_mm == pytest.approx(ACROSS, abs=0.02)

@@ -251,18 +251,6 @@ def test_projection_leaves_the_least_error_there_is(rng):
         assert found == pytest.approx(np.sum(values[k:] ** 2), rel=1e-4)
 
 
-def test_bound_is_reached_by_what_is_drawn_from_k_pictures(rng):
-    pictures = rng.uniform(0, 0.1, (5, 2, 12, 12))
-    train, test = (
-        (0.3 + np.tensordot(rng.uniform(0, 1, (n, 5)), pictures, 1)).astype(np.float32)
-        for n in (30, 7)
-    )
-    bounds = [bound(train, test, k) for k in (3, 5, 256)]
-    assert bounds[0].max() < 50
-    assert bounds[1].min() > 110  # rounding of float32
-    np.testing.assert_allclose(bounds[2], bounds[1], atol=1.0)
-
-
 def test_bands_take_chance_out_of_what_is_independent(rng):
     """Two things side by side, each drawn from 6 pictures, seen 8 times: together they are 12."""
     pictures = rng.uniform(0, 0.1, (2, 6, 1, 12, 10))
