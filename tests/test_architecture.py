@@ -169,7 +169,7 @@ LOADS = {
     "import lf_flame; lf_flame.PAPER_CAMERA": set(),
     # Parts of SciPy take longer to import than Numba, which loads no more of it than its name.
     "import numpy as np; from lf_flame.refocus import refocus; refocus(np.ones((2,) * 4), 0.5)":
-        {"numba", "scipy"},
+        {"numba", "scipy", "scipy.fft"},
     "from lf_flame import render": {"numba", "scipy", "scipy.fft", "scipy.ndimage"},
     "import lf_flame.commands.cli, lf_flame.formats": {"numba", "scipy", "scipy.ndimage", "skimage",
                                                        "scipy.fft"},

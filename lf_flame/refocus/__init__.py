@@ -5,7 +5,7 @@ Slopes are in lenslets per view step, positive = behind the focal plane (`lf_fla
 with vc, uc the centre of the views (Ng et al. 2005; paper, equation 2). It is a true mean: a
 constant light field keeps its value.
 
-Names load on first use: refocusing needs Numba, searches and surfaces need SciPy too.
+Names load on first use: refocusing needs Numba, searches and surfaces more of SciPy.
 """
 
 import sys

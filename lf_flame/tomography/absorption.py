@@ -214,7 +214,7 @@ def spread_thickness(
     if total > MOST_THICKNESS:
         raise InputError(
             f"The optical thickness must be at most {MOST_THICKNESS:g} in total, got {total:.3g}: "
-            f"of what lies behind, too little light is left."
+            f"too little light from behind gets through."
         )
     shape = (planes, *(by_plane.shape[1:] or (1, 1)))
     cells = np.broadcast_to(by_plane.reshape(shape), (planes, rows, columns))

@@ -225,7 +225,7 @@ class AxisymmetricGrid:
         return self._middle.place(picked, missing) if self.which == "all" else picked
 
     def view_groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Rows of views that use the same columns, and these: indices, together each view once."""
+        """Group view rows that use the same view columns: index arrays, together each view once."""
         one = np.zeros(1, int)
         return self._middle.view_groups() if self.which == "all" else [(one, one)]
 

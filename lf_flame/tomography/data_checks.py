@@ -59,7 +59,9 @@ def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> 
     lost = 0 if valid is None else int(np.count_nonzero(~valid))
     if valid is not None and lost:
         if lost == valid.size:
-            raise InputError("A fit needs known pixels, and all of this light field are unknown.")
+            raise InputError(
+                "All pixels of this light field are marked unknown; there is nothing to fit."
+            )
         sentence = (
             f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
             f"emission that hardly another ray sees is a guess, and its error bars too narrow."

@@ -358,7 +358,7 @@ class Fit:
 
 
 def values_at_nodes(fitted: np.ndarray) -> np.ndarray:
-    """Emission at nodes of a smooth flame that is fitted by straight lines, to second order.
+    """Correct a piecewise-linear fit of a smooth flame for its curvature, at the nodes.
 
     The straight lines with the least squared distance from a smooth function f miss it at the nodes
     by ``-step^2 f'' / 12`` along each axis. Along height nothing is added to the two rows beside

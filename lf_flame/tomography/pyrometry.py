@@ -259,7 +259,7 @@ def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
 
 
 def least_temperature(responses: SpectralResponses, soot_exponent: float = 1.0) -> float:
-    """Lowest temperature in K that the colours tell from all higher ones, 500 K or above."""
+    """Lowest temperature in K, 500 or more, whose colours no higher temperature has."""
     return max(LEAST_K, _LogCurves(responses, soot_exponent).coldest)
 
 

@@ -59,7 +59,7 @@ def reconstruct(
     strength : float, optional
         Strength of the regularisation, above 0. Default: by the discrepancy principle.
     iterations : int, optional
-        Largest number of iterations of the splitting. Default: 80.
+        Largest number of iterations of the solver. Default: 80.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Emission.sigma`: 0, or 2

@@ -112,7 +112,7 @@ class SectionProblem:
         return float(np.sqrt(outside / (self._rays - self.modes)))
 
     def unpenalised(self) -> np.ndarray:
-        """Emission of the unpenalised fit, which explains as much light as any half section."""
+        """Emission of the fit without smoothing, the closest that any half section comes."""
         return (self._plain * self.gram.unit).reshape(self.gram.grid.shape)
 
     def linear(self, strength: float) -> np.ndarray:

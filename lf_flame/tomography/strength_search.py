@@ -37,7 +37,7 @@ class StrengthSearch:
         self._variance, self._iterations = variance, iterations
 
     def find(self) -> float:
-        """Find the strongest with a residual within the noise, or else the least excess."""
+        """Find the strongest smoothing within the noise, or the one nearest to it."""
         here = FIRST
         # First in steps of a decade.
         while self._excess(here) <= 0 and self._excess(here + 2) <= 0:
