@@ -135,7 +135,7 @@ REFUSED = [
     ),
     (
         lambda: reconstruct(LightField(EVEN.views, valid=np.zeros(EVEN.views.shape)), GRID),
-        "all of this light field are unknown",
+        "are marked unknown",
     ),
     (
         lambda: reconstruct(LightField(EVEN.views, weights=FEW), GRID),
