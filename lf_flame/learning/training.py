@@ -32,7 +32,7 @@ FEATURE_BATCH = 16
 """Number of samples that the backbone processes together."""
 
 STEPS_PER_EXECUTION = 32
-"""Largest number of steps that are taken at a time, without a return to Python."""
+"""Largest number of steps, a divisor of an epoch's, that are taken without a return to Python."""
 
 
 def train(
@@ -107,10 +107,7 @@ def train(
 
 
 def _request(config: TrainingConfig, preset: str, dataset: Dataset, weights: str) -> dict:
-    """Give everything that determines the result, but the epochs: a run may continue for more.
-
-    The weights in use have their own entry, in which a file is known by its hash.
-    """
+    """Give everything that determines the result but the epochs; a file of weights by its hash."""
     recipe, name = asdict(config.recipe(preset)), Path(config.model.backbone_weights).name
     del recipe["epochs"]
     return {
@@ -133,7 +130,6 @@ def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int)
     same variables, with `FusedAdam`: the same losses in less time. Elsewhere XLA compiles Keras's
     own Adam and layers.
     """
-    # The largest divisor of an epoch, so that every execution has the same number of steps.
     at_once = max(k for k in range(1, STEPS_PER_EXECUTION + 1) if steps % k == 0)
     if keras.backend.backend() == "tensorflow" and not accelerators():
         network, optimizer, jit = matrix_view(decoder), FusedAdam(learning_rate), False
@@ -141,8 +137,7 @@ def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int)
         network = keras.Model(decoder.input, decoder.output)  # what is saved has no optimiser
         optimizer, jit = keras.optimizers.Adam(learning_rate), True
     network.compile(optimizer, "mse", jit_compile=jit, steps_per_execution=at_once)
-    # A checkpoint also holds the optimiser's variables.
-    network.optimizer.build(network.trainable_variables)
+    network.optimizer.build(network.trainable_variables)  # a checkpoint holds its variables too
     return network
 
 
