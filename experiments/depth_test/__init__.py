@@ -1,1 +1,1 @@
-"""What a network knows of depth: the depth permutation test."""
+"""Depth permutation test: whether a network knows depths or has memorised them."""

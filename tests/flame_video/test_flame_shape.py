@@ -15,7 +15,7 @@ def gaussian(row=32.3, column=41.6, sigma_row=7.1, sigma_column=4.3, shape=SHAPE
 
 
 def half_axis(sigma, level, image):
-    """Of the ellipse at a share of the brightest pixel, which is a little below the true peak."""
+    """Half axis of the ellipse at a share of the brightest pixel, a little below the true peak."""
     return sigma * np.sqrt(-2 * np.log(level * image.max()))
 
 

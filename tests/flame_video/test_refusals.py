@@ -1,4 +1,4 @@
-"""What the measures of flames and the steps of videos refuse, each in one sentence."""
+"""Refusals of the measures of flames and the steps of videos, each in one sentence."""
 
 from functools import partial
 

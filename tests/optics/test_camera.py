@@ -146,7 +146,7 @@ def test_the_field_is_that_of_rays_through_the_exit_pupil(pupil):
 
 
 def test_a_hexagonal_array_has_the_depths_of_its_rows():
-    """What had to be done by hand: pitch and focal length of the lenslets times 0.866."""
+    """The same as by hand: pitch and focal length of the lenslets times 0.866."""
     plain = replace(PAPER_CAMERA, lenslets=(90, 180))
     camera, row = replace(plain, layout="hexagonal"), np.sqrt(0.75)
     by_hand = replace(

@@ -1,4 +1,4 @@
-"""What optics refuses, each in one sentence."""
+"""Refusals of optics, each in one sentence."""
 
 from dataclasses import replace
 from functools import partial

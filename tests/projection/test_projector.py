@@ -25,7 +25,7 @@ ASIDE = dict.fromkeys(("round_aperture", "f_number_mismatch", "thickness", "chro
 
 
 def both_ways(scene, camera):
-    """What projects the scene, and its light field; in few slabs and colours."""
+    """Make a projector of the scene, and its light field, in few slabs and colours."""
     plan = plan_effects(scene, camera, effects=ASIDE)
     slabs = tuple(3 if layer.thickness_mm else 1 for layer in scene.layers)
     plan = replace(plan, slabs=slabs, colours=2 if camera.chromatic_shift else 1)

@@ -1,4 +1,4 @@
-"""What scenes refuse, each in one sentence."""
+"""Refusals of scenes, each in one sentence."""
 
 from functools import partial
 from pathlib import Path

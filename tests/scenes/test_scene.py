@@ -136,7 +136,7 @@ def test_two_cards_at_one_depth_may_touch_but_not_overlap():
 
 @pytest.mark.parametrize("size", [(12.0, 12.0), (0.1, 0.1), (0.1, 3.0), (7.3, 0.4), (5.0, 9.1)])
 def test_cells_of_shapes_count_the_points_inside(size):
-    """Of 8 x 8 in each cell, all looked at; exactly."""
+    """Exactly, by looking at all 8 x 8 points of each cell."""
     circle, triangle = shape_texture("circle", size), shape_texture("triangle", size)
     rows, columns = circle.shape
     y = (2 * np.arange(8 * rows) + 1)[:, None] / (8 * rows) - 1

@@ -17,7 +17,7 @@ def pictures(rng):
 
 
 def test_ssim_is_scikit_images_inside_the_border(pictures):
-    """Which pads at the edges, so its map is compared where windows lie wholly inside."""
+    """Its map pads at the edges, so it is compared where windows lie wholly inside."""
     found = keras.ops.convert_to_numpy(ssim(*pictures))
     for value, truth, image in zip(found, *pictures, strict=True):
         _, whole = structural_similarity(

@@ -30,7 +30,7 @@ def chromium():
 
 
 OF_READING = "GPU stall due to ReadPixels"
-"""What the browser says where a test, or the benchmark, reads a picture back."""
+"""Message of the browser where a test, or the benchmark, reads a picture back."""
 
 
 class Tab:
