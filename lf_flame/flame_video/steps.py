@@ -226,7 +226,7 @@ def find_steps(
             if camera is None or not depths_mm:
                 raise InputError("The step emission needs the camera, and depths of its planes.")
             options = {"noise": noise, "strength": strength, "background": background}
-            steps.append(Emission(camera, tuple(depths_mm), block, options))
+            steps.append(Emission(camera, tuple(map(float, depths_mm)), block, options))
         elif word == "height":
             steps.append(Height(level, side, burner_row))
         else:
