@@ -103,7 +103,7 @@ def refocus(
         return fourier_refocus(
             light_field, slopes, interpolation=interpolation, edges="clamp", weights=weights
         )
-    # Of this width a slice equals exact phases, up to the rounding of float32.
+    # A slice of width 8 equals exact phases, up to the rounding of float32.
     return fourier_slice(light_field, slopes, width=8, edges="clamp", weights=weights)
 
 

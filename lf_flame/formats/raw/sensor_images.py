@@ -124,7 +124,7 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
     return saturated if np.count_nonzero(saturated) >= 10 else None
 
 
-# What does not fit: a refusal, or one sentence ----------------------------------------------------
+# Checks, which refuse or give one sentence --------------------------------------------------------
 
 
 def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
