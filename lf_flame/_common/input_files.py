@@ -4,6 +4,7 @@ import json
 import lzma
 import math
 import os
+import re
 import stat
 import tomllib
 import zlib
@@ -101,6 +102,8 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Parse a TOML file of bounded size and depth."""
     text = read_text(path, LARGEST_TOML)
+    if _has_long_name(text):
+        raise _too_deep(path)
     try:
         values = tomllib.loads(text)
     except RecursionError:
@@ -145,6 +148,16 @@ def _finite(text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{text} is no number that a record may hold")
     return number
+
+
+def _has_long_name(text: str) -> bool:
+    """Whether a name may have too many parts: TOML's parser copies it once for each of them."""
+    for piece in re.split(r"[=,{}\[\]\n]", text):
+        before = piece.partition("#")[0]
+        quoted = '"' in before or "'" in before  # the # may be part of a text
+        if (piece if quoted else before).count(".") > DEEPEST:
+            return True
+    return False
 
 
 def _check_values(values: Any, source: str | Path) -> None:
