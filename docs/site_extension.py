@@ -37,7 +37,10 @@ def _write(path: Path, text: str) -> None:
 
 
 def write_reference(app: Sphinx) -> None:
-    """Write a page for each package, and the page of all commands."""
+    """Write a page for each package, and the page of all commands; former pages go."""
+    for page in (GENERATED / "reference").glob("*.rst"):
+        if page.stem not in (*PACKAGES, "commands"):
+            page.unlink()
     for package in PACKAGES:
         _write(GENERATED / "reference" / f"{package}.rst", _package_page(package))
     _write(GENERATED / "reference" / "commands.rst", _commands_page())

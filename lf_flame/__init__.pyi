@@ -21,6 +21,7 @@ from .lightfield import LightField as LightField
 from .optics.camera import PAPER_CAMERA as PAPER_CAMERA
 from .optics.camera import PlenopticCamera as PlenopticCamera
 from .optics.sensor import Sensor as Sensor
+from .projection import Projector as Projector
 from .refocus.focus_map import all_in_focus as all_in_focus
 from .refocus.shift import shift_and_sum as shift_and_sum
 from .scenes.scene import Layer as Layer
