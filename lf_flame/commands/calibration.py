@@ -109,8 +109,7 @@ def calibrate(
             "dots": dots,
             "lenslet_mm": lenslet_mm,
             "focal_mm": focal_mm,
-            "reading": reading.given(),
-            "notes": reading.coded,
+            **reading.facts(),
         }
     click.echo(output.table(facts))
     click.echo(output.summary(fit))
@@ -225,8 +224,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "exposures": list(exposures) or None,
             "emissivity": emissivity,
             "least_temperature_K": least,
-            "reading": reading.given(),
-            "notes": reading.coded,
+            **reading.facts(),
         }
     click.echo(output.colours_table(fit, kelvin))
     click.echo(f"these colours determine temperatures of soot from {least:.0f} K on")

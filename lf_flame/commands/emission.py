@@ -341,7 +341,8 @@ class _Job:
         from lf_flame.tomography import write_emission
 
         write_emission(found, light_field, folder)
-        notes = [*self.facts["notes"], *self.reading.coded]
-        folder.facts |= self.facts | more | {"notes": notes}
+        read = self.reading.facts()
+        notes = {"notes": [*self.facts["notes"], *read["notes"]]}
+        folder.facts |= self.facts | more | read | notes
         folder.facts["source"] = recorded_path(self.source, folder.folder)
         tell_all(word, found.warnings)

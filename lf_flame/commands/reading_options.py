@@ -70,7 +70,8 @@ ALL_READING = cloup.option_group(
 class Reading:
     """Options of `ALL_READING`, which are those of `lf_flame.read_light_field`.
 
-    `coded` is filled by reading: the note that the first picture is gamma-coded, if it is.
+    Reading fills `coded`, the note that the first picture is gamma-coded, if it is, and `orders`,
+    the orders in which the views were stored.
     """
 
     white: Path | None = None
@@ -90,16 +91,26 @@ class Reading:
     focused: Path | None = None
     virtual_depth: float | None = None
     coded: list[str] = field(default_factory=list, compare=False)
+    orders: list[str] = field(default_factory=list, compare=False)
 
     @property
     def stated(self) -> dict[str, Any]:
         """Options that were given."""
         options = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {name: x for name, x in options.items() if x is not None and name != "coded"}
+        filled = "coded", "orders"
+        return {name: x for name, x in options.items() if x is not None and name not in filled}
 
     def given(self) -> dict[str, Any]:
         """Give the options that were given, paths as text."""
         return {name: str(x) if isinstance(x, Path) else x for name, x in self.stated.items()}
+
+    def facts(self) -> dict[str, Any]:
+        """Facts of a record: options that were given, orders of the views, and notes."""
+        return {
+            "reading": self.given(),
+            "order_of_views": "; ".join(self.orders),
+            "notes": list(self.coded),
+        }
 
     @property
     def is_raw(self) -> bool:
@@ -137,6 +148,8 @@ class Reading:
             found = find_light_field(source, **self.stated)
         for line in found.notes:
             tell(printable(line, 600))
+        if str(found.order) not in self.orders:
+            self.orders.append(str(found.order))
         if not self.coded and (coded := note_on_coding(source)):
             self.coded.append(coded)
             tell(f"Note: {printable(coded, 800)}")
@@ -151,8 +164,7 @@ class Reading:
         light_field = found.light_field
         v, u, t, s = light_field.views.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
-        as_stored = found.order is None and self.order is None
-        doubt = note_on_order(light_field, source) if as_stored else ""
+        doubt = note_on_order(light_field, found.order, source)
         depth = note_on_depth(light_field.views.reshape(-1, *light_field.views.shape[2:]))
         for note in (light_field.uncounted, light_field.unknown, doubt, depth):
             if note:

@@ -295,6 +295,7 @@ def refocus(source, camera, out, overwrite, **options):
         folder.facts["source"] = recorded_path(source, folder.folder)
         network = look.open_network(focus)
         light_field, lens = reading.read_of_camera(source, lens)
+        folder.facts |= reading.facts()
         views = light_field.shape[:2]
         light_field = light_field if lens is None else lens.corrected(light_field)
         focus = focus.with_ends(light_field)

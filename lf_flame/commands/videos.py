@@ -145,6 +145,7 @@ def flicker(
             _, notes = _process(paths, reading, lens, steps, frames_per_second, made, one)
             found, warnings = write_flicker(made, folder)
         folder.facts |= {
+            **reading.facts(),
             "frames_per_second": frames_per_second,
             "notes": notes,
             "slope": slope,
@@ -152,7 +153,6 @@ def flicker(
             "burner_row": burner_row,
             "first": recorded_path(paths[0], folder.folder),
             "last": recorded_path(paths[-1], folder.folder),
-            "reading": reading.given(),
         }
     tell_all("Warning", warnings)
     if found:
@@ -224,6 +224,7 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
     with progress.stage(f"Reading {printable(paths[0])}"):
         reader, said = FrameReader(paths[0], reading.stated), Said()
         found = reader.notes
+    reading.orders.append(reader.order)
     notes = [*filter(None, [note_on_coding(paths[0])]), *(notes if rate else [])]
     tell_all("Note", notes)
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)

@@ -142,6 +142,11 @@ class FrameReader:
         return [*self._found.notes, f"{kind} of {t} x {s} pixels"]
 
     @property
+    def order(self) -> str:
+        """Order in which the views of `model` are stored."""
+        return str(self._found.order)
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the light field in `model`."""
         return self._found.light_field.shape

@@ -14,12 +14,14 @@ from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.formats.view_files.orders import (
-    FoundOrder,
+    AS_STORED,
     Grid,
+    ViewOrder,
     arranged_light_field,
     check_grid,
     fold,
     read_grid,
+    stated_order,
 )
 from lf_flame.formats.zarr_arrays import ZarrFile
 from lf_flame.lightfield import LightField
@@ -54,7 +56,7 @@ def read_array(
     grid: Grid | str | None = None,
     array: str | None = None,
     order: str | None = None,
-) -> tuple[LightField, FoundOrder | None]:
+) -> tuple[LightField, ViewOrder]:
     """Read a light field from a file of arrays; arguments as in `lf_flame.read_light_field`.
 
     The array is the one named ``views`` or ``LF``, or the only one, or the only one of 4 or 5 axes.
@@ -66,9 +68,9 @@ def read_array(
     -------
     LightField
         Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
-    FoundOrder or None
-        Order of views with a running number, or of a file of the HCI data set; None for others,
-        which are used as stored or stated.
+    ViewOrder
+        Order that was stated; for views with a running number and files of the HCI data set that
+        which was found, and for others as stored.
     """
     with _open(path) as file:
         name = _choose_array(file, axes, array)
@@ -94,17 +96,16 @@ def read_array(
             f"u or n for views (none in a raw array), t and s for pixels, c for channels, got "
             f"{axes!r}."
         )
-    found, ours = None, to_unit(held, path).transpose([axes.index(letter) for letter in wanted])
+    found = stated_order(order)
+    ours = to_unit(held, path).transpose([axes.index(letter) for letter in wanted])
     if of_views == "n":
         ours, found = fold(ours, path, shape, order)
-        order = found.order
     elif not of_views:
         ours = cut_views(ours, views, path)
-    elif order is None and not is_stated and isinstance(file, Hdf5File) and is_hci(file):
+    elif found is AS_STORED and not is_stated and isinstance(file, Hdf5File) and is_hci(file):
         found = find_hci_order(file, ours)
-        order = found.order
     light_field = LightField(ours, weights=weights, valid=valid)
-    light_field = arranged_light_field(light_field, order)
+    light_field = arranged_light_field(light_field, found.order)
     check_grid(shape, light_field.views.shape[:2], path)
     return light_field, found
 

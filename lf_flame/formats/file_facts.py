@@ -102,10 +102,13 @@ def _folder(source: Path) -> Found:
     rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
     v, u = folder.files.shape
     colour = "grey" if channels < 3 else "colour"
-    notes = [*folder.describe().splitlines()[1:], note_on_coding(source)]
+    notes = [*folder.describe().splitlines()[2:], note_on_coding(source)]
     return Found(
         "folder with one image for each view",
-        {"views": f"{v} x {u}, of {rows} x {columns} pixels, {colour}"},
+        {
+            "views": f"{v} x {u}, of {rows} x {columns} pixels, {colour}",
+            "order": str(folder.found),
+        },
         list(filter(None, notes)),
         command=typed("refocus", source),
         shape=(v, u, rows, columns),
@@ -195,9 +198,8 @@ def _views(source: Path) -> Found:
     found = Found("light field")
     found.add_light_field(light_field)
     found.facts["values"] = f"{light_field.views.min():.4g} to {light_field.views.max():.4g}"
-    if order is not None:
-        found.facts["order"] = f"{order.order}, {order.reason}"
-    told = [note_on_order(light_field, source)] if order is None else order.describe()[1:]
+    found.facts["order"] = str(order)
+    told = [*order.describe()[1:], note_on_order(light_field, order, source)]
     found.notes += [note for note in told if note]
     found.command = typed("refocus", source)
     return found

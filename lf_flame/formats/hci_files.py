@@ -12,7 +12,7 @@ import numpy as np
 
 from lf_flame._common.images import FLOAT
 from lf_flame.formats.hdf5_and_matlab import Hdf5File
-from lf_flame.formats.view_files.orders import FoundOrder, find_order, half_turned
+from lf_flame.formats.view_files.orders import ViewOrder, find_order, half_turned
 
 DEPTH = "GT_DEPTH"
 """Name of the depths."""
@@ -23,7 +23,7 @@ def is_hci(file: Hdf5File) -> bool:
     return "LF" in file.names and {"dH", "focalLength", "shift"} <= set(file.numbers)
 
 
-def find_hci_order(file: Hdf5File, views: np.ndarray) -> FoundOrder:
+def find_hci_order(file: Hdf5File, views: np.ndarray) -> ViewOrder:
     """Find the order of stored views by the parallax, and the sign of their slopes by the depths.
 
     No parallax shows which axis is stored the other way round, on which the sign of all slopes
@@ -41,5 +41,5 @@ def find_hci_order(file: Hdf5File, views: np.ndarray) -> FoundOrder:
     true, (low, high) = np.percentile(slopes, (5, 95)), found.slopes
     reason = f"{found.reason}, with the sign by the depths of {DEPTH}"
     if np.abs([-high, -low] - true).sum() < np.abs([low, high] - true).sum():
-        return FoundOrder(half_turned(found.order), reason)
+        return ViewOrder(half_turned(found.order), reason)
     return replace(found, reason=reason, slopes=None)

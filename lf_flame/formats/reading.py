@@ -18,10 +18,12 @@ from lf_flame.formats.raw.reading import plan_raw, read_frame
 from lf_flame.formats.stacks import is_stack, read_mosaic, read_view_pages
 from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
 from lf_flame.formats.view_files.orders import (
-    FoundOrder,
+    AS_STORED,
     Grid,
+    ViewOrder,
     arranged_light_field,
     find_order,
+    stated_order,
 )
 from lf_flame.lightfield import LightField
 
@@ -120,13 +122,12 @@ def read_light_field(
 class Found(NamedTuple):
     """A light field that was read, and how.
 
-    `order` is that of the views, None where they are used as stored and none was stated. `notes`
-    are sentences for the user. `again` reads another file of the same kind by what was found in
-    this one: lenslets, and order of views.
+    `order` is that in which the views are stored. `notes` are sentences for the user. `again` reads
+    another file of the same kind by what was found in this one: lenslets, and order of views.
     """
 
     light_field: LightField
-    order: FoundOrder | None
+    order: ViewOrder
     notes: list[str]
     again: Callable[[Path], LightField]
 
@@ -187,7 +188,7 @@ def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found
     return kind, _read_ordered(_read_lenslets), "views order dark"
 
 
-AS_DECODED = FoundOrder("row,col", "as decoded")
+AS_DECODED = ViewOrder("row,col", "as decoded")
 
 
 def _read_raw(path: Path, **options: Any) -> Found:
@@ -227,10 +228,8 @@ def _read_ordered(read: Callable) -> Callable[..., Found]:
 
     def reader(path: Path, **options: Any) -> Found:
         light_field, order = read(path, **options)
-        if order is not None:
-            options["order"] = order.order
-        notes = [] if order is None else order.describe()
-        return Found(light_field, order, notes, lambda one: read(one, **options)[0])
+        again = lambda one: read(one, **options | {"order": order.order})[0]  # noqa: E731
+        return Found(light_field, order, order.describe(), again)
 
     return reader
 
@@ -247,13 +246,14 @@ def _read_array(path: Path, **options: Any) -> Found:
 
 def _read_lenslets(
     path: Path, views: int | None = None, order: str | None = None
-) -> tuple[LightField, None]:
-    return arranged_light_field(read_lenslet_image(path, views), order), None
+) -> tuple[LightField, ViewOrder]:
+    found = stated_order(order)
+    return arranged_light_field(read_lenslet_image(path, views), found.order), found
 
 
-def note_on_order(light_field: LightField, path: Path) -> str:
-    """Say where the parallax contradicts the order in which a file holds its views, or nothing."""
-    found = find_order(light_field.views)
+def note_on_order(light_field: LightField, order: ViewOrder, path: Path) -> str:
+    """Say where the parallax contradicts views that are taken as stored, or nothing."""
+    found = find_order(light_field.views) if order is AS_STORED else AS_STORED
     if found.order == "row,col":
         return ""
     return (

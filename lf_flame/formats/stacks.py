@@ -18,15 +18,14 @@ from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.view_files.orders import (
-    FoundOrder,
     Grid,
+    ViewOrder,
     arranged_light_field,
     check_grid,
     find_order,
     fold,
     order_memory,
     read_grid,
-    stated_order,
 )
 from lf_flame.lightfield import LightField
 
@@ -36,7 +35,7 @@ LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
 
 def read_mosaic(
     path: str | Path, *, mosaic: Grid | str, order: str | None = None
-) -> tuple[LightField, FoundOrder]:
+) -> tuple[LightField, ViewOrder]:
     """Read a picture that holds rows and columns of whole views, and find their order.
 
     In a lenslet image the pixels of one lenslet are neighbours; here those of one view are.
@@ -53,9 +52,9 @@ def read_mosaic(
     return _in_order(picture.reshape(size).swapaxes(1, 2), order)
 
 
-def _in_order(views: np.ndarray, order: str | None) -> tuple[LightField, FoundOrder]:
+def _in_order(views: np.ndarray, order: str | None) -> tuple[LightField, ViewOrder]:
     """Arrange rows and columns of views in the stated order, or in the one that is found."""
-    found = find_order(views) if order is None else stated_order(order)
+    found = find_order(views, stated=order)
     return arranged_light_field(LightField(views), found.order), found
 
 
@@ -68,7 +67,7 @@ def is_stack(path: str | Path) -> bool:
 
 def read_view_pages(
     path: str | Path, *, order: str | None = None, grid: Grid | str | None = None
-) -> tuple[LightField, FoundOrder]:
+) -> tuple[LightField, ViewOrder]:
     """Read the pages of a TIFF file as views, and find their order.
 
     The pages form rows and columns if the file has two page axes that are not named (as times or

@@ -107,8 +107,11 @@ def test_other_light_fields(told, tmp_path, rng):
     write_focal_stack(rng.uniform(size=(4, 5, 6)), [0, 1, 2, 3], tmp_path / "stack.tif")
     said = told("views")
     assert "3 x 3, of 20 x 30 pixels, grey" in said
+    assert "order         row,col, as the numbers are: the parallax does not show an ord" in said
     assert said.endswith("next: lf-flame refocus views\n")
-    assert "3 x 3, of 20 x 30 pixels, grey" in told("a.npz")
+    said = told("a.npz")
+    assert "3 x 3, of 20 x 30 pixels, grey" in said
+    assert "order         row,col, as stored" in said
     assert "4, at slopes from 0 to 3" in told("stack.tif")
 
 

@@ -339,9 +339,13 @@ def test_an_array_whose_views_move_otherwise_is_told(tmp_path, stored, order):
     views = views[::-1] if stored == "backwards" else views.transpose(*axes)
     np.save(tmp_path / "a.npy", views)
     args = [tmp_path / "a.npy", "--slope", 0, "--overwrite", "--out", tmp_path / "o"]
+    recorded = lambda: json.loads((tmp_path / "o" / "refocus.json").read_text())  # noqa: E731
     said = run(*args).output
     assert ("do not move" in said) == bool(order)
     assert f"they are stored as {order}" in said or not order
+    assert recorded()["order_of_views"] == "row,col, as stored"
     again = run(*args, f"--order={order or 'row,col'}").output
     assert "do not move" not in again
+    assert f"order {recorded()['order_of_views']}" in again
+    assert recorded()["order_of_views"] == f"{order or 'row,col'}, as stated"
     assert "refocused" in again

@@ -20,12 +20,11 @@ from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.view_files.orders import (
-    FoundOrder,
     Grid,
+    ViewOrder,
     arranged,
     by_columns,
     check_grid,
-    check_order,
     find_order,
     fold,
     order_memory,
@@ -45,7 +44,7 @@ class ViewFolder:
     path : Path
     files : ndarray of Path, shape (v, u)
         Files of the views; None for a missing view.
-    found : FoundOrder
+    found : ViewOrder
         Order in which the file names count the views, and how it was found.
     left_out : int
         Number of other files in the folder.
@@ -53,7 +52,7 @@ class ViewFolder:
 
     path: Path
     files: np.ndarray
-    found: FoundOrder
+    found: ViewOrder
     left_out: int
 
     def describe(self) -> str:
@@ -222,7 +221,7 @@ def scan_view_folder(
     (3, 3)
     """
     path, shape = Path(path), None if grid is None else read_grid(grid)
-    order = None if order is None else check_order(order)
+    order = None if order is None else stated_order(order).order
     files = _find_files(path, names or "*")
     turned = shape[::-1] if shape and order and by_columns(order) else shape
     numbered = number_grid(files, path, turned, first)
@@ -233,7 +232,7 @@ def scan_view_folder(
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)
     else:
-        found = find_order(numbered, read_image) if order is None else stated_order(order)
+        found = find_order(numbered, read_image, stated=order)
     ordered = arranged(numbered, found.order)
     check_grid(shape, ordered.shape, path)
     return ViewFolder(path, ordered, found, len(list(path.iterdir())) - len(files))

@@ -28,12 +28,44 @@ Grid = tuple[int, int]
 """Number of rows and columns of views."""
 
 
-def check_order(order: str) -> str:
-    """Return a stated order without blanks; refuse any that is not one of `ORDERS`."""
+@dataclass(frozen=True)
+class ViewOrder:
+    """Order of the views, one of `ORDERS`, and words for users on where it is from.
+
+    `slopes` is the approximate range of the scene's slopes in this order, in pixels per view step
+    (5th and 95th percentile of the patches); None where the parallax does not show an order.
+    """
+
+    order: str
+    reason: str
+    slopes: tuple[float, float] | None = None
+
+    def __str__(self) -> str:
+        return f"{self.order}, {self.reason}"
+
+    def describe(self) -> list[str]:
+        """Describe the order, and what no parallax shows, in a line or two."""
+        lines = [f"order {self}"]
+        if self.slopes is not None and (self.order != ORDERS[0] or self.slopes[0] > 0):
+            turned = half_turned(self.order)
+            lines.append(
+                f"order {turned} fits as well, and reverses all slopes: state --order={turned} if "
+                f"nearer objects have the higher slopes here"
+            )
+        return lines
+
+
+AS_STORED = ViewOrder(ORDERS[0], "as stored")
+
+
+def stated_order(order: str | None) -> ViewOrder:
+    """Order that the user stated, with blanks or without; `AS_STORED` if none."""
+    if order is None:
+        return AS_STORED
     plain = str(order).replace(" ", "")
     if plain not in ORDERS:
         raise InputError(f"order must be one of {'; '.join(ORDERS)}, got {order!r}.")
-    return plain
+    return ViewOrder(plain, "as stated")
 
 
 def by_columns(order: str) -> bool:
@@ -43,14 +75,14 @@ def by_columns(order: str) -> bool:
 
 def arranged(views: np.ndarray, order: str) -> np.ndarray:
     """Reorder an array of views, or of files, from an order to ``[v, u, ...]``."""
-    for axis, name in enumerate(check_order(order).split(",")):
+    for axis, name in enumerate(order.split(",")):
         views = np.flip(views, axis) if name.startswith("-") else views
     return np.swapaxes(views, 0, 1) if by_columns(order) else views
 
 
-def arranged_light_field(light_field: LightField, order: str | None) -> LightField:
-    """Reorder the views of a light field, their weights and known pixels, from an order, if any."""
-    if order is None:
+def arranged_light_field(light_field: LightField, order: str) -> LightField:
+    """Reorder the views of a light field, their weights and known pixels, from an order."""
+    if order == ORDERS[0]:
         return light_field
     weights, valid = (
         None if one is None else arranged(one, order)
@@ -86,35 +118,6 @@ def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
         )
 
 
-@dataclass(frozen=True)
-class FoundOrder:
-    """Order of the views, one of `ORDERS`, and words for users on how it was found.
-
-    `slopes` is the approximate range of the scene's slopes in this order, in pixels per view step
-    (5th and 95th percentile of the patches); None where the parallax does not show an order.
-    """
-
-    order: str
-    reason: str
-    slopes: tuple[float, float] | None = None
-
-    def describe(self) -> list[str]:
-        """Describe the order, and what no parallax shows, in a line or two."""
-        lines = [f"order {self.order}, {self.reason}"]
-        if self.slopes is not None and (self.order != ORDERS[0] or self.slopes[0] > 0):
-            turned = half_turned(self.order)
-            lines.append(
-                f"order {turned} fits as well, and reverses all slopes: state --order={turned} if "
-                f"nearer objects have the higher slopes here"
-            )
-        return lines
-
-
-def stated_order(order: str) -> FoundOrder:
-    """Order that the user stated."""
-    return FoundOrder(check_order(order), "as stated")
-
-
 def fold(
     row: np.ndarray,
     source: str | Path,
@@ -122,7 +125,7 @@ def fold(
     order: str | None = None,
     *,
     read: Callable = np.asarray,
-) -> tuple[np.ndarray, FoundOrder]:
+) -> tuple[np.ndarray, ViewOrder]:
     """Cut views with one running number into rows (or columns, if so stated); find their order.
 
     The views fill a `grid`, by default a square. Entries of `row` are views, or arguments of
@@ -138,7 +141,7 @@ def fold(
         )
     lines = (columns, rows) if order and by_columns(order) else (rows, columns)
     folded = row.reshape(*lines, *row.shape[1:])
-    found = stated_order(order) if order else find_order(folded, read, folded=source)
+    found = find_order(folded, read, stated=order, folded=source)
     check_grid(grid, arranged(np.empty(lines), found.order).shape, source)
     return folded, found
 
@@ -178,9 +181,13 @@ def order_memory(shape: tuple[int, ...]) -> int:
 
 
 def find_order(
-    grid: np.ndarray, read: Callable = np.asarray, *, folded: str | Path | None = None
-) -> FoundOrder:
-    """Find the order of the views from the parallax of four neighbours, in up to five places.
+    grid: np.ndarray,
+    read: Callable = np.asarray,
+    *,
+    stated: str | None = None,
+    folded: str | Path | None = None,
+) -> ViewOrder:
+    """Order as `stated`, or found from the parallax of four neighbours, in up to five places.
 
     In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
     by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and
@@ -194,8 +201,10 @@ def find_order(
     for a missing view. Views with one running number, of the origin `folded`, are refused if they
     move as those of a single row or column do.
     """
+    if stated is not None:
+        return stated_order(stated)
     if min(grid.shape[:2]) < 2:
-        return FoundOrder(ORDERS[0], "as the numbers are: there is only one row or column")
+        return ViewOrder(ORDERS[0], "as the numbers are: there is only one row or column")
     count, lines = grid.shape[0] * grid.shape[1], grid.shape[1]
     motions: dict[str, tuple] = dict(MOTIONS)
     if folded is not None:
@@ -204,7 +213,7 @@ def find_order(
     tried = [_compare(parts, scale, motions) for scale, parts in sums.items()]
     best, second, order, slopes = max(tried, default=(0.0, 0.0, ORDERS[0], (0.0, 0.0)))
     if best - second < LEAST_MARGIN:
-        return FoundOrder(ORDERS[0], "as the numbers are: the parallax does not show an order")
+        return ViewOrder(ORDERS[0], "as the numbers are: the parallax does not show an order")
     shares = f"of which it explains {best:.0%}, the next one {second:.0%}"
     if order not in MOTIONS:
         raise InputError(
@@ -212,7 +221,7 @@ def find_order(
             f"one {'row' if order.startswith('1x') else 'column'}, by the parallax, {shares}: "
             f"state --grid {order}, or the --order."
         )
-    return FoundOrder(order, f"by the parallax, {shares}", slopes)
+    return ViewOrder(order, f"by the parallax, {shares}", slopes)
 
 
 def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
