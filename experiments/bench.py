@@ -22,9 +22,10 @@ from scipy import ndimage
 
 from experiments.inputs import DATA_SETS
 from experiments.report import markdown, step_bar, write_report
-from experiments.timing import in_turn, on_threads, read_once
+from experiments.timing import in_turn, read_once
 from lf_flame import render, shift_and_sum
 from lf_flame._common.arrays import centred
+from lf_flame._common.threads import one_thread
 from lf_flame.datasets.config import read_config
 from lf_flame.formats import DecodePlan, LensletGrid
 from lf_flame.learning.decoder import build_decoder
@@ -88,7 +89,7 @@ def refocusing_cases(small: bool) -> Iterator[Case]:
 
 def on_one_thread(call: Callable) -> object:
     """Make a call, with compiled loops on one thread."""
-    with on_threads(1):
+    with one_thread():
         return call()
 
 

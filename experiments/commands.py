@@ -177,9 +177,7 @@ def emission(out: Path, part: str, seed: int) -> None:
 @option("--photograph photographs", "Light field, and slopes such as -1,0,1; may be repeated.",
         (PATH, str), multiple=True, metavar="LIGHT_FIELD SLOPES")  # fmt: skip
 @option("--refocusnet-weights", "The authors' trained weights (.npz).", FILE)
-@option("--variant variants", "Another run of the paper's network; may be repeated.", RUN,
-        multiple=True)  # fmt: skip
-def compare(runs, out, data, light_fields, photographs, refocusnet_weights, variants) -> None:
+def compare(runs, out, data, light_fields, photographs, refocusnet_weights) -> None:
     """Compare refocusing systems: accuracy, views, training, time and memory.
 
     RUNS holds the networks of `lf-flame train-system` and `make tables`; the table names missing
@@ -191,9 +189,8 @@ def compare(runs, out, data, light_fields, photographs, refocusnet_weights, vari
     from experiments.systems.compared import select_entries, select_sets
     from experiments.systems.comparison import run_comparison
 
-    test_sets, tested = select_sets(runs, data, light_fields, photographs)
-    entries = select_entries(runs, tested, refocusnet_weights, variants)
-    show(run_comparison(entries, test_sets, out))
+    test_sets = select_sets(runs, data, light_fields, photographs)
+    show(run_comparison(select_entries(runs, refocusnet_weights), test_sets, out))
 
 
 @cloup.command()
@@ -201,11 +198,7 @@ def compare(runs, out, data, light_fields, photographs, refocusnet_weights, vari
 @out_option("studies")
 @option("--work", "Folder for data sets and runs.", FOLDER, default="runs/studies")
 @option("--workers", "Number of processes that simulate; 0: one per core.", SEED, default=0)
-@option("--weights", "Weights that variants name, and their file; may be repeated.",
-        (str, FILE), multiple=True, metavar="NAME FILE")  # fmt: skip
-def study(
-    study: Path, out: Path, work: Path, workers: int, weights: tuple[tuple[str, Path], ...]
-) -> None:
+def study(study: Path, out: Path, work: Path, workers: int) -> None:
     """Compare the variants of a STUDY file on the same test samples.
 
     experiments/studies/ shows what a variant may change. With a preset a network is trained for
@@ -215,7 +208,7 @@ def study(
     from experiments.studies.study import run_study
     from lf_flame._common.provenance import cpu_count
 
-    show(run_study(study, out, work, workers or cpu_count(), dict(weights)))
+    show(run_study(study, out, work, workers or cpu_count()))
 
 
 @cloup.command("depth-test")

@@ -6,14 +6,13 @@ history of a run.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from lf_flame._common.config import to_json
-from lf_flame._common.input_files import read_text, readable
+from lf_flame._common.input_files import readable
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import render_drawn
 from lf_flame.errors import InputError
@@ -127,19 +126,14 @@ def scene_settings(config: DatasetConfig) -> dict:
 
 
 def read_history(path: Path, epochs: int) -> pd.DataFrame:
-    """Read epochs 1 to `epochs` of a run's ``history.csv``; refuse a damaged file.
+    """Read a run's ``history.csv``, which must end with the epochs 1 to `epochs`.
 
     Older histories begin with epoch 0, the start. The seconds are counted from the start of the
-    run. Without the last line's end, its last number may be cut.
+    run.
     """
-    text, columns = read_text(path), ["epoch", "seconds", "val_psnr_db"]
-    with readable(path, (ValueError, OverflowError, KeyError)):
-        rows = pd.read_csv(StringIO(text)).astype(dict.fromkeys(columns, float))
-        first = rows["epoch"].min()
-        complete = list(rows["epoch"]) == list(range(int(first), epochs + 1)) and first <= 1
-    if not complete or rows[columns].isna().any(axis=None) or not text.endswith("\n"):
-        raise InputError(
-            f"{path} is damaged: it must hold the numbers {', '.join(columns)} of the epochs 1 to "
-            f"{epochs}, each line with its end."
-        )
+    with readable(path, (ValueError, KeyError)):
+        kinds = {"epoch": int, "seconds": float, "val_psnr_db": float}
+        rows = pd.read_csv(path, dtype=kinds)
+        if list(rows["epoch"])[-epochs:] != list(range(1, epochs + 1)):
+            raise ValueError(f"it must end with the epochs 1 to {epochs}")
     return rows.assign(seconds=rows["seconds"].cumsum())

@@ -6,9 +6,9 @@ This module loads no network, so that a process that runs none stays small.
 import os
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,17 +68,6 @@ def in_turn(
         spent = time.perf_counter() - started
         if spent >= most_s or (len(found) >= rounds and spent >= least_s):
             return Times(np.transpose(found), results)
-
-
-@contextmanager
-def on_threads(count: int) -> Iterator[None]:
-    """Let compiled loops run on this number of threads."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(count)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
 
 
 @numba.njit(parallel=True, cache=True)

@@ -6,6 +6,7 @@ import numpy as np
 import tifffile
 from scipy.ndimage import gaussian_filter, shift
 
+from experiments.emission.truth import Sheet, record
 from lf_flame import PlenopticCamera
 
 OPTICS = {
@@ -33,6 +34,15 @@ def scene_toml(views, lenslets, shape="circle", depth_mm=5.0, side_mm=1.5):
     """Text of a scene file with one layer."""
     layer = f'shape = "{shape}"\ndepth_mm = {depth_mm}\nsize_mm = [{side_mm}, {side_mm}]\n'
     return f"{camera_toml(views, lenslets)}[[layers]]\n{layer}"
+
+
+def record_ball(lens, depth, across, width):
+    """Views of a glow of a Gaussian width in all directions, as sheets 0.1 mm apart."""
+    offsets = np.arange(-round(30 * width), round(30 * width) + 1) / 10
+    peaks = np.exp(-((offsets / width) ** 2))
+    peaks = peaks / peaks.sum()
+    pairs = zip(depth + offsets, peaks, strict=True)
+    return record(lens, [Sheet(z, (0.0, across), (width, width), peak) for z, peak in pairs])
 
 
 def camera_of(lens):

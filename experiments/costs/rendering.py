@@ -21,8 +21,9 @@ from experiments.effects.effects import Trial, effect_trials
 from experiments.effects.tracer import flat_views
 from experiments.inputs import DATA_SETS
 from experiments.report import markdown, panels, step_bar, write_report
-from experiments.timing import in_turn, on_threads
+from experiments.timing import in_turn
 from lf_flame._common.config import to_json
+from lf_flame._common.threads import one_thread
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -172,7 +173,7 @@ def measure_costs(
         camera = replace(read_config(DATA_SETS[1]).camera, lenslets=(56, 64))
         trials = effect_trials(camera, lenslets_high=46)
     accuracy: list[dict] = []
-    with on_threads(1):
+    with one_thread():
         for study in step_bar(studies):
             truth = flat_views(study.scene, study.camera)
             hides = any(layer.opaque for layer in study.scene.layers)  # needs rays

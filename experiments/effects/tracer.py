@@ -11,6 +11,7 @@ bundle that nothing cuts, from a layer of radiance b, gives b.
 
 import math
 from collections.abc import Collection
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,17 +131,11 @@ def _on_sensor(camera: PlenopticCamera, pixel: ArrayLike, share: np.ndarray) -> 
 
 def _one_pixel(scene, camera, pixel, numbers, thrown) -> float:
     """Mean over rays, of all lenslets together."""
-    if camera.layout == "hexagonal":
-        return _hexagonal_pixel(scene, camera, pixel, numbers)
-    on_sensor = _on_sensor(camera, pixel, numbers[:, :2])
-    if "lenslet" in thrown:  # light that rays take there is thrown to here
-        on_sensor = on_sensor - _thrown_on_sensor(camera, numbers[:, 5:7])
-    light, reach = 0.0, _reach(camera)
-    for down in range(-reach, reach + 1):
-        for right in range(-reach, reach + 1):
-            centre = _lenslet_centre(camera, on_sensor, (down, right))
-            light += _through(scene, camera, on_sensor, centre, numbers, thrown)
-    return light
+    lenslets = _hexagons if camera.layout == "hexagonal" else _squares
+    return sum(
+        share * _through(scene, camera, *places, numbers, thrown)
+        for share, *places in lenslets(camera, pixel, numbers, thrown)
+    )
 
 
 def _true_pitch(camera) -> float:
@@ -162,61 +157,49 @@ def _reach(camera) -> int:
     return math.floor((half + _true_pitch(camera)) * ratio + 0.5)
 
 
-def _lenslet_centre(camera, on_sensor, further):
-    """Centre of the lenslet in whose cell a place lies, or of one some rows and columns further."""
-    offset = (np.array(camera.lenslets) - 1) / 2
-    cells = _turned(on_sensor, -camera.lenslet_rotation_rad) / _cell_mm(camera)
-    index = np.round(cells + offset) + further
-    return _turned((index - offset) * _true_pitch(camera), camera.lenslet_rotation_rad)
-
-
-def _through(scene, camera, on_sensor, centre, numbers, thrown) -> float:
-    """Mean over rays through one lenslet for each."""
+def _squares(camera, pixel, numbers, thrown):
+    """Yield of each lenslet near a pixel share, places on the sensor, centre, and places on it."""
+    on_sensor = _on_sensor(camera, pixel, numbers[:, :2])
+    if "lenslet" in thrown:  # light that rays take there is thrown to here
+        on_sensor = on_sensor - _thrown_on_sensor(camera, numbers[:, 5:7])
     side, angle = _true_pitch(camera), camera.lenslet_rotation_rad
-    on_lenslet = centre + _turned((numbers[:, 2:4] - 0.5) * side, angle)
-    return _through_places(scene, camera, on_sensor, centre, on_lenslet, numbers, thrown)
+    on_square = _turned((numbers[:, 2:4] - 0.5) * side, angle)
+    offset = (np.array(camera.lenslets) - 1) / 2
+    nearest = np.round(_turned(on_sensor, -angle) / _cell_mm(camera) + offset)
+    for further in product(range(-_reach(camera), _reach(camera) + 1), repeat=2):
+        centre = _turned((nearest + further - offset) * side, angle)
+        yield 1.0, on_sensor, centre, centre + on_square
 
 
-def _hexagonal_pixel(scene, camera, pixel, numbers) -> float:
-    """Mean over rays through two hexagons of a row, between which a pixel of a view lies.
+def _hexagons(camera, pixel, numbers, _thrown):
+    """Yield the two hexagons of a row between which a pixel of a view lies, as `_squares` does.
 
     Rows are 0.866 pitches apart, and so are the pixels of a row; odd rows are half a pitch to the
     right of even ones, and row 0 has a lenslet half a pitch to the left of column 0.
     """
-    pitch, step = camera.lenslet_pitch_mm, math.sqrt(3) / 2
-    (view, line), column = pixel[:2], pixel[3]
+    pitch, step, odd = camera.lenslet_pitch_mm, math.sqrt(3) / 2, pixel[2] % 2
     rows, columns = camera.lenslets
-    place = 0.5 + step * column - 0.5 * (pixel[2] % 2)  # in pitches from the row's first lenslet
-    first = -(columns - 1) / 2 * step - 0.5 + 0.5 * (pixel[2] % 2)
-    light = 0.0
-    for further, share in ((0, 1 - place % 1), (1, place % 1)):
-        upright = np.array(
-            [(pixel[2] - (rows - 1) / 2) * step, first + math.floor(place) + further]
-        )
-        centre = -upright * pitch
-        offset = (np.array([view, line]) - (camera.views - 1) / 2) + numbers[:, :2] - 0.5
+    view = np.array(pixel[:2]) - (camera.views - 1) / 2 + numbers[:, :2] - 0.5
+    whole, part = divmod(0.5 + step * pixel[3] - 0.5 * odd, 1)  # pitches from the first lenslet
+    first = -(columns - 1) / 2 * step - 0.5 + 0.5 * odd
+    for further, share in ((0, 1 - part), (1, part)):
+        upright = (pixel[2] - (rows - 1) / 2) * step, first + whole + further
+        centre = -pitch * np.array(upright)
         chief = centre * (1 + camera.lenslet_focal_mm / _pupil_mm(camera))
-        on_sensor = chief - offset * _pixel_mm(camera)
-        on_lenslet = centre + _in_hexagon(numbers[:, 2:4]) * pitch
-        light += share * _through_places(
-            scene, camera, on_sensor, np.broadcast_to(centre, on_sensor.shape), on_lenslet, numbers,
-            frozenset(),
-        )  # fmt: skip
-    return light
+        on_lenslet = centre + pitch * _in_hexagon(numbers[:, 2:4])
+        yield share, chief - view * _pixel_mm(camera), centre, on_lenslet
 
 
 def _in_hexagon(numbers):
-    """Places spread evenly over a hexagon of breadth 1 whose left and right sides are upright."""
-    y = np.linspace(-1, 1, 20001) / math.sqrt(3)
-    breadth = np.minimum(1.0, 2 - 2 * math.sqrt(3) * np.abs(y))
-    below = np.concatenate([[0], np.cumsum((breadth[1:] + breadth[:-1]) / 2)])
-    at = np.interp(numbers[:, 0], below / below[-1], y)
-    wide = np.minimum(1.0, 2 - 2 * math.sqrt(3) * np.abs(at))
-    return np.stack([at, (numbers[:, 1] - 0.5) * wide], axis=1)
+    """Spread places over a hexagon of breadth 1 with upright sides, cut into three rhombi."""
+    rhombus, along = np.divmod(3 * numbers[:, 0], 1)
+    corner = np.exp(2j * np.pi / 3 * rhombus) / math.sqrt(3)
+    place = corner * (along + numbers[:, 1] * np.exp(2j * np.pi / 3))
+    return np.stack([place.real, place.imag], axis=1)
 
 
-def _through_places(scene, camera, on_sensor, centre, on_lenslet, numbers, thrown) -> float:
-    """Mean over rays through given places of a lenslet."""
+def _through(scene, camera, on_sensor, centre, on_lenslet, numbers, thrown) -> float:
+    """Mean over rays from places on the sensor through places of a lenslet."""
     # The sensor is in the lenslet's focal plane: before it, the ray is parallel to that through
     # its centre.
     tilt = (on_sensor - centre) / camera.lenslet_focal_mm

@@ -58,7 +58,7 @@ PARTS = {
         "furnace at 1473 to 1873 K for calibration; 7 x 7 views of 72 x 52 lenslets. Temperatures "
         "count where emission in red is above 20 % of its peak. One draw of the noise; 20 "
         "bootstrap draws. Thickness is found over true.",
-        {"Temperature": soot.soot},
+        {"Temperature": lambda rng: soot.temperatures(soot.SOOT, rng)},
     ),
     "measured": Part(
         "Flames after measured tables",
@@ -71,7 +71,7 @@ PARTS = {
         "github.com/MaCFP/macfp-db) has the radial means of soot volume fraction and temperature "
         "of its table at 1 to 3.5 diameters of height, seen from 3 m. Both end where their tables "
         "end. No camera has seen these flames.",
-        {"Temperature": soot.measured, "What others report, as printed": soot.as_printed},
+        {"Temperature": lambda rng: soot.temperatures(soot.measured_flames(), rng)},
     ),
     "bars": Part(
         "Error bars",

@@ -279,30 +279,3 @@ def temperatures(exposures: dict[str, Exposure], rng: np.random.Generator) -> It
         for method, one in found.items():
             row = {"flame": name, "noise": exposure.noise, "method": method}
             yield row | exposure.judge(one)
-
-
-def soot(rng: np.random.Generator) -> Iterator[dict]:
-    """Temperatures of made-up flames."""
-    yield from temperatures(SOOT, rng)
-
-
-def measured(rng: np.random.Generator) -> Iterator[dict]:
-    """Temperatures of flames after tables."""
-    yield from temperatures(measured_flames(), rng)
-
-
-PRINTED = (
-    ("J. Sun and others, ChinaXiv 201711.00595", "ethylene flame, thermocouples",
-     "below 85 K, one 182 K, at 1400 K and less"),
-    ("J. Sun and others, Opt. Commun. 390, 7 (2017)", "thermocouple", "6.7 % and less"),
-    ("Acta Phys. Sin. 71, 20211421 (2022)", "butane flame, thermocouple", "6.8 %"),
-    ("P. Danehy and others, NTRS 20170001318", "three filters, no depth", "10 K at 1100 to 1350 K"),
-    ("doi 10.1007/s11760-024-03342-7 (2024)", "simulated, with noise", "0.27 %, largest 2.91 %"),
-)  # fmt: skip
-"""Errors of temperature that others report of a single light-field camera."""
-
-
-def as_printed(rng: np.random.Generator) -> Iterator[dict]:
-    """List what the literature reports of single light-field cameras."""
-    for source, truth_by, error in PRINTED:
-        yield {"source": source, "compared with": truth_by, "error of the temperature": error}

@@ -10,7 +10,7 @@ Lengths are in mm; y runs down, x to the right, depth away from the camera.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -94,14 +94,6 @@ def cells(lens: Lens, sheet: Sheet, depth: float | None = None) -> np.ndarray:
         whole = np.sqrt(np.pi) / 2 * width * erf((edges - middle) / width)
         lines.append(np.diff(whole) / np.diff(edges))
     return sheet.peak * np.outer(*lines)
-
-
-def slabs(sheet: Sheet, width: float, step: float) -> list[Sheet]:
-    """Cut a glow of a Gaussian width in depth into sheets, whose peaks sum up to that given."""
-    offsets = np.arange(-round(3 * width / step), round(3 * width / step) + 1) * step
-    share = np.exp(-((offsets / width) ** 2))
-    pairs = zip(offsets, sheet.peak * share / share.sum(), strict=True)
-    return [replace(sheet, depth=sheet.depth + z, peak=peak) for z, peak in pairs]
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,17 +88,13 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     dataset, indices, predictions = open_run(run).predict_test_split()
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)
-    # The model's own entry says which weights were asked for; the record's, which were used.
-    model = {key: value for key, value in record["model"].items() if key != "backbone_weights"}
-    record = {
-        **{key: value for key, value in record.items()
-           if key != "test_indices" and not key.endswith("sha256")},
-        "model": model,
+    del record["test_indices"]
+    record |= {
         "table": scores.to_dict("records"),
         "ssim_by_window": score_windows(targets, predictions),
         "paper": paper["source"],
         "evaluation": provenance.environment(),
-    }  # fmt: skip
+    }
     light_field, _ = render_sample(dataset.config, int(indices[0]), dataset.attrs.get("rays"))
     picture = result_figure(
         light_field,

@@ -105,7 +105,12 @@ def read_result(folder: Path, name: str, run: str) -> Result | None:
     missing = [key for key in needed if key not in record]
     if missing:
         raise InputError(f"{path} is damaged: it must hold {', '.join(missing)}.")
-    _check_planes(record["table"], name, path)
+    scored = all(isinstance(row.get("ssim"), float | int) for row in record["table"])
+    depths = [row.get("depth_mm") for row in record["table"]]
+    if depths != read_paper_values(name)["depth_mm"] or not scored:
+        raise InputError(
+            f"{path} is damaged: its table must have the depths of the paper, with SSIM."
+        )
     learning = read_history(history, record["epochs"]) if history.exists() else None
     return Result(run, folder, record, learning)
 
@@ -115,19 +120,8 @@ def read_baselines(folders: Sequence[Path], name: str) -> dict[str, list[dict]]:
     for folder in folders:
         path = folder / f"{name}_baselines.json"
         if path.exists():
-            found = read_record(path).get("baselines", {"none": []})
-            for rows in found.values():
-                _check_planes(rows, name, path)
-            return found
+            return read_record(path)["baselines"]
     return {}
-
-
-def _check_planes(rows: list[dict], name: str, path: Path) -> None:
-    scored = all(isinstance(row.get("ssim"), float | int) for row in rows)
-    if [row.get("depth_mm") for row in rows] != read_paper_values(name)["depth_mm"] or not scored:
-        raise InputError(
-            f"{path} is damaged: its table must have the depths of the paper, with SSIM."
-        )
 
 
 def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:

@@ -11,8 +11,8 @@ where it was stopped.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -24,10 +24,9 @@ from tqdm import tqdm
 
 from experiments.linear import Ridge, project
 from experiments.paper.tables import TABLES, read_paper_values
-from experiments.report import markdown, write_report
+from experiments.report import markdown, panels, write_report
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, strict, to_json
-from lf_flame._common.figures import subplots
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.making import make_dataset
@@ -158,13 +157,11 @@ def _merge(values, changes):
     return changes
 
 
-def run_study(
-    path: Path, out: Path, work: Path, workers: int = 1, weights: Mapping[str, Path] | None = None
-) -> Path:
+def run_study(path: Path, out: Path, work: Path, workers: int = 1) -> Path:
     """Score the variants of a study that are not yet done; report after each.
 
-    `weights` are files by the name that variants give as `backbone_weights`. A variant whose
-    network cannot be trained, as without its weights, is left out and shows as a dash.
+    A variant whose network cannot be trained, as without its weights, is left out and shows as a
+    dash.
     """
     study, trials = read_study(path)
     work = work / path.stem
@@ -173,16 +170,14 @@ def run_study(
             tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
             first = next(one for one in trials if one.request["data"] == trial.request["data"])
             try:
-                run_trial(trial, work, work / f"{first.variant.name}.zarr", workers, weights)
+                run_trial(trial, work, work / f"{first.variant.name}.zarr", workers)
             except InputError as error:
                 tqdm.write(f"Left out: {error}")
             write(path.stem, study, trials, work, out)
     return write(path.stem, study, trials, work, out)
 
 
-def run_trial(
-    trial: Trial, work: Path, data: Path, workers: int, weights: Mapping[str, Path] | None = None
-) -> None:
+def run_trial(trial: Trial, work: Path, data: Path, workers: int) -> None:
     """Make the data set, train and score, or resume where an earlier call was stopped."""
     if not data.exists():
         make_dataset(trial.data, *trial.data.samples.values(), data, workers)
@@ -197,13 +192,9 @@ def run_trial(
         "bound": project(train_targets, targets, AVERAGES, bands=len(objects)),
     }
     if trial.preset is not None:
-        folder, training = work / trial.variant.name, trial.training
-        name = training.model.backbone_weights
-        if weights and name in weights:
-            model = replace(training.model, backbone_weights=str(weights[name]))
-            training = replace(training, model=model)
+        folder = work / trial.variant.name
         keras.utils.clear_session()  # frees the networks of the variants before
-        train(training, trial.preset, data, folder)
+        train(trial.training, trial.preset, data, folder)
         images = {"network": open_run(folder).predict_test_split()[2], **images}
         (folder / "checkpoint.npz").unlink(missing_ok=True)  # hundreds of megabytes
         kept = ("epochs", "best_epoch", "backbone_weights", "machine", "git_revision", "versions")
@@ -275,9 +266,8 @@ def report_body(study: Study, rows: pd.DataFrame, record: dict, paper: dict) -> 
 def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
     """Draw PSNR and SSIM of each variant, a row, and system: mean and range of the planes."""
     names = [variant.name for variant in study.variants]
-    size = 12, 2 + 0.4 * len(names)
-    figure, axes = subplots(1, 2, sharey=True, layout="constrained", figsize=size)
-    for axis, name, label in zip(axes, ("psnr_db", "ssim"), ("PSNR (dB)", "SSIM"), strict=True):
+    figure, axes = panels(("PSNR (dB)", "SSIM"), (12, 2 + 0.4 * len(names)), sharey=True)
+    for axis, name in zip(axes, ("psnr_db", "ssim"), strict=True):
         for system, group in rows.groupby("system", sort=False):
             planes = group.groupby("variant", sort=False)[name].agg(["mean", "min", "max"])
             reach = [planes["mean"] - planes["min"], planes["max"] - planes["mean"]]
@@ -285,8 +275,6 @@ def draw_scores(study: Study, rows: pd.DataFrame, paper: dict):
             axis.errorbar(planes["mean"], places, xerr=reach, fmt="o", capsize=3, label=system)
         printed = min(paper[name]), max(paper[name])
         axis.axvspan(*printed, color="0.85", label="printed, range of the planes")
-        axis.set_xlabel(label)
-        axis.grid(alpha=0.3)
     axes[0].set_xlim(right=min(axes[0].get_xlim()[1], 100))  # rounding lies beyond
     axes[0].set_yticks(range(len(names)), [fill(name, 32) for name in names])
     axes[0].set_ylim(len(names) - 0.5, -0.5)

@@ -25,7 +25,7 @@ from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field
 from lf_flame.formats.images import white_level
-from lf_flame.learning.run_folders import load_run, open_run
+from lf_flame.learning.run_folders import load_run
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_slopes
 from lf_flame.systems import formulas
@@ -65,10 +65,8 @@ class Entry:
     only: str = ""
 
 
-def select_entries(
-    runs: Path, tested: Sequence[HeldOut], official: Path | None, variants: Sequence[Path]
-) -> list[Entry]:
-    """List formulas, the networks of a folder of runs, and the variants of the paper's network.
+def select_entries(runs: Path, official: Path | None) -> list[Entry]:
+    """List formulas, and the networks of a folder of runs, two of them the paper's.
 
     `official` is a file of RefocusNet's trained weights, by its authors.
     """
@@ -80,37 +78,21 @@ def select_entries(
         load = partial(RefocusNet.of_weights, official)
         networks.append(Entry(OFFICIAL, load, {}))
     names = {f"shift-and-sum, {what}": selection for what, selection in SELECTIONS.items()}
-    papers = [runs / "shapes", runs / "flames", *variants]
     return [
         Entry("shift-and-sum, all views", ShiftAndSum, {}),
         Entry("Fourier slice, all views", FourierSlice, {}),
         *(Entry(name, partial(ShiftAndSum, name, views), {}) for name, views in names.items()),
         *networks,
-        *(resnet_entry(path, tested) for path in papers),
+        *(resnet_entry(runs / kind) for kind in ("shapes", "flames")),
     ]
 
 
-def resnet_entry(folder: Path, tested: Sequence[HeldOut]) -> Entry:
-    """Enter a run of the paper's network, unless it was trained on test light fields."""
+def resnet_entry(folder: Path) -> Entry:
+    """Enter a run of the paper's network, for the data set of its kind."""
     about = training_of(folder)
     recipe = "{preset} preset, {epochs:,} epochs".format(**about) if about else "no run"
-    name = f"{ResNet50.name}, {recipe}, {folder.resolve().name.replace('-', ' ')}"
-    try:
-        run = open_run(folder)
-        for held_out in tested:
-            trained = set(held_out.indices) - set(run.record["test_indices"])
-            if trained and scene_settings(held_out.config) == scene_settings(run.config):
-                raise InputError(
-                    f"{folder} has seen light fields that it would be tested on, such as "
-                    f"{min(trained)}."
-                )
-    except InputError as error:
-        return Entry(name, partial(_refuse, str(error)), {})
-    return Entry(name, partial(ResNet50.of_run, folder), about, only=run.config.kind)
-
-
-def _refuse(reason: str) -> None:
-    raise InputError(reason)
+    name = f"{ResNet50.name}, {recipe}, {folder.name}"
+    return Entry(name, partial(ResNet50.of_run, folder), about, only=folder.name)
 
 
 def training_of(folder: Path) -> dict:
@@ -175,22 +157,18 @@ class TestSet:
 
 def select_sets(
     runs: Path, data: Sequence[Path], count: int, photographs: Sequence[tuple[Path, str]]
-) -> tuple[list[TestSet], list[HeldOut]]:
-    """Make the test sets of data sets (default: the paper's) and of photographs at slopes "-1,0".
-
-    Also returns the light fields that are held out.
-    """
-    configs = [read_config(path) for path in data or DATA_SETS]
-    tested = [find_scenes(config, runs / config.kind, count) for config in configs]
-    pairs = zip(configs, tested, strict=True)
-    sets = [one for config, held_out in pairs for one in paper_sets(config, held_out, count)]
+) -> list[TestSet]:
+    """Make the test sets of data sets (default: the paper's), and of photographs at slopes."""
+    sets = []
+    for config in map(read_config, data or DATA_SETS):
+        sets += paper_sets(config, find_scenes(config, runs / config.kind, count), count)
     for path, words in photographs:
         try:
             slopes = [float(part) for part in words.split(",")]
         except ValueError:
             raise InputError(f"Slopes are numbers with commas between, got {words!r}.") from None
         sets.append(photograph_set(path.name, read_light_field(path), slopes))
-    return sets, tested
+    return sets
 
 
 def paper_sets(config: DatasetConfig, held_out: HeldOut, count: int) -> list[TestSet]:

@@ -71,11 +71,10 @@ def run_comparison(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: 
 
     The first scene of the first test set is the frame that systems are timed on.
     """
-    for kind, names in (("test sets", test_sets), ("systems", entries)):
-        names = [one.name for one in names]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"Two {kind} are called {name!r}; compare one at a time.")
+    names = [one.name for one in test_sets]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"Two test sets are called {name!r}; compare one at a time.")
     started, frame = time.perf_counter(), next(test_sets[0].scenes())
     results = step_bar(_measure_and_score(entries, test_sets, frame), len(entries) + len(test_sets))
     results = list(results)
@@ -202,38 +201,21 @@ def _fairness(systems: pd.DataFrame) -> list[str]:
     """State which systems had equal seconds, and which receive equal inputs."""
     trained, paragraphs = systems[systems.at_seconds.notna()], []
     if len(trained):
-        spans = (
+        took, steps, views = (
             f"{trained[name].min():,.0f} to {trained[name].max():,.0f}"
             for name in ("training_s", "steps", "views")
         )
-        took, steps, views = spans
         paragraphs.append(
             f"**Equal seconds, not equal steps:** the networks that share one trainer were trained "
             f"for {took} s; in that time they took {steps} steps. Each receives the views of its "
-            f"publication, {views} of them, and the second U-Net those of ApertureNet. "
-            f"{_unequal(systems)}"
+            f"publication, {views} of them, and the second U-Net those of ApertureNet."
         )
-    # The paper's network receives one image, encoded from the views.
-    named = systems[systems.views.notna() & ~systems.system.str.startswith(ResNet50.name)]
-    names = named.groupby("views").system.agg(list)
-    groups = [f"- {n:.0f} views: {'; '.join(some)}" for n, some in names.items() if len(some) > 1]
     return [
         *paragraphs,
-        "**Equal inputs:** only the systems of one line below receive the same views. The rows of "
-        "all tables are in the order of the number of views.",
-        "\n".join(groups),
+        f"**Equal inputs:** only systems with the same number of views receive the same views, and "
+        f"{ResNet50.name} an image made of them. The rows of all tables are in the order of the "
+        f"number of views.",
     ]
-
-
-def _unequal(systems: pd.DataFrame) -> str:
-    """Name the systems whose training was shorter or longer than the others'."""
-    trained = systems[systems.training_s > 0]
-    usual = trained.training_s[trained.at_seconds.notna()].median()
-    other = trained[(trained.training_s / usual - 1).abs() > 0.25]
-    if other.empty:
-        return "All had the same training time, within a quarter."
-    names = (f"{row.system} ({row.training_s:,.0f} s)" for row in other.itertuples())
-    return f"Not trained for the same time, within a quarter of {usual:.0f} s: {'; '.join(names)}."
 
 
 def _table(scores: pd.DataFrame, systems: pd.DataFrame, measure: str, form: str) -> str:

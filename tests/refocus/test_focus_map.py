@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 
-from experiments.timing import on_threads
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
+from lf_flame._common.threads import one_thread
 from lf_flame.refocus import shift_and_sum
 from lf_flame.refocus.focus_map import TRUSTED, all_in_focus
 
@@ -167,7 +167,7 @@ def test_a_real_light_field_agrees_with_a_learned_disparity():
 def test_brightness_and_threads_change_no_bit_of_a_map(rng):
     views = rng.random((3, 3, 30, 40), np.float32)
     found = all_in_focus(views, np.linspace(-1, 1, 9))
-    with on_threads(1):
+    with one_thread():
         bright = all_in_focus(2**100 * views, np.linspace(-1, 1, 9))
     np.testing.assert_array_equal(bright.slope, found.slope)
     np.testing.assert_array_equal(bright.confidence, found.confidence)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import record_ball
 
-from experiments.emission.truth import Lens, Sheet, record
-from experiments.emission.truth import slabs as slabs_of
+from experiments.emission.truth import Lens
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.tomography import (
     AxisymmetricGrid,
@@ -140,8 +140,7 @@ def test_sharp_burner_is_followed_where_it_is_known(coarse):
 def test_behind_a_round_aperture_the_whole_views_are_fitted():
     """A ball of light by rays that the tests draw; views that the aperture cuts show anything."""
     lens, width = Lens(views=7, lenslets=(40, 48)), 0.7
-    ball = Sheet(3.0, (0.0, 0.4), (width, width))
-    seen = record(lens, slabs_of(ball, width, 0.1))
+    seen = record_ball(lens, 3.0, 0.4, width)
     corner = np.abs(np.arange(7) - 3) + 0.5
     whole = np.hypot(corner[:, None], corner) <= 3.5
     seen[~whole] *= 0.3

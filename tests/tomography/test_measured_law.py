@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import record_ball
 from checkerboards import Bench
 
-from experiments.emission.truth import Lens, Sheet, cells, record, slabs
+from experiments.emission.truth import Lens, Sheet, cells, record
 from lf_flame import PAPER_CAMERA, LightField
 from lf_flame.calibration import fit_targets, measure_target
 from lf_flame.tomography import (
@@ -77,7 +78,7 @@ def test_views_are_brought_to_the_brightness_that_the_law_holds(law, flame):
 def test_a_ball_of_light_by_the_law_is_that_by_the_camera(law):
     """Its axis is found at the depth from the user's zero, its emission in mm of the law."""
     width, at = 0.7, LENS.focus - ZERO
-    views = record(LENS, slabs(Sheet(2.0, (0.0, 0.3), (width, width)), width, 0.1))
+    views = record_ball(LENS, 2.0, 0.3, width)
     axis = find_axis(LightField(views), law)
     assert (axis.across_mm, axis.depth_mm) == pytest.approx((0.3, 2.0 + at), abs=0.02)
     found = reconstruct_axisymmetric(LightField(views), AxisymmetricGrid(law, 0.3, 2.0 + at, 1.9))

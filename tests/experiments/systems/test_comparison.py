@@ -140,7 +140,7 @@ ABOUT = {
 }  # fmt: skip
 
 
-def test_budgets_are_stated_and_unequal_ones_named():
+def test_budgets_are_stated_in_every_row():
     table = comparison.with_equal_effort(SYSTEMS, ABOUT).set_index("system")
     assert table.at_seconds.to_dict() == pytest.approx(
         {"fast": 3, "slow": 3, "long": np.nan, "formula": np.nan}, nan_ok=True
@@ -155,9 +155,7 @@ def test_budgets_are_stated_and_unequal_ones_named():
     ])  # fmt: skip
     frame = {"planes": 4, "image": "9 x 9", "views": "3 x 3"}
     text = "\n".join(comparison.body(scores, table.reset_index(), {"frame": frame}))
-    assert "within a quarter of 4 s: long (9 s)." in text
     assert "trained for 3 to 4 s; in that time they took 200 to 300 steps" in text
-    assert "- 4 views: slow; long\n" in text + "\n"  # equal inputs
     tables = [line for line in text.splitlines() if line.startswith("| ")]
     names = [line.split("|")[1].strip() for line in tables]
     assert names == 3 * ["system", "slow", "long", "fast", "formula"]  # fewest views first
@@ -176,8 +174,8 @@ def test_the_program_compares_and_lists_what_is_missing(
     monkeypatch.setattr(figures, "save", lambda figure, path, dpi=150: Path(path).touch())
     np.save(tmp_path / "leaves.npy", leaves[:, :, :40, :48])
     arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
-                 "--light-fields", 1, "--photograph", tmp_path / "leaves.npy", "-0.5,0.5",
-                 "--variant", system_runs / "refocusnet"]  # fmt: skip
+                 "--light-fields", 1, "--photograph", tmp_path / "leaves.npy",
+                 "-0.5,0.5"]  # fmt: skip
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
     assert shown.exit_code == 0
     assert (tmp_path / "out/compare.md").read_text() in shown.stdout
@@ -187,9 +185,8 @@ def test_the_program_compares_and_lists_what_is_missing(
     assert trained.psnr_db.notna().all()
     own = scores[scores.system == "shift-and-sum, RefocusNet's 4 views"]
     assert own.psnr_db.notna().all()
-    variant = scores[scores.system == "ResNet-50, smoke preset, 1 epochs, refocusnet"]
-    assert variant.why_missing.str.contains("it must hold one of the paper's network").all()
-    assert len(variant)
+    missing = scores[scores.system == "ResNet-50, no run, flames"]
+    assert missing.why_missing.str.contains("no finished run").any()
     systems = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
     assert set(systems.index) >= {network.system.name for network in NETWORKS.values()}
     assert list(systems.loc["RefocusNet", ["milliseconds", "views", "steps"]]) == [2, 4, 2]
@@ -209,7 +206,6 @@ REFUSED = {
     "small photograph": (["--photograph", "small.npy", "0"],
                          "small.npy needs views of 35 pixels or more along each side, got 34 x 40"),
     "steep slopes": (["--photograph", "small.npy", "20"], "needs views of 51 pixels"),
-    "same names": (["--variant", ".", "--variant", "."], "Two systems are called"),
 }  # fmt: skip
 
 
