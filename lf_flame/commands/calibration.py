@@ -3,7 +3,6 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -155,8 +154,7 @@ def _with_depths(
     ),
     option(
         "--exposure exposures",
-        "Exposure of each picture, in their order, divided by that of the flame's (default: as the "
-        "files state).",
+        "Exposure of each picture, in their order, divided by that of the flame's (default: 1).",
         ABOVE_0,
         multiple=True,
     ),
@@ -187,7 +185,6 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     fit; the responses must distinguish temperatures from 1,000 K on.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder, recorded_path
-    from lf_flame.formats import read_exposure
     from lf_flame.tomography import soot_output as output
     from lf_flame.tomography.colour_calibration import MOST_UNEVEN, measure_source
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
@@ -205,17 +202,12 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     out = out or Path("colours")
     with output_folder(out, output.COLOURS_RECORD, overwrite=overwrite) as folder:
         sources = [path for path, _ in placed]
-        in_files = [] if exposures else list(filter(None, map(read_exposure, sources)))
-        # Gains are those of the first picture's exposure, to which that of the flame is compared.
-        first = in_files[0] if len(in_files) == len(sources) else None
-        exposures = [one / first for one in in_files] if first else exposures
         photographs = _photographs(reading, sources, len(curves.names))
         least = least_temperature(curves)
         source = measure_source(photographs)
         fit = fit_colours(
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
-        fit = fit._replace(calibration=replace(fit.calibration, exposure=first))
         output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
@@ -235,8 +227,8 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
         )
     if not exposures:
         tell(
-            "Note: the pictures' files state no exposure. All are taken as exposed as the flame "
-            "is; if not, say so by --exposure, or its absorption comes out wrong."
+            "Note: all pictures are taken as exposed as the flame is; if not, say so by "
+            "--exposure, or its absorption comes out wrong."
         )
     say_files(folder)
 

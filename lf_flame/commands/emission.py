@@ -258,9 +258,9 @@ class _Job:
 
     @classmethod
     def begun(cls, source: Path, folder: Path, options: dict[str, Any]) -> "_Job":
-        """Check the options and folders, as reading and compiling are slow; print first notes."""
+        """Check the options and folders, as reading and compiling are slow."""
         from lf_flame._common.output_folders import refuse_folder
-        from lf_flame.tomography.colour_calibration import read_exposed_colours
+        from lf_flame.tomography.colour_calibration import read_colours
         from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.fit import FitOptions, check_bootstrap
 
@@ -274,15 +274,12 @@ class _Job:
             if given and colours is None:
                 raise InputError(f"{name} goes with --colours, without which no soot is fitted.")
         soot = {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
-        notes: list[str] = []
         calibration = None
         if colours is not None:
-            calibration, said = read_exposed_colours(colours, source)
-            notes += said
+            calibration = read_colours(colours)
             for name in calibration.responses.names:
                 refuse_folder(out / name, RECORD, overwrite=overwrite)
-        tell_all("Note", notes)
-        facts = {"seed": options.pop("seed"), "bootstrap": options["bootstrap"], "notes": notes}
+        facts = {"seed": options.pop("seed"), "bootstrap": options["bootstrap"]}
         return cls(source, out, overwrite, reading, calibration, soot, options, facts)
 
     def find(self, light_field: "LightField", grid: "FrustumGrid | AxisymmetricGrid") -> None:
@@ -341,8 +338,6 @@ class _Job:
         from lf_flame.tomography import write_emission
 
         write_emission(found, light_field, folder)
-        read = self.reading.facts()
-        notes = {"notes": [*self.facts["notes"], *read["notes"]]}
-        folder.facts |= self.facts | more | read | notes
+        folder.facts |= self.facts | more | self.reading.facts()
         folder.facts["source"] = recorded_path(self.source, folder.folder)
         tell_all(word, found.warnings)

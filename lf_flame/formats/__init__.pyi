@@ -1,4 +1,3 @@
-from .exposure import read_exposure as read_exposure
 from .focused.views import read_focused as read_focused
 from .images import write_movie as write_movie
 from .images import write_picture as write_picture

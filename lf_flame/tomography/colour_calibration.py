@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +20,6 @@ from scipy import ndimage, stats
 from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
-from lf_flame.formats.exposure import read_exposure
 from lf_flame.tomography.spectra import SpectralResponses
 
 TABLE = "colours"
@@ -50,7 +49,6 @@ class _ColoursTable:
     temperature_range_K: tuple[float, float]
     wavelengths_nm: tuple[float, ...]
     responses: tuple[tuple[float, ...], ...]
-    exposure: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +65,6 @@ class ColourCalibration:
         Relative standard error of each gain, 0 or above.
     temperature_range_K : (float, float)
         Lowest and highest temperature of the calibration.
-    exposure : float, optional
-        Exposure to which the gains apply (`lf_flame.formats.read_exposure`), above 0.
 
     Raises
     ------
@@ -80,11 +76,8 @@ class ColourCalibration:
     gains: np.ndarray
     relative_errors: np.ndarray
     temperature_range_K: tuple[float, float]  # noqa: N815 - the unit's own letter
-    exposure: float | None = None
 
     def __post_init__(self):
-        if self.exposure is not None and not 0 < self.exposure < math.inf:
-            raise InputError(f"exposure must be above 0, got {self.exposure:g}.")
         count = len(self.responses.names)
         for name, least in (("gains", np.nextafter(0, 1)), ("relative_errors", 0.0)):
             values = np.asarray(getattr(self, name), float)
@@ -113,7 +106,6 @@ class ColourCalibration:
             f"temperature_range_K = {_numbers(self.temperature_range_K)}\n"
             f"wavelengths_nm = {_numbers(responses.wavelengths_nm)}\n"
             f"responses = [\n  {rows},\n]\n"
-            + (f"exposure = {self.exposure!r}\n" if self.exposure else "")
         )
 
 
@@ -253,9 +245,7 @@ def read_colours(path: str | Path) -> ColourCalibration:
         lengths_nm, curves = np.array(table.wavelengths_nm), np.array(table.responses)
         responses = SpectralResponses(table.names, lengths_nm, curves)
         gains, errors = np.array(table.gains), np.array(table.relative_errors)
-        return ColourCalibration(
-            responses, gains, errors, table.temperature_range_K, table.exposure
-        )
+        return ColourCalibration(responses, gains, errors, table.temperature_range_K)
     except InputError as error:
         raise InputError(f"{path}: {TABLE}: {error}") from None
 
@@ -327,26 +317,3 @@ def _by_colour(photograph: np.ndarray) -> np.ndarray:
     """Sum of the colours, each scaled to its own brightest hundredth."""
     tops = np.percentile(photograph, 99, axis=(0, 1))
     return (photograph / np.where(tops > 0, tops, 1.0)).sum(axis=2)
-
-
-def read_exposed_colours(path: Path, source: Path) -> tuple[ColourCalibration, list[str]]:
-    """Read a calibration of colours with its gains for the exposure of a flame's picture.
-
-    Beside it a sentence where one exposure is known and not the other, or they differ.
-    """
-    calibration, exposure = read_colours(path), read_exposure(source)
-    if calibration.exposure is None:
-        return calibration, []
-    if exposure is None:
-        return calibration, [
-            f"{source} states no exposure: it is taken as that of the furnace's first picture, "
-            f"{calibration.exposure:.3g} s at ISO 100."
-        ]
-    times = exposure / calibration.exposure
-    if abs(times - 1) < 1e-6:
-        return calibration, []
-    gains = calibration.gains * exposure / calibration.exposure
-    return replace(calibration, gains=gains, exposure=exposure), [
-        f"{source} was exposed {times:.3g} times as the furnace's first picture, as their files "
-        f"state; this is taken into account."
-    ]

@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from experiments.emission.truth import Lens, SootFlame, planck, trace
 from lf_flame.commands.cli import commands
-from lf_flame.tomography.colour_calibration import read_exposed_colours
 
 COLOURS = (480.0, 640.0)
 LENS = Lens(views=3, lenslets=(36, 32))
@@ -81,37 +80,3 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     red.write_text(json.dumps(written | {"call": "another"}))
     mixed = run("temperature", "abel/flame", "--colours", "colours/colours.toml", code=1)
     assert "are not of one call" in str(mixed.exception)
-
-
-def test_exposures_are_those_that_the_files_state(furnace):
-    """Signals in proportion to time and ISO speed; gains are those of each picture's exposure."""
-    narrow = (480.0, 560.0, 640.0)
-    rows = [f"{nm + k},{','.join(str(int(k == 0 and nm == one)) for one in narrow)}"
-            for nm in narrow for k in (-1, 0, 1)]  # fmt: skip
-    Path("rgb.csv").write_text("\n".join(["wavelength_nm,b,g,r", *rows]))
-
-    def write(name, kelvin, time, speed):
-        signal = 2e-9 * time * speed * np.array([planck(nm, kelvin) for nm in narrow])
-        tags = [(33434, "2I", 1, (round(1e6 * time), 10**6), True), (34855, "H", 1, speed, True)]
-        pixels = np.broadcast_to(signal, (3 * 20, 3 * 24, 3)).astype(np.float32)
-        tifffile.imwrite(name, pixels, photometric="rgb", extratags=tags)
-
-    write("f1.tif", 1500, 0.02, 100)
-    write("f2.tif", 1700, 0.01, 400)
-    write("flame.tif", 1600, 0.03, 100)
-    pictures = ["f1.tif@1500", "f2.tif@1700", "--responses", "rgb.csv", "--views", 3]
-    assert "no exposure" not in run("calibrate-colours", *pictures).output
-    colours = Path("colours/colours.toml")
-    first, notes = read_exposed_colours(colours, Path("f1.tif"))
-    signal = 2e-9 * 0.02 * 100 * np.array([planck(nm, 1500) for nm in narrow])
-    assert first.gains * first.responses.black_body(1500.0) == pytest.approx(signal, rel=1e-3)
-    assert not notes
-    flame, notes = read_exposed_colours(colours, Path("flame.tif"))
-    assert flame.gains == pytest.approx(1.5 * first.gains, rel=1e-4)
-    assert "flame.tif was exposed 1.5 times" in notes[0]
-    unknown, notes = read_exposed_colours(colours, Path("f1500.npz"))
-    assert unknown.gains == pytest.approx(first.gains)
-    assert "f1500.npz states no exposure" in notes[0]
-    shown = run("calibrate-colours", *furnace, "--responses", "camera.csv", "--out", "other")
-    assert "state no exposure" in shown.output
-    assert read_exposed_colours(Path("other/colours.toml"), Path("flame.tif"))[1] == []
