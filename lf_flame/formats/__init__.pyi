@@ -1,8 +1,6 @@
 from .focused.views import read_focused as read_focused
 from .images import write_movie as write_movie
 from .images import write_picture as write_picture
-from .lenslet_image import read_lenslet_image as read_lenslet_image
-from .lenslet_image import write_lenslet_image as write_lenslet_image
 from .lytro.metadata import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture
 from .lytro.picture import read_lytro as read_lytro

@@ -12,7 +12,7 @@ from lf_flame._common.images import FLOAT, to_unit
 from lf_flame.errors import InputError
 from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
-from lf_flame.formats.lenslet_image import cut_views
+from lf_flame.formats.stacks import cut_views
 from lf_flame.formats.view_files.orders import (
     AS_STORED,
     Grid,

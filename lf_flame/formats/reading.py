@@ -13,17 +13,14 @@ from lf_flame.formats.arrays import ARRAY_SUFFIXES, MATLAB_SUFFIX, read_array
 from lf_flame.formats.coding import note_on_depth
 from lf_flame.formats.focused.views import plan_focused
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro
-from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.raw.reading import plan_raw, read_frame
-from lf_flame.formats.stacks import is_stack, read_mosaic, read_view_pages
+from lf_flame.formats.stacks import is_stack, read_lenslets, read_mosaic, read_view_pages
 from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
 from lf_flame.formats.view_files.orders import (
     AS_STORED,
     Grid,
     ViewOrder,
-    arranged_light_field,
     find_order,
-    stated_order,
 )
 from lf_flame.lightfield import LightField
 
@@ -185,7 +182,7 @@ def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found
     if suffix in TIFF_SUFFIXES and ("grid" in options or is_stack(path)):
         return "pages of views", _read_ordered(read_view_pages), "order grid dark"
     kind = "a lenslet image, as there is neither a white image, lenslets nor a pitch"
-    return kind, _read_ordered(_read_lenslets), "views order dark"
+    return kind, _read_ordered(read_lenslets), "views order dark"
 
 
 AS_DECODED = ViewOrder("row,col", "as decoded")
@@ -242,13 +239,6 @@ def _read_array(path: Path, **options: Any) -> Found:
             "pixels of weight 0 are unknown, other weights of single pixels are not used"
         )
     return found
-
-
-def _read_lenslets(
-    path: Path, views: int | None = None, order: str | None = None
-) -> tuple[LightField, ViewOrder]:
-    found = stated_order(order)
-    return arranged_light_field(read_lenslet_image(path, views), found.order), found
 
 
 def note_on_order(light_field: LightField, order: ViewOrder, path: Path) -> str:

@@ -1,8 +1,9 @@
-"""Several pictures in one file: views side by side or as pages, and refocused images."""
+"""Several pictures in one file: views in lenslet images, mosaics and pages; refocused images."""
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from lf_flame._common.input_files import parse_json
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
+from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
+from lf_flame.formats.raw.sensor_images import refuse_mosaic
 from lf_flame.formats.view_files.orders import (
     Grid,
     ViewOrder,
@@ -26,11 +29,41 @@ from lf_flame.formats.view_files.orders import (
     fold,
     order_memory,
     read_grid,
+    stated_order,
 )
 from lf_flame.lightfield import LightField
 
 LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
 """Largest size in bytes that ImageJ opens: classic TIFF, with offsets of 32 bits."""
+
+
+def read_lenslets(
+    path: str | Path, *, views: int | None = None, order: str | None = None
+) -> tuple[LightField, ViewOrder]:
+    """Read a rectified lenslet image (ESLF of the Lytro cameras), N x N pixels to a lenslet."""
+    found, light_field = stated_order(order), LightField(cut_views(read_image(path), views, path))
+    return arranged_light_field(light_field, found.order), found
+
+
+def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndarray:
+    """Cut a raw lenslet array into views; if `views` does not fit, the error says what would."""
+    if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
+        common = math.gcd(*raw.shape[:2])
+        fit = [str(n) for n in range(2, min(common, 64) + 1) if common % n == 0]
+        size = f"the {raw.shape[0]} x {raw.shape[1]} pixels of {source}"
+        if views is None:
+            raise InputError(
+                f"To read {source} as a lenslet image, state the pixels under a lenslet (views), "
+                f"which divide {size} ({', '.join(fit) or 'only 1 does'}); to decode a raw image, "
+                f"give a white image or the pitch."
+            )
+        raise InputError(
+            f"The pixels under a lenslet (views) must divide {size}, got {views}; "
+            f"{', '.join(fit) or 'only 1'} would."
+        )
+    if raw.ndim == 2 and views >= 5:  # with fewer pixels under a lenslet, views look like colours
+        refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
+    return LightField.from_raw(raw, views=views).views
 
 
 def read_mosaic(

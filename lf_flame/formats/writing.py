@@ -8,7 +8,6 @@ import numpy as np
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, write_image
-from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.zarr_arrays import EVERY_CHUNK, import_zarr
 from lf_flame.lightfield import AXES, LightField
 
@@ -57,7 +56,8 @@ def write_light_field(
     elif not suffix:
         _write_views(light_field, path, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
-        write_lenslet_image(light_field, path, bits, linear=linear)
+        raw = light_field.to_raw()
+        write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)
     elif suffix == ".npy":
         with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)

@@ -8,7 +8,7 @@ from focused_pictures import Camera, Waves
 
 from lf_flame import InputError, LightField
 from lf_flame.commands.cli import commands
-from lf_flame.formats import write_focal_stack, write_lenslet_image, write_light_field
+from lf_flame.formats import write_focal_stack, write_light_field
 from lf_flame.formats.images import write_image
 
 
@@ -122,7 +122,7 @@ def lenslets(pitch, side):
 
 def test_raw_and_lenslet_images(told, tmp_path, rng):
     light_field = LightField(rng.uniform(size=(5, 5, 20, 30)))
-    write_lenslet_image(light_field, tmp_path / "plain.png")
+    write_light_field(light_field, tmp_path / "plain.png")
     scene = np.kron(rng.uniform(0.5, 1, (12, 12)), np.ones((12, 12)))
     write_image(tmp_path / "on.png", np.rint(60000 * scene * lenslets(12, 144)).astype(np.uint16))
     raw = np.rint(60000 * lenslets(12.3, 200)).astype(np.uint16)

@@ -17,7 +17,6 @@ from lf_flame.commands import cli, refocus_output
 from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
-    write_lenslet_image,
     write_light_field,
 )
 from lf_flame.formats.images import write_image
@@ -259,7 +258,7 @@ def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path, drawn):
 
 
 def test_the_count_of_views_follows_from_the_camera(light_field, camera, tmp_path):
-    write_lenslet_image(light_field, tmp_path / "raw.tif")
+    write_light_field(light_field, tmp_path / "raw.tif")
     known = ["--camera", written_camera(camera, tmp_path)]
     for source in (["raw.tif"], ["raw.tif", "--pitch", 5]):
         words = [tmp_path / source[0], *source[1:], *known, "--slope", 0]

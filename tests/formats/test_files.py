@@ -16,10 +16,9 @@ from PIL import Image
 from lf_flame import InputError, LightField
 from lf_flame.formats import (
     read_focal_stack,
-    read_lenslet_image,
     read_light_field,
     write_focal_stack,
-    write_lenslet_image,
+    write_light_field,
 )
 from lf_flame.formats.images import write_image
 
@@ -49,7 +48,7 @@ def test_a_lenslet_image_comes_back(tmp_path_factory, shape, bits, suffix, seed)
     full = (n, n, t, s, channels) if channels else (n, n, t, s)
     views = levels(np.random.default_rng(seed), full, bits) / np.float32(2**bits - 1)
     path = tmp_path_factory.mktemp("lenslets") / f"raw{suffix}"
-    write_lenslet_image(LightField(views), path, bits)
+    write_light_field(LightField(views), path, bits)
     np.testing.assert_array_equal(read_light_field(path, views=n).views, views)
     turned = read_light_field(path, order="row,-col", views=n).views
     np.testing.assert_array_equal(turned, views[:, ::-1])
@@ -58,7 +57,7 @@ def test_a_lenslet_image_comes_back(tmp_path_factory, shape, bits, suffix, seed)
 def test_a_lenslet_image_lies_as_eslf_files_do(tmp_path, rng):
     raw = levels(rng, (28, 42, 3), bits=16)
     write_image(tmp_path / "flowers_eslf.png", raw)
-    views = read_lenslet_image(tmp_path / "flowers_eslf.png", views=14).views
+    views = read_light_field(tmp_path / "flowers_eslf.png", views=14).views
     assert views.shape == (14, 14, 2, 3, 3)
     np.testing.assert_array_equal(views[5, 9], raw[5::14, 9::14] / np.float32(65535))
 

@@ -18,7 +18,7 @@ from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
-from lf_flame.formats import read_focal_stack, write_lenslet_image
+from lf_flame.formats import read_focal_stack, write_light_field
 from lf_flame.formats.images import to_levels, write_image
 from lf_flame.learning.prediction import read_input
 from lf_flame.learning.run_folders import open_run
@@ -104,7 +104,7 @@ def test_light_fields_are_seen_as_in_training(run_folder, rng, tmp_path):
     light_field = LightField(rng.uniform(size=(3, 3, 80, 128)).astype(np.float32))
     expected = InputEncoding().encode(light_field, SIZE)[..., 0]
     np.savez(tmp_path / "views.npz", views=light_field.views)
-    write_lenslet_image(light_field, tmp_path / "raw.png", 16)
+    write_light_field(light_field, tmp_path / "raw.png", 16)
     np.save(tmp_path / "photograph.npy", light_field.photograph)
     for name in ("views.npz", "raw.png", "photograph.npy"):
         found = read_input(tmp_path / name, SIZE)
