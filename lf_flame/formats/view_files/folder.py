@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from decimal import Decimal
 from fnmatch import fnmatch
-from itertools import pairwise
 from math import gcd, prod
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from lf_flame.formats.view_files.orders import (
 from lf_flame.formats.zarr_arrays import is_zarr
 from lf_flame.lightfield import LightField
 
+READERS = os.cpu_count() or 1
+"""Number of files that are decoded at the same time."""
+
 
 @dataclass(frozen=True, eq=False)
 class ViewFolder:
@@ -46,14 +49,11 @@ class ViewFolder:
         Files of the views; None for a missing view.
     found : ViewOrder
         Order in which the file names count the views, and how it was found.
-    left_out : int
-        Number of other files in the folder.
     """
 
     path: Path
     files: np.ndarray
     found: ViewOrder
-    left_out: int
 
     def describe(self) -> str:
         """Describe the views, their order and the missing ones in a few lines."""
@@ -69,8 +69,6 @@ class ViewFolder:
         if gaps := [f"{v}_{u}" for v, u in np.argwhere(self.files == None)]:  # noqa: E711
             named = ", ".join(gaps[:3]) + (" ..." if len(gaps) > 3 else "")
             lines.append(f"missing views, with weight 0: {len(gaps)} ({named})")
-        if self.left_out:
-            lines.append(f"other files left out: {self.left_out}")
         return "\n".join(lines)
 
     def read(self) -> LightField:
@@ -101,18 +99,13 @@ class ViewFolder:
                 )
             views[places[k]] = image
 
-        with ThreadPoolExecutor(_readers(paths)) as pool:  # decoders release the interpreter's lock
+        with ThreadPoolExecutor(READERS) as pool:  # decoders release the interpreter's lock
             done = pool.map(place, range(len(paths)))
             for _ in progress.steps(done, "reading", len(paths), "view"):
                 pass
         shape = self.files.shape
         weights = None if there.all() else there.reshape(shape)
         return LightField(views.reshape(shape + first.shape), weights=weights)
-
-
-def _readers(files: list[Path]) -> int:
-    """Count the files that are decoded at the same time."""
-    return min(len(files), os.cpu_count() or 1)
 
 
 def is_view_folder(path: str | Path) -> bool:
@@ -170,11 +163,10 @@ def scan_view_folder(
     """Find the files that are the views of a light field, and their order.
 
     The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) with names that differ only in
-    numbers. The last two numbers that vary are row and column: ``row_col.png``, ``view_R_C.jpg``,
-    ``2067_RR_CC.png``, positions such as ``pos_-40_12.5.png``; in Stanford's
-    ``out_RR_CC_y_x.png`` the last two that lie on a grid. A single number, as in HCI's
-    ``input_Cam000.png``, counts row by row a square, or the `grid`. Rows and columns need one step;
-    views may be missing.
+    numbers. The last two numbers that vary, and repeat, are row and column: ``row_col.png``,
+    ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's ``out_RR_CC_y_x.png``, positions such as
+    ``pos_-40_12.5.png``. A single number, as in HCI's ``input_Cam000.png``, counts row by row a
+    square, or the `grid`. Rows and columns need one step; views may be missing.
 
     Parameters
     ----------
@@ -227,7 +219,7 @@ def scan_view_folder(
     numbered = number_grid(files, path, turned, first)
     image = read_shape(files[0])
     # As floats, with a byte for whether a value is finite; decoding takes two more at a time.
-    reading = ((FLOAT + 1) * numbered.size + 2 * FLOAT * _readers(files)) * prod(image)
+    reading = ((FLOAT + 1) * numbered.size + 2 * FLOAT * READERS) * prod(image)
     check_memory(max(reading, order_memory(image) + 2 * FLOAT * prod(image)), path)
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)
@@ -235,7 +227,7 @@ def scan_view_folder(
         found = find_order(numbered, read_image, stated=order)
     ordered = arranged(numbered, found.order)
     check_grid(shape, ordered.shape, path)
-    return ViewFolder(path, ordered, found, len(list(path.iterdir())) - len(files))
+    return ViewFolder(path, ordered, found)
 
 
 # Numbers in names ---------------------------------------------------------------------------------
@@ -249,8 +241,14 @@ SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 Column = tuple[Decimal, ...]
 """Number at one place of the name of each file."""
 
-Axis = tuple[list[int], int, float, float]
-"""Place of each number along an axis, count of places, step between them, and its error."""
+
+class Axis(NamedTuple):
+    """Places of numbers along an axis, number of places, step between them, and its error."""
+
+    places: list[int]
+    size: int
+    step: float = 1.0
+    error: float = 0.0
 
 
 def number_grid(
@@ -258,77 +256,72 @@ def number_grid(
 ) -> np.ndarray:
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
-    The last two numbers that vary and lie on a grid are places along its axes: (first number,
-    second number). Where only one varies it counts all views, (running number,), unless it is one
-    of the last two of as many digits, and the other always 0 or 1: a single row or column. A stated
-    `grid` is that of the numbers: (first, second), and `first` the number of the first place.
+    Gives shape (first number, second number), or (running number,). A stated `grid` is that of the
+    numbers: (first, second), and `first` the number of the first place.
     """
-    columns = _columns([file.stem for file in files])
-    found: list[list[Axis]] = []
-    faults: list[InputError] = []
-    for pair in pairwise(columns):
-        alone = len(set(zip(*pair, strict=True))) == len(files)
-        if alone and min(len(set(column)) for column in pair) < len(files):
-            try:  # each view has a place; some share a row or a column
-                found.insert(0, _two_axes(pair, grid or (None, None), first, source))
-            except InputError as fault:  # positions beside the numbers of rows and columns
-                faults.append(fault)
-    if faults and not found:
-        raise faults[-1]
-    found = found or [[_running_number(columns, grid, first, source, len(files))]]
-    axes = min(found, key=lambda axes: prod(size for _, size, *_ in axes))
-    sizes = [size for _, size, *_ in axes]
+    columns = _row_and_column([file.stem for file in files])
+    if len(set(zip(*columns, strict=True))) < len(files):
+        raise InputError(
+            f"The {len(files)} images of {source} do not number a grid: each needs a unique row "
+            f"and column, or a unique running number."
+        )
+    axes = _axes(columns, grid, first, source)
+    sizes = [axis.size for axis in axes]
     if prod(sizes) > max(2 * len(files), 10_000):
         raise InputError(
             f"{source}: {len(files)} views cannot fill a grid of {' x '.join(map(str, sizes))}."
         )
     views = np.full(sizes, None, object)
-    views[tuple(places for places, *_ in axes)] = files
+    views[tuple(axis.places for axis in axes)] = files
     return views
 
 
-def _columns(names: list[str]) -> list[Column]:
-    """Columns of numbers that vary, or the last two of all if they may be a row and a column."""
-    numbers = (one[1::2] for one in split_numbers(names))
-    columns: list[Column] = list(zip(*numbers, strict=True))
-    varying = [column for column in columns if len(set(column)) > 1]
-    if len(varying) != 1 or len(columns) < 2 or varying[0] not in (last := columns[-2:]):
-        return varying
-    digits = [re.findall(r"[0-9]+", name)[-2:] for name in names]
-    alike = len({min(map(len, column)) for column in zip(*digits, strict=False)}) == 1
-    return last if alike and any(set(column) in ({0}, {1}) for column in last) else varying
+def _row_and_column(names: list[str]) -> list[Column]:
+    """Find the last two numbers that differ between views and repeat, or one that counts the views.
+
+    A view's place by its row and column is unique, and neither of the two alone is. In a single row
+    or column one is: there they are the last two numbers, of as many digits in all names, and the
+    other is always 0 or 1.
+    """
+    columns: list[Column] = list(zip(*(one[1::2] for one in split_numbers(names)), strict=True))
+    repeated = [column for column in columns if 1 < len(set(column)) < len(names)]
+    if len(repeated) > 1:
+        return repeated[-2:]
+    running = next((column for column in columns if len(set(column)) == len(names)), None)
+    last = columns[-2:]
+    if running in last and any(set(column) in ({0}, {1}) for column in last):
+        digits = [re.findall(r"[0-9]+", name)[-2:] for name in names]
+        if len({min(map(len, column)) for column in zip(*digits, strict=False)}) == 1:
+            return last
+    return [running] if running else repeated
 
 
-def _running_number(
-    columns: list[Column], grid: Grid | None, first: int | None, source: Path, count: int
-) -> Axis:
-    """Find the number that counts all views; gaps need a stated grid."""
-    numbers = next((column for column in columns if len(set(column)) == count), None)
-    if numbers is None:
+def _axes(
+    columns: Sequence[Column], grid: Grid | None, first: int | None, source: Path
+) -> list[Axis]:
+    """Find the places of a running number, without gaps unless a grid is stated, or of a pair.
+
+    Steps that differ are refused, as slopes would have no unit.
+    """
+    if len(columns) == 1:
+        (numbers,) = columns
+        axis = _axis(numbers, None if grid is None else prod(grid), first, source)
+        if grid is None and axis.size != len(numbers):
+            raise InputError(
+                f"Only {len(numbers)} views of {source} are there, numbered from {min(numbers)} to "
+                f"{max(numbers)} with gaps: state the grid that they do not fill, --grid "
+                f"ROWSxCOLUMNS."
+            )
+        return [axis]
+    sizes = grid or (None, None)
+    one, other = (_axis(*both, first, source) for both in zip(columns, sizes, strict=True))
+    if one.step and other.step and abs(one.step - other.step) > one.error + other.error:
         raise InputError(
-            f"The {count} images of {source} do not number a grid: each needs a unique row and "
-            f"column, or a unique running number."
+            f"The views of {source} are {one.step:.4g} apart by the first number in their names, "
+            f"and {other.step:.4g} by the second, but views need equal steps along both axes; "
+            f"where these numbers only count, rename the files with 0, 1, 2 ..."
         )
-    axis = _axis(numbers, prod(grid) if grid else None, first, source)
-    if grid is None and axis[1] != count:
-        raise InputError(
-            f"Only {count} views of {source} are there, numbered from {min(numbers)} to "
-            f"{max(numbers)} with gaps: state the grid that they do not fill, --grid ROWSxCOLUMNS."
-        )
-    return axis
-
-
-def _two_axes(pair, grid: Sequence[int | None], first: int | None, source: Path) -> list[Axis]:
-    """Find the places of two numbers; refuse steps that differ, as slopes would have no unit."""
-    axes = [_axis(numbers, n, first, source) for numbers, n in zip(pair, grid, strict=True)]
-    (*_, step, error), (*_, other, other_error) = axes
-    if step and other and abs(step - other) > error + other_error:
-        raise InputError(
-            f"The views of {source} are {step:.4g} apart by the first number in their names, and "
-            f"{other:.4g} by the second, but views need equal steps along both axes; where these "
-            f"numbers only count, rename the files with 0, 1, 2 ..."
-        )
-    return axes
+    return [one, other]
 
 
 def _axis(numbers: Column, size: int | None, first: int | None, source: Path) -> Axis:
@@ -341,21 +334,16 @@ def _axis(numbers: Column, size: int | None, first: int | None, source: Path) ->
     few = ", ".join(map(str, found[:4])) + (f" ... {found[-1]}" if len(found) > 4 else "")
     unit = 10.0 ** min(int(number.as_tuple().exponent) for number in found)
     rounding = unit if unit < 1 else 0.0
-    away = np.array([float(number - found[0]) for number in found])
-    places, last, step = np.zeros(1, int), 0, 0.0
-    if len(found) > 1:
-        least = np.diff(away).min() if rounding else gcd(*(int(one) for one in np.diff(away)))
-        last = round(away[-1] / least)
-        step = float(away[-1] / last)  # less rounded than a single one
-        places = np.rint(away / step).astype(int)
-        if abs(away - places * step).max() > rounding or len(set(places)) < len(found):
-            raise InputError(
-                f"The views of {source} are at places off a regular grid, {few} by the numbers in "
-                f"their names; only multiples of one step can be used."
-            )
+    places, step = _regular(np.array([float(number - found[0]) for number in found]), rounding)
+    if len(set(places)) < len(found):
+        raise InputError(
+            f"The views of {source} are at places off a regular grid, {few} by the numbers in "
+            f"their names; only multiples of one step can be used."
+        )
+    last = places[-1]
     if size is None or (size == last + 1 and first is None):
-        placed = dict(zip(found, places.tolist(), strict=True))
-        return [placed[number] for number in numbers], last + 1, step, rounding / max(last, 1)
+        placed = dict(zip(found, places, strict=True))
+        return Axis([placed[n] for n in numbers], last + 1, step, rounding / max(last, 1))
     start = int(found[-1] == size) if first is None else first
     if rounding or not start <= found[0] <= found[-1] < start + size:
         raise InputError(
@@ -363,7 +351,21 @@ def _axis(numbers: Column, size: int | None, first: int | None, source: Path) ->
             f"{start}: state another --grid, the --order of the numbers, or the number of the "
             f"first place (`lf-flame convert --first`)."
         )
-    return [int(number) - start for number in numbers], size, 1.0, 0.0
+    return Axis([int(number) - start for number in numbers], size)
+
+
+def _regular(away: np.ndarray, rounding: float) -> tuple[list[int], float]:
+    """Rising distances from 0 as multiples of one step, and that step; no places if there is none.
+
+    Whole numbers, of no `rounding`, need a common divisor; of others two must be one step apart.
+    """
+    if len(away) == 1:
+        return [0], 0.0
+    apart = np.diff(away)
+    least = apart.min() if rounding else gcd(*(int(one) for one in apart))
+    step = float(away[-1] / round(away[-1] / least))  # less rounded than a single one
+    places = np.rint(away / step).astype(int)
+    return (places.tolist() if abs(away - places * step).max() <= rounding else []), step
 
 
 def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:

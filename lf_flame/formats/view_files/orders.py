@@ -17,12 +17,11 @@ from scipy.ndimage import gaussian_filter
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
-ORDERS = tuple(
-    f"{a}{first},{b}{second}"
-    for first, second in (("row", "col"), ("col", "row"))
-    for a in ("", "-")
-    for b in ("", "-")
-)
+ORDERS = (
+    "row,col", "row,-col", "-row,col", "-row,-col",
+    "col,row", "col,-row", "-col,row", "-col,-row",
+)  # fmt: skip
+"""Orders that may be stated; the first one is the default."""
 
 Grid = tuple[int, int]
 """Number of rows and columns of views."""
