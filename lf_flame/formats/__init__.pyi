@@ -4,7 +4,6 @@ from .images import write_picture as write_picture
 from .lytro.metadata import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture
 from .lytro.picture import read_lytro as read_lytro
-from .lytro.white import find_white as find_white
 from .raw.decode_plan import DecodePlan as DecodePlan
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch

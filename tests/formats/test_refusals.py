@@ -22,7 +22,6 @@ from lf_flame.formats import (
     LensletGrid,
     decode_raw,
     estimate_grid,
-    find_white,
     read_focal_stack,
     read_lytro,
     read_raw,
@@ -33,6 +32,7 @@ from lf_flame.formats import (
 from lf_flame.formats.focused.lenslets import read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan
 from lf_flame.formats.images import write_image
+from lf_flame.formats.lytro.white import find_white
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
 from lf_flame.refocus import all_in_focus
 from lf_flame.systems import ShiftAndSum

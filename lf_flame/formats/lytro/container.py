@@ -28,9 +28,6 @@ ALIGNMENT, HEADER = 16, 96
 NAME = re.compile(rb"(sha1-[0-9a-fA-F]{40})\0*")
 """Name of a section, from the SHA-1 of its data."""
 
-LARGEST_JSON = 1 << 22
-"""Largest size of metadata in bytes; those of the cameras have some 10 kB."""
-
 
 def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Read the table of contents, and the sections by their names in small letters."""
@@ -78,13 +75,18 @@ def read_bytes(path: str | Path) -> bytes:
         return Path(path).read_bytes()
 
 
+def check_table_size(size: int, source: str | Path) -> None:
+    """Refuse metadata of more than 4 MiB; those of the cameras have some 10 kB."""
+    if size > 1 << 22:
+        raise InputError(
+            f"{source} cannot be read: its metadata have {size:,} bytes, and {1 << 22:,} are the "
+            f"most."
+        )
+
+
 def parse_table(data: bytes, source: str | Path) -> dict[str, Any]:
     """Parse JSON of bounded size that must hold names and values."""
-    if len(data) > LARGEST_JSON:
-        raise InputError(
-            f"{source} cannot be read: its metadata have {len(data):,} bytes, and "
-            f"{LARGEST_JSON:,} are the most."
-        )
+    check_table_size(len(data), source)
     try:
         text = data.rstrip(b"\0").decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.lytro.container import LARGEST_JSON, parse_table, read_bytes
+from lf_flame.formats.lytro.container import check_table_size, parse_table, read_bytes
 from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
 from lf_flame.formats.lytro.picture import LytroPicture
 
@@ -48,58 +48,11 @@ class WhiteFile(NamedTuple):
     metadata: LytroMetadata
     pixels: PackedFile
 
-    def picture(self) -> LytroPicture:
-        """Read the white image."""
-        self.metadata.check_size(self.pixels.size, self.name)  # before that many bytes are read
-        return LytroPicture(self.metadata, self.pixels.read(), self.name)
-
 
 def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
-    """Find the white image of a picture's camera, by serial number, zoom and focus.
+    """Find the white image of a picture's camera, at the nearest zoom step, and focus step.
 
-    Parameters
-    ----------
-    picture : LytroPicture
-    where : str or Path
-        Archive ``caldata-SERIAL.tar``, or a folder with files MOD_*.RAW and MOD_*.TXT.
-
-    Returns
-    -------
-    LytroPicture
-        White image of the same camera with the nearest zoom step, and among these with the nearest
-        focus step. Dark frames, and images with a mean below 12 % of the highest level, are left
-        out.
-
-    Raises
-    ------
-    InputError
-        If nothing fits, a file cannot be read, or the picture's metadata lack serial number, zoom
-        or focus.
-
-    Examples
-    --------
-    >>> import json
-    >>> from pathlib import Path
-    >>> from lf_flame.formats import find_white, read_lytro
-    >>> values = {
-    ...     "image": {
-    ...         "height": 2, "width": 2,
-    ...         "pixelPacking": {"bitsPerPixel": 12, "endianness": "big"},
-    ...         "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "b"},
-    ...         "pixelFormat": {
-    ...             "black": dict.fromkeys(["r", "gr", "gb", "b"], 168),
-    ...             "white": dict.fromkeys(["r", "gr", "gb", "b"], 4095),
-    ...         },
-    ...     },
-    ...     "devices": {"lens": {"zoomStep": 900, "focusStep": 500}},
-    ...     "camera": {"serialNumber": "A123"},
-    ... }
-    >>> for name in ("MOD_0000", "MOD_0002"):
-    ...     _ = Path(f"{name}.TXT").write_text(json.dumps(values))
-    ...     _ = Path(f"{name}.RAW").write_bytes(bytes(6 * [200]))
-    ...     values["devices"]["lens"]["focusStep"] += 100
-    >>> find_white(read_lytro("MOD_0002.RAW"), ".").source
-    'MOD_0002.RAW'
+    Dark frames, and images with a mean below 12 % of the highest level, are left out.
     """
     where, facts = Path(where), picture.metadata
     if not facts.serial or facts.zoom_step is None or facts.focus_step is None:
@@ -110,7 +63,8 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
     files = white_files(where)
     fitting = [one for one in files if _is_alike(one.metadata, facts)]
     for one in sorted(fitting, key=lambda one: _distance(one.metadata, facts)):
-        white = one.picture()
+        one.metadata.check_size(one.pixels.size, one.name)  # before that many bytes are read
+        white = LytroPicture(one.metadata, one.pixels.read(), one.name)
         # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
         if white.mosaic.mean() >= 500 / 4095 * (2**facts.bits - 1):
             LOGGER.info(
@@ -152,17 +106,15 @@ def white_files(where: Path) -> list[WhiteFile]:
         place = PurePosixPath(file.name)
         if named := PAIRED.fullmatch(place.name):
             pairs.setdefault(str(place.parent / named[1].upper()), {})[named[2].upper()] = file
-    whole = [pair for _, pair in sorted(pairs.items()) if len(pair) == 2]
-    return [_described(pair["TXT"], pair["RAW"], where) for pair in whole]
-
-
-def _described(text: PackedFile, pixels: PackedFile, where: Path) -> WhiteFile:
-    name = str(where / PurePosixPath(pixels.name).name)
-    if text.size > LARGEST_JSON:  # before that many bytes are read
-        raise InputError(
-            f"{name}: its metadata have {text.size:,} bytes, and {LARGEST_JSON:,} are the most."
-        )
-    return WhiteFile(name, parse_metadata(parse_table(text.read(), name), name), pixels)
+    found = []
+    for _, pair in sorted(pairs.items()):
+        if len(pair) == 2:
+            text, pixels = pair["TXT"], pair["RAW"]
+            name = str(where / PurePosixPath(pixels.name).name)
+            check_table_size(text.size, name)  # before that many bytes are read
+            metadata = parse_metadata(parse_table(text.read(), name), name)
+            found.append(WhiteFile(name, metadata, pixels))
+    return found
 
 
 def _in_folder(where: Path) -> list[PackedFile]:

@@ -81,9 +81,9 @@ def read_raw(
         `read_lytro`, decoded into views in the camera's colours.
     white : str or Path, optional
         White image (flat field), in which the micro-images are found and by which the views are
-        divided, as in `DecodePlan`. For a Lytro picture also a folder or archive of the camera's,
-        as in `find_white`; default: the one in the picture's file; without one the metadata place
-        the lenslets.
+        divided, as in `DecodePlan`. For a Lytro picture also the camera's folder of MOD_*.RAW and
+        MOD_*.TXT, or ``caldata-SERIAL.tar``, of which the nearest in zoom and focus is taken;
+        default: the one in the picture's file; without one the metadata place the lenslets.
     pitch : float, optional
         Distance between micro-images in pixels. With a white image a rough value suffices. Without
         one it is required, and the array is assumed to be upright and centred in the image.
