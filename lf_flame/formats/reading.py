@@ -55,7 +55,7 @@ def read_light_field(
     an image and `mosaic`                 views side by side
     an image and `white`, `lenslets` or   a raw lenslet image: `read_raw`
     `pitch`; ``.lfp``, ``.lfr``
-    an image and `focused`                raw image of focused lenslets: `read_focused`
+    an image and `focused`                raw image of focused lenslets (Raytrix)
     any other image and `views`           a lenslet image, N x N pixels to a lenslet
     ====================================  ===================================================
 
@@ -88,8 +88,14 @@ def read_light_field(
         mosaic of a raw image, as in `read_raw`.
     dark : str or Path, optional
         Light field without light, of the same form and size, which is subtracted.
-    focused, virtual_depth : optional
-        Calibration and virtual depth of focused lenslets, as in `read_focused`.
+    focused : str or Path, optional
+        Calibration of a Raytrix camera (``.xml``); or a white image of any camera with focused
+        lenslets, in which the micro-images are found, and which is also `white` if none is given.
+        The picture becomes 5 x 5 `views`, or 1 in which everything is sharp.
+    virtual_depth : float, optional
+        Virtual depth of all focused lenslets, and at which views coincide: a plane. Default: found
+        for each lenslet by the displacement between micro-images; views coincide at 3, or at -3 if
+        most depths are negative.
 
     Returns
     -------
@@ -206,8 +212,8 @@ def _read_raw(path: Path, **options: Any) -> Found:
     return Found(plan.decode(image), AS_DECODED, list(filter(None, notes)), again)
 
 
-def _read_focused(path: Path, focused: str | Path, **options: Any) -> Found:
-    plan, image = plan_focused(path, focused, **options)
+def _read_focused(path: Path, **options: Any) -> Found:
+    plan, image = plan_focused(path, **options)
     light_field = plan.decode(image)
     notes = [f"{path}: {plan.lenslets.describe()}", *filter(None, [plan.found])]
     return Found(light_field, AS_DECODED, notes, lambda one: plan.decode(read_frame(one)))

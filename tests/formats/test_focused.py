@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 from focused_pictures import Camera, Waves
 
-from lf_flame import InputError
+from lf_flame import InputError, read_light_field
 from lf_flame.commands.cli import commands
 from lf_flame.flame_video.frames import FrameReader
-from lf_flame.formats import LensletGrid, read_focused
+from lf_flame.formats import LensletGrid
 from lf_flame.formats.focused.lenslets import FocusedLenslets, read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan, fall_off, mean_white
 from lf_flame.formats.focused.virtual_depth import find_virtual_depth
@@ -74,7 +74,7 @@ def alike(camera):
 def found_in(raw, lenslets):
     """Virtual depth of each lenslet that lies whole in a picture."""
     image, array = raw[..., None].astype(np.float32), lenslets.array(raw.shape)
-    image = image / fall_off(mean_white(image, lenslets), lenslets)
+    image = image / fall_off(mean_white(image, array, lenslets.radius), array)
     depth = find_virtual_depth(image, lenslets, array)
     return depth[array.whole], array.centres[array.whole][:, 1] - raw.shape[1] / 2
 
@@ -254,10 +254,9 @@ def test_a_white_image_takes_the_place_of_a_calibration(tmp_path):
     for name, image in (("raw", raw), ("white", white)):
         write_image(tmp_path / f"{name}.png", np.rint(40000 * image).astype(np.uint16))
     (tmp_path / "camera.xml").write_text(camera.xml())
-    by_white = read_focused(tmp_path / "raw.png", tmp_path / "white.png", views=3)
-    by_xml = read_focused(
-        tmp_path / "raw.png", tmp_path / "camera.xml", white=tmp_path / "white.png", views=3
-    )
+    source, white = tmp_path / "raw.png", tmp_path / "white.png"
+    by_white = read_light_field(source, 3, focused=white)
+    by_xml = read_light_field(source, 3, focused=tmp_path / "camera.xml", white=white)
     assert by_white.views.shape == by_xml.views.shape
     inner = np.s_[:, :, 3:-3, 3:-3]
     np.testing.assert_allclose(by_white.views[inner], by_xml.views[inner], atol=0.03)
@@ -298,4 +297,4 @@ def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes):
     write_image(tmp_path / "raw.png", levels_of(camera))
     (tmp_path / "camera.xml").write_text(camera.xml(**changes))
     with pytest.raises(InputError, match=r"micro-images lie .* pixels beside theirs or more"):
-        read_focused(tmp_path / "raw.png", tmp_path / "camera.xml")
+        read_light_field(tmp_path / "raw.png", focused=tmp_path / "camera.xml")

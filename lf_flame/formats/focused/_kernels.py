@@ -96,39 +96,41 @@ def render(piece, image, lattice, first, inverse, weights, offsets, view, reach,
     A place of a view belongs to the lenslets near it. Each gives the part of its micro-image around
     the view's offset, magnified by the lenslet's virtual depth; nearer ones count more.
 
-    image: shape (rows, columns, channels). first: row and column of the array's first lenslet.
+    image: shape (rows, columns, channels). lattice: y0, x0, pitch, row_pitch, offset of odd rows in
+    pitches, cosine and sine of the rotation. first: row and column of the array's first lenslet.
     inverse, weights: (i, j), inverse virtual depths, and weights. offsets: (n, 2), places of the
     views in a micro-image, from its centre. view: first y, first x, pixels per pixel of a view, and
     virtual depth at which views coincide. reach, radius: of lenslets, and in a micro-image, in
     pixels. views: (n, t, s, channels), filled.
     """
     top, left, step, reference = view
+    y0, x0, pitch, row_pitch, odd, cos, sin = lattice
     height = views.shape[1]
     n, t = piece // height, piece % height
     sums = np.empty(image.shape[2])
     for s in range(views.shape[2]):
-        y = top + step * t - reference * offsets[n, 0] - lattice.y0
-        x = left + step * s - reference * offsets[n, 1] - lattice.x0
-        down, along = lattice.cos * y - lattice.sin * x, lattice.sin * y + lattice.cos * x
+        y = top + step * t - reference * offsets[n, 0] - y0
+        x = left + step * s - reference * offsets[n, 1] - x0
+        down, along = cos * y - sin * x, sin * y + cos * x
         total = 0.0
         sums[:] = 0.0
-        middle = int(np.floor(down / lattice.row_pitch + 0.5))
+        middle = int(np.floor(down / row_pitch + 0.5))
         for row in range(middle - 2, middle + 3):
-            across = down - lattice.row_pitch * row
+            across = down - row_pitch * row
             i = row - first[0]
             if not 0 <= i < inverse.shape[0]:
                 continue
-            place = along / lattice.pitch - lattice.offset * (row % 2)
+            place = along / pitch - odd * (row % 2)
             nearest = int(np.floor(place + 0.5))
             for column in range(nearest - 2, nearest + 3):
-                aside = lattice.pitch * (place - column)
+                aside = pitch * (place - column)
                 distance = np.sqrt(across * across + aside * aside)
                 j = column - first[1]
                 if distance >= reach or not 0 <= j < inverse.shape[1]:
                     continue
                 weight = weights[i, j] * (1 - distance / reach) ** 2
-                to_y = lattice.sin * aside + lattice.cos * across
-                to_x = lattice.cos * aside - lattice.sin * across
+                to_y = sin * aside + cos * across
+                to_x = cos * aside - sin * across
                 at_y = offsets[n, 0] + to_y * inverse[i, j]
                 at_x = offsets[n, 1] + to_x * inverse[i, j]
                 away = np.sqrt(at_y * at_y + at_x * at_x)
@@ -136,7 +138,7 @@ def render(piece, image, lattice, first, inverse, weights, offsets, view, reach,
                     at_y, at_x = at_y * radius / away, at_x * radius / away
                     weight *= FAR
                 # The micro-image's centre is the place less the way from it.
-                at_y, at_x = at_y + lattice.y0 + y - to_y, at_x + lattice.x0 + x - to_x
+                at_y, at_x = at_y + y0 + y - to_y, at_x + x0 + x - to_x
                 total += weight
                 for channel in range(image.shape[2]):
                     sums[channel] += weight * between(image, at_y, at_x, channel)

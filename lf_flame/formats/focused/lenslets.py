@@ -21,39 +21,23 @@ from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 
-KINDS = 3
-"""Number of kinds of lenslets in a hexagonal array of different focal lengths."""
-
 SIXTH = math.pi / 3
 """Angle by which a hexagonal array can be turned without a change."""
-
-LARGEST = 1 << 16
-"""Largest size in bytes of a calibration; the maker's files have 1.7 kB."""
-
-
-class Lattice(NamedTuple):
-    """Numbers of a grid, for compiled loops; `offset` is that of odd rows, in pitches."""
-
-    y0: float
-    x0: float
-    pitch: float
-    row_pitch: float
-    offset: float
-    cos: float
-    sin: float
 
 
 class Array(NamedTuple):
     """Lenslets around a picture, by row and column of the array.
 
-    `centres`, shape (rows, columns, 2), are the places ``(y, x)`` of the micro-images, and `whole`,
-    shape (rows, columns), says which lie whole in the picture.
+    `centres`, shape (rows, columns, 2), are the places ``(y, x)`` of the micro-images; `whole` says
+    which lie whole in the picture, and `kinds` which focal length they have, 0 to 2, each of shape
+    (rows, columns). In a rectangular array all are of kind 0.
     """
 
     rows: np.ndarray
     columns: np.ndarray
     centres: np.ndarray
     whole: np.ndarray
+    kinds: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -90,14 +74,6 @@ class FocusedLenslets:
         """Radius in pixels of the part of a micro-image that is used."""
         return min(self.grid.window) / 2 - self.border
 
-    @property
-    def lattice(self) -> Lattice:
-        """Numbers of the grid, for compiled loops."""
-        grid = self.grid
-        offset = 0.5 if grid.layout == "hexagonal" else 0.0
-        turn = math.cos(grid.rotation), math.sin(grid.rotation)
-        return Lattice(grid.y0, grid.x0, grid.pitch, grid.row_pitch, offset, *turn)
-
     def array(self, shape: tuple[int, ...]) -> Array:
         """Lenslets around a picture; refused if fewer than 3 x 3 lie whole in it."""
         rows, columns = self.grid.indices(shape)
@@ -110,19 +86,14 @@ class FocusedLenslets:
                 f"Fewer than 3 x 3 micro-images of {self.grid.pitch:.4g} pixels lie whole in the "
                 f"picture of {shape[0]} x {shape[1]}: the calibration does not fit it."
             )
-        return Array(rows, columns, centres, whole)
-
-    def kinds(self, array: Array) -> np.ndarray:
-        """Find each lenslet's kind, 0 to 2, shape (rows, columns); 0 in a rectangular array."""
-        if self.grid.layout != "hexagonal":
-            return np.zeros(array.whole.shape, np.int64)
-        return (array.columns - array.rows[:, None] % 2) % KINDS
+        kinds = (columns - rows[:, None] % 2) % (3 if self.grid.layout == "hexagonal" else 1)
+        return Array(rows, columns, centres, whole, kinds)
 
     def in_focus(self, array: Array, depth: np.ndarray) -> np.ndarray:
         """Whether each lenslet is in focus at its virtual depth: bool, shape (rows, columns)."""
         if not self.ranges:
             return np.ones(array.whole.shape, bool)
-        low, high = np.moveaxis(np.array(self.ranges)[self.kinds(array)], 2, 0)
+        low, high = np.moveaxis(np.array(self.ranges)[array.kinds], 2, 0)
         return (low <= depth) & (depth <= high)
 
     def describe(self) -> str:
@@ -149,7 +120,7 @@ def read_raytrix(path: str | Path, shape: tuple[int, ...]) -> FocusedLenslets:
     the picture to a lenslet of the first kind; the rotation is counter-clockwise and complete, as
     ``lens_base_x`` repeats it only in whole steps. The main lens's distortion is not used.
     """
-    text = read_text(path, LARGEST)
+    text = read_text(path, 1 << 16)  # the maker's files have 1.7 kB
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError(f"{path} cannot be read: it declares a document type or entities.")
     try:
@@ -183,7 +154,7 @@ def _ranges(root: ElementTree.Element, grid: LensletGrid) -> tuple[tuple[float, 
             )
         right, up = (grid.pitch * _number(kind, f"offset/{axis}") for axis in "xy")
         found[_kind_at(grid, right, -up)] = (low, high)
-    if len(found) not in (0, KINDS):
+    if len(found) not in (0, 3):
         raise InputError(
             f"it must state none or three kinds of lenslets (lens_type) at different offsets, got "
             f"{len(found)}."
@@ -196,7 +167,7 @@ def _kind_at(grid: LensletGrid, right: float, down: float) -> int:
     row, column = (axis.ravel() for axis in np.mgrid[-4:5, -6:7])
     y, x = grid.position(row, column)
     nearest = np.hypot(y - grid.y0 - down, x - grid.x0 - right).argmin()
-    return int(column[nearest] - row[nearest] % 2) % KINDS
+    return int(column[nearest] - row[nearest] % 2) % 3
 
 
 def _number(element: ElementTree.Element, name: str) -> float:

@@ -14,9 +14,9 @@ from lf_flame._common.arrays import centred
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.focused._kernels import render
-from lf_flame.formats.focused.lenslets import FocusedLenslets, is_raytrix, read_raytrix
+from lf_flame.formats.focused.lenslets import Array, FocusedLenslets, is_raytrix, read_raytrix
 from lf_flame.formats.focused.virtual_depth import find_virtual_depth
-from lf_flame.formats.images import is_lytro, read_image
+from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import (
     as_image,
@@ -35,17 +35,59 @@ NEAREST = 1.5
 """Smallest virtual depth at which patches fit into their micro-images."""
 
 
-def read_focused(
+def plan_focused(
     path: str | Path,
-    calibration: str | Path,
+    focused: str | Path,
     *,
-    virtual_depth: float | None = None,
-    views: int | None = None,
     white: str | Path | None = None,
     dark: str | Path | None = None,
     bayer: str | None = None,
-) -> LightField:
-    """Read the raw picture of a camera with focused lenslets, such as a Raytrix, as views.
+    **options,
+) -> tuple[FocusedPlan, np.ndarray]:
+    """Read a raw picture, and plan its views and those of others by the same camera.
+
+    Arguments are those of `lf_flame.read_light_field`. Without a white image the mean fall-off
+    within the micro-images is taken from each picture.
+    """
+    image = read_image(path)
+    black, flat = (None if one is None else read_image(one) for one in (dark, white))
+    if stated := is_raytrix(focused):
+        lenslets = read_raytrix(focused, image.shape)
+    else:
+        shown = read_image(focused)
+        lenslets = FocusedLenslets(estimate_grid(less_dark(shown, black, "white")))
+        flat = shown if flat is None else flat
+    options |= {"white": flat, "dark": black, "bayer": bayer}
+    plan = FocusedPlan(lenslets, shape=image.shape, **options)
+    if stated:
+        _check_fit(less_dark(image if flat is None else flat, black, "raw"), plan, focused)
+    if bayer is None:
+        refuse_mosaic(less_dark(image, black, "raw"), lenslets.grid, "raw")
+    return plan, image
+
+
+def _check_fit(image: np.ndarray, plan: FocusedPlan, calibration: object) -> None:
+    """Refuse a calibration whose lenslets are not where a picture, (rows, columns), shows them.
+
+    Micro-images are dark between each other. Where a picture shows no lenslets, nothing is checked.
+    """
+    grey = np.atleast_3d(image).mean(axis=2, dtype=np.float64)
+    try:
+        found = estimate_grid(grey, layout=plan.lenslets.grid.layout).centres(grey.shape)
+    except InputError:
+        return
+    stated = cKDTree(plan.array.centres.reshape(-1, 2))
+    away = float(stated.query(found.reshape(-1, 2))[0].max())
+    if away > 0.08 * plan.lenslets.grid.pitch:
+        raise InputError(
+            f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
+            f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
+            f"picture whole, neither scaled nor cropped."
+        )
+
+
+class FocusedPlan:
+    """Plan for the views of one camera with focused lenslets.
 
     Each place of a view is put together from the lenslets around it: from the part of each
     micro-image around an offset p that belongs to the view, magnified by the lenslet's virtual
@@ -55,105 +97,6 @@ def read_focused(
     picture. The offsets lie in a square within the round micro-image, so that all views count.
     Unlike a view of an unfocused camera, a patch holds directions from p - pitch / (2 v) to
     p + pitch / (2 v).
-
-    Parameters
-    ----------
-    path : str or Path
-        Raw picture: grey, in colour, or a Bayer mosaic.
-    calibration : str or Path
-        Calibration of a Raytrix camera (``.xml``), or a white image, in which the micro-images are
-        found, and by which the picture is divided.
-    virtual_depth : float, optional
-        Virtual depth of all lenslets, and at which views coincide: a plane. Default: found for each
-        lenslet by the displacement between micro-images; views coincide at 3, or at -3 if most
-        depths are negative.
-    views : int, optional
-        Number of views along each axis, 1 to 64; 1 for one picture in which everything is sharp.
-        Default: 5.
-    white, dark : str or Path, optional
-        White image (flat field) and image without light. Without a white image the mean fall-off
-        within the micro-images is taken from the picture.
-    bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
-        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
-
-    Returns
-    -------
-    LightField
-        Views of the part of the picture that all of them see.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, the calibration does not fit the picture, or no virtual depth is
-        found or stated.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import tifffile
-    >>> from lf_flame.formats import read_focused
-    >>> y, x = np.indices((240, 320)) % 20 - 9.5
-    >>> tifffile.imwrite("white.tif", np.clip(10.5 - np.hypot(y, x), 0, 1))
-    >>> read_focused("white.tif", "white.tif", virtual_depth=4.0, views=3)
-    LightField(3 x 3 views of 42 x 62 pixels, grey)
-    """
-    plan, image = plan_focused(
-        path, calibration, virtual_depth=virtual_depth, views=views, white=white, dark=dark,
-        bayer=bayer,
-    )  # fmt: skip
-    return plan.decode(image)
-
-
-def plan_focused(
-    path: str | Path,
-    calibration: str | Path,
-    *,
-    white: str | Path | None = None,
-    dark: str | Path | None = None,
-    bayer: str | None = None,
-    **options,
-) -> tuple[FocusedPlan, np.ndarray]:
-    """Read a raw picture, and plan its views and those of others by the same camera."""
-    if is_lytro(path):
-        raise InputError(f"{path} is no raw picture of a camera with focused lenslets.")
-    image = read_image(path)
-    black, flat = (None if one is None else read_image(one) for one in (dark, white))
-    if is_raytrix(calibration):
-        lenslets = read_raytrix(calibration, image.shape)
-        seen = less_dark(image if flat is None else flat, black, "raw")
-        _check_fit(seen, lenslets, calibration)
-    else:
-        shown = read_image(calibration)
-        lenslets = FocusedLenslets(estimate_grid(less_dark(shown, black, "white")))
-        flat = shown if flat is None else flat
-    if bayer is None:
-        refuse_mosaic(less_dark(image, black, "raw"), lenslets.grid, "raw")
-    options |= {"white": flat, "dark": black, "bayer": bayer}
-    return FocusedPlan(lenslets, shape=image.shape, **options), image
-
-
-def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object) -> None:
-    """Refuse a calibration whose lenslets are not where a picture, (rows, columns), shows them.
-
-    Micro-images are dark between each other. Where a picture shows no lenslets, nothing is checked.
-    """
-    grey = np.atleast_3d(image).mean(axis=2, dtype=np.float64)
-    try:
-        found = estimate_grid(grey, layout=lenslets.grid.layout).centres(grey.shape).reshape(-1, 2)
-    except InputError:
-        return
-    stated = lenslets.array(grey.shape).centres.reshape(-1, 2)
-    away = float(cKDTree(stated).query(found)[0].max())
-    if away > 0.08 * lenslets.grid.pitch:
-        raise InputError(
-            f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
-            f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
-            f"picture whole, neither scaled nor cropped."
-        )
-
-
-class FocusedPlan:
-    """Plan for the views of one camera with focused lenslets; arguments as in `read_focused`.
 
     `reference` is the virtual depth at which views coincide, `step` the distance between pixels of
     a view, `spacing` that between the offsets of neighbouring views, `first` the place (y, x) of
@@ -190,12 +133,12 @@ class FocusedPlan:
         patch = 0.6 * pitch / self.step  # half its width: as far as a lenslet's cell goes
         farthest = max(lenslets.radius - patch, 0.0) / math.sqrt(2)
         self.spacing = 2 * farthest / (self.views - 1) if self.views > 1 else 0.0
-        self._array = lenslets.array(self.shape)
+        self.array = lenslets.array(self.shape)
         self._black = None if dark is None else as_image(dark, "dark")
         self._fall = None
         if white is not None:
             light = fitting(less_dark(white, self._black, "white"), "white", self.shape)
-            self._fall = fall_off(self._coloured(light), lenslets)
+            self._fall = fall_off(self._coloured(light), self.array)
         inner = np.array(self.shape[:2]) - 1
         room = inner - 2 * (lenslets.radius + 1 + self.step * farthest + pitch / 2)
         size = np.floor(np.maximum(room, 0) / self.step).astype(int) + 1
@@ -217,30 +160,33 @@ class FocusedPlan:
         image = self._coloured(less_dark(image, self._black, "raw").astype(np.float32, copy=False))
         fall = self._fall
         if fall is None:
-            fall = fall_off(mean_white(image, self.lenslets), self.lenslets)
+            white = mean_white(image, self.array, self.lenslets.radius)
+            fall = fall_off(white, self.array)
         image = np.ascontiguousarray(image / fall, np.float32)
         inverse = self._inverse(image)
-        focused = self.lenslets.in_focus(self._array, 1 / inverse)
+        focused = self.lenslets.in_focus(self.array, 1 / inverse)
         # A lenslet of a kind that is out of focus counts only where no other sees the place.
-        weights = np.where(focused, 1.0, 1e-3) * self._array.whole
+        weights = np.where(focused, 1.0, 1e-3) * self.array.whole
         places = centred(self.views) * self.spacing
         offsets = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
         out = np.empty((len(offsets), *self._size, image.shape[2]), np.float32)
         view = (*self.first.tolist(), self.step, self.reference)
-        first = int(self._array.rows[0]), int(self._array.columns[0])
-        reach = 1.1 * self.lenslets.grid.pitch  # some lenslets of each kind are as near, anywhere
+        first = int(self.array.rows[0]), int(self.array.columns[0])
+        grid, odd = self.lenslets.grid, 0.5 if self.lenslets.grid.layout == "hexagonal" else 0.0
+        turn = math.cos(grid.rotation), math.sin(grid.rotation)
+        lattice = grid.y0, grid.x0, grid.pitch, grid.row_pitch, odd, *turn
+        reach = 1.1 * grid.pitch  # some lenslets of each kind are as near, anywhere
         render(
-            image, self.lenslets.lattice, first, inverse, weights, offsets, view,
-            reach, self.lenslets.radius, out,
-        )  # fmt: skip
+            image, lattice, first, inverse, weights, offsets, view, reach, self.lenslets.radius, out
+        )
         out = out.reshape(self.views, self.views, *out.shape[1:])
         return LightField(out if image.shape[2] > 1 else out[..., 0])
 
     def _inverse(self, image: np.ndarray) -> np.ndarray:
         """Inverse virtual depth of each lenslet, that of the nearest known one where unknown."""
         if self._plane is not None:
-            return np.full(self._array.whole.shape, 1 / self._plane)
-        depth = find_virtual_depth(image, self.lenslets, self._array)
+            return np.full(self.array.whole.shape, 1 / self._plane)
+        depth = find_virtual_depth(image, self.lenslets, self.array)
         known = np.isfinite(depth)
         if not known.any():
             raise InputError(
@@ -252,7 +198,7 @@ class FocusedPlan:
         low, high = np.percentile(depth[known], [2, 98])
         self.found = (
             f"virtual depth from {low:.3g} to {high:.3g}, known for "
-            f"{known.sum() / self._array.whole.sum():.0%} of the lenslets; slopes of the views are "
+            f"{known.sum() / self.array.whole.sum():.0%} of the lenslets; slopes of the views are "
             f"{self.spacing / self.step:.4g} ({self.reference:g} - virtual depth)"
         )
         nearest = ndimage.distance_transform_edt(
@@ -275,9 +221,8 @@ class FocusedPlan:
         return sums / counts
 
 
-def fall_off(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
+def fall_off(white: np.ndarray, array: Array) -> np.ndarray:
     """Brightness of a white image relative to the middle of its micro-images, and at least 0.2."""
-    array = lenslets.array(white.shape)
     y, x = np.rint(array.centres[array.whole]).astype(int).T
     middle = np.median(white[y, x], axis=0)
     if not np.all(middle > 0):
@@ -288,10 +233,10 @@ def fall_off(white: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
     return np.maximum(white / middle, 0.2)
 
 
-def mean_white(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
+def mean_white(image: np.ndarray, array: Array, radius: float) -> np.ndarray:
     """White image by the mean fall-off of a picture's micro-images, which is taken to be round."""
-    apart, half = np.ones(image.shape[:2], bool), int(lenslets.radius)
-    centres = np.rint(lenslets.array(image.shape).centres).astype(int)
+    apart, half = np.ones(image.shape[:2], bool), int(radius)
+    centres = np.rint(array.centres).astype(int)
     inside = np.all((centres >= 0) & (centres < apart.shape), axis=2)
     apart[tuple(centres[inside].T)] = False
     away = ndimage.distance_transform_edt(apart)  # from the nearest micro-image's centre

@@ -5,23 +5,6 @@ import numpy as np
 from lf_flame.formats.focused._kernels import match
 from lf_flame.formats.focused.lenslets import Array, FocusedLenslets
 
-STEEPEST, LARGEST_INVERSE = 0.55, 0.52
-"""Largest inverse virtual depths that are tried, and accepted. Above 0.5 no place is seen by two
-lenslets whole."""
-
-FIRST_STEP, NEAR = 0.5, 1.8
-"""Displacement in pixels from one tried depth to the next between lenslets NEAR pitches apart, the
-farthest neighbours of the first search."""
-
-FAR, FINER = 3.1, 4
-"""Distance in pitches of the farthest neighbours of the second search; ratio of its steps."""
-
-SMALLEST_PATCH = 2.0
-"""Smallest displacement in pixels between neighbouring micro-images at an accepted depth."""
-
-LEAST_LIKENESS, LEAST_CONFIDENCE = 0.5, 0.1
-"""Smallest likeness, and smallest difference from that at other depths, of a known depth."""
-
 
 def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets, array: Array) -> np.ndarray:
     """Find the virtual depth of each lenslet, shape (rows, columns), in a levelled picture.
@@ -34,26 +17,28 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets, array: Arra
     from -0.55 to 0.55 (from 0, where the lenslets have ranges) is refined with all neighbours
     within 3.1 pitches.
 
-    A depth is NaN outside the picture, without texture, where several depths fit, or where fewer
-    than two neighbours agree within 10 %: where texture is faint, single ones match by accident.
+    A depth is NaN outside the picture, without texture (a likeness below 0.5), where several depths
+    fit (another likeness is less than 0.1 lower), or where fewer than two neighbours agree within
+    10 %: where texture is faint, single ones match by accident.
     """
     grey = np.ascontiguousarray(image.mean(axis=2, keepdims=True), np.float32)
-    pitch = lenslets.grid.pitch
-    step = FIRST_STEP / (NEAR * pitch)
-    count = int(np.ceil(STEEPEST / step))
+    pitch, near, far = lenslets.grid.pitch, 1.8, 3.1
+    step = 0.5 / (near * pitch)  # displaces the farthest neighbours by half a pixel
+    count = int(np.ceil(0.55 / step))
     inverses = step * np.arange(-2 if lenslets.ranges else -count, count + 1)
-    coarse = _likeness(grey, lenslets, array, NEAR, np.zeros(array.whole.shape), inverses)
+    coarse = _likeness(grey, lenslets, array, near, np.zeros(array.whole.shape), inverses)
     best = coarse.argmax(axis=2)
     start = inverses[best]
-    fine = np.arange(-2 * FINER, 2 * FINER + 1) * step / FINER
-    found = start + _tops(_likeness(grey, lenslets, array, FAR, start, fine), fine)
+    fine = np.arange(-8, 9) * step / 4
+    found = start + _tops(_likeness(grey, lenslets, array, far, start, fine), fine)
     # At inverse depths as near as that, likeness is still that of the same peak.
     apart = np.abs(inverses - start[..., None]) > max(0.07, 2 / pitch)
     other = np.where(apart, coarse, 0).max(axis=2)
     likeness = coarse.max(axis=2)
-    known = array.whole & (likeness >= LEAST_LIKENESS) & (likeness - other >= LEAST_CONFIDENCE)
+    known = array.whole & (likeness >= 0.5) & (likeness - other >= 0.1)
     known &= (best > 0) & (best < inverses.size - 1)
-    known &= (np.abs(found) <= LARGEST_INVERSE) & (np.abs(found) * pitch >= SMALLEST_PATCH)
+    # Above 0.5 no place is seen by two lenslets whole; below 2 pixels any two micro-images match.
+    known &= (np.abs(found) <= 0.52) & (np.abs(found) * pitch >= 2)
     found[~known] = np.nan
     found[_agreeing(found, lenslets, array) < 2] = np.nan
     return 1 / found
@@ -82,8 +67,8 @@ def _likeness(grey, lenslets: FocusedLenslets, array: Array, reach: float, start
     odd = (array.rows % 2).astype(np.int64)
     out = np.zeros((*array.whole.shape, len(steps)))
     match(
-        grey, array.centres, array.whole, lenslets.kinds(array), odd, _neighbours(lenslets, reach),
-        spots, radius, np.ascontiguousarray(start), steps, out,
+        grey, array.centres, array.whole, array.kinds, odd, _neighbours(lenslets, reach), spots,
+        radius, np.ascontiguousarray(start), steps, out,
     )  # fmt: skip
     return out
 
