@@ -106,9 +106,8 @@ class CameraLaw(Lens):
 
     def __post_init__(self):
         low, high = self.depth_range_mm
-        numbers = (self.slope_at_infinity, self.slope_mm, self.centre_mm, self.scale, low, high,
-                   self.distortion)  # fmt: skip
-        if not np.all(np.isfinite(numbers)) or max(map(abs, numbers)) > LONGEST:
+        numbers = *(getattr(self, name) for name in MEASURED), low, high, self.distortion
+        if not all(abs(number) <= LONGEST for number in numbers):
             raise InputError(f"The numbers of a law must be finite, up to {LONGEST:g}.")
         signs = self.slope_at_infinity * self.slope_mm < 0 < self.scale
         if not (signs and abs(self.slope_mm) >= SHORTEST and self.centre_mm < low < high):
@@ -262,10 +261,10 @@ def _undistorted(light_field: LightField, distortion: float) -> LightField:
     at = np.stack([down * shrunk + (size[0] - 1) / 2, right * shrunk + (size[1] - 1) / 2])
     views = light_field.filled.reshape(-1, *size, light_field.channels)
     new = np.empty_like(views)
-    for view, free_view in zip(views, new, strict=True):
-        for channel in range(light_field.channels):
-            one = view[..., channel]
-            free_view[..., channel] = map_coordinates(one, at, order=3, mode="nearest")
+    for view, channel in np.ndindex(len(views), light_field.channels):
+        map_coordinates(
+            views[view, ..., channel], at, new[view, ..., channel], order=3, mode="nearest"
+        )
     valid = light_field.valid
     if valid is not None:  # a pixel is known if all four are that it lies between
         known = [

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from lf_flame.errors import InputError
 
-LEAST_ROWS, LEAST_POINTS = 3, 9
-"""Smallest number of rows and columns of corners, and of corners: a board of 4 x 4 squares."""
+LEAST_POINTS = 9
+"""Smallest number of corners, those of a board of 4 x 4 squares."""
 
 
 def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -44,14 +44,13 @@ def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, 
 
 def refuse_few(indices: np.ndarray, *, dots: bool) -> None:
     """Refuse a target of which too few corners or dots are found."""
-    counts = [len(np.unique(column)) for column in indices.T]
-    if len(indices) < LEAST_POINTS or min(counts) < LEAST_ROWS:
-        what = "dots" if dots else "corners of squares"
+    rows, columns = (len(np.unique(column)) for column in indices.T)
+    if len(indices) < LEAST_POINTS or min(rows, columns) < 3:
+        what, target = ("dots", "a grid of dots") if dots else ("corners", "a checkerboard")
         raise InputError(
-            f"The target must show at least {LEAST_ROWS} x {LEAST_ROWS} {what} in rows and "
-            f"columns{'' if dots else ' (4 x 4 squares)'}, got {counts[0]} x {counts[1]}: let it "
-            f"fill more of the picture, lit evenly, or check that it is "
-            f"{'a grid of dots' if dots else 'a checkerboard'}."
+            f"The target must show at least 3 x 3 {what} in rows and columns, got {len(indices)} "
+            f"in {rows} x {columns}: let it fill more of the picture, lit evenly, or check that it "
+            f"is {target}."
         )
 
 

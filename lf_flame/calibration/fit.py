@@ -13,12 +13,6 @@ from lf_flame.calibration.camera_law import MEASURED, CameraLaw
 from lf_flame.calibration.targets import Target, inverse
 from lf_flame.errors import InputError
 
-LEAST_DISTANCES = 3
-"""Smallest number of different distances: a law has four numbers, a target gives two."""
-
-BEYOND = 0.25
-"""Part of the span of distances by which a law is trusted beyond the nearest and the farthest."""
-
 SURE = 0.999
 """Probability above which distortion, or a misfit, is taken to be more than noise."""
 
@@ -48,8 +42,6 @@ class LawFit:
         Root mean square of the depth residuals in mm; 0 unless it surely exceeds the noise.
     residuals : ndarray, shape (2, n)
         Depth by the law minus the known one in mm, and relative error of the law's scale.
-    left_out : ndarray, shape (2, n)
-        The same by the law of the other targets; NaN for three targets.
     """
 
     law: CameraLaw
@@ -57,7 +49,6 @@ class LawFit:
     covariance: np.ndarray
     misfit_mm: float
     residuals: np.ndarray
-    left_out: np.ndarray
 
     @property
     def coverage(self) -> float:
@@ -180,10 +171,10 @@ def refuse_few_depths(depths_mm: ArrayLike) -> None:
     """Refuse fewer than three different depths, or depths that are not finite."""
     depths = np.asarray(depths_mm, float)
     different = len(np.unique(depths))
-    if different < LEAST_DISTANCES or not np.all(np.isfinite(depths)):
+    if different < 3 or not np.all(np.isfinite(depths)):
         raise InputError(
-            f"A calibration needs targets at {LEAST_DISTANCES} different distances at least, "
-            f"better 5 or more over the whole range of use, got {different}."
+            f"A calibration needs targets at 3 different distances at least, better 5 or more over "
+            f"the whole range of use, got {different}."
         )
 
 
@@ -221,16 +212,15 @@ def fit_law(
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2
     law = CameraLaw(
         **dict(zip(MEASURED, solved.x.tolist(), strict=True)),
-        # The law holds a little beyond the targets, before the lens.
-        depth_range_mm=(max(low - BEYOND * span, (low + centre) / 2), high + BEYOND * span),
+        # The law is trusted a little beyond the targets, before the lens.
+        depth_range_mm=(max(low - span / 4, (low + centre) / 2), high + span / 4),
         views=views,
         lenslets=lenslets,
         distortion=distortion,
         fall_off=fall_off,
         standard_deviations=dict(zip(MEASURED, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
     )
-    left_out = _left_out(measured, solved.x)
-    return LawFit(law, measured, covariance, misfit_mm * sure, residuals, left_out)
+    return LawFit(law, measured, covariance, misfit_mm * sure, residuals)
 
 
 def _start(measured: Measurements) -> np.ndarray:
@@ -268,13 +258,3 @@ def _residuals(measured: Measurements, p: np.ndarray) -> np.ndarray:
     depths = p[2] + p[1] / (measured.slopes - p[0])
     scales = p[3] * (measured.depths - p[2])
     return np.array([depths - measured.depths, scales / measured.scales - 1])
-
-
-def _left_out(measured: Measurements, p: np.ndarray) -> np.ndarray:
-    """Residuals of each target by the law of the others, shape (2, n)."""
-    left = np.full((2, len(measured.depths)), np.nan)
-    for number in range(len(measured.depths)):
-        others = Measurements(*(np.delete(x, number) for x in measured))
-        if len(np.unique(others.depths)) >= LEAST_DISTANCES:
-            left[:, number] = _residuals(measured, _solve(others, p).x)[:, number]
-    return left

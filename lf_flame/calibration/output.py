@@ -17,9 +17,6 @@ RECORD = "calibration.json"
 LAW = "calibration.toml"
 CAMERA = "camera.toml"
 
-LARGEST_TILT = 1.5
-"""Largest tilt of a target in degrees without a note: it raises the scale by 0.02 %."""
-
 HEAD = """\
 # Measured by lf-flame calibrate. Depths are in mm, from the zero of the given ones:
 # slope(z) = slope_at_infinity + slope_mm / (z - centre_mm)
@@ -28,7 +25,7 @@ HEAD = """\
 
 
 def target_facts(fit: LawFit, targets: Sequence[Target]) -> list[dict[str, Any]]:
-    """List for each target what was measured, and its errors by the law and by that of the others.
+    """List for each target what was measured, and its errors by the law.
 
     The tilt is the angle between the target and the plane of the lenslets.
     """
@@ -40,7 +37,7 @@ def target_facts(fit: LawFit, targets: Sequence[Target]) -> list[dict[str, Any]]
         # A gradient is as exact as a slope at a distance of the spread of the corners.
         changes = np.array([np.hypot(*gradient), slope_error / np.std(target.points)])
         tilt, tilt_error = np.degrees(np.arctan(changes / abs(per_mm) / scale)).tolist()
-        values = {
+        facts.append({
             "depth_mm": depth,
             "corners": len(target.points),
             "slope": slope,
@@ -52,32 +49,24 @@ def target_facts(fit: LawFit, targets: Sequence[Target]) -> list[dict[str, Any]]
             "tilt_error_deg": tilt_error,
             "depth_residual_mm": float(fit.residuals[0, number]),
             "scale_residual": float(fit.residuals[1, number]),
-            "left_out_mm": float(fit.left_out[0, number]),
-            "left_out_scale": float(fit.left_out[1, number]),
-        }
-        facts.append({name: x if np.isfinite(x) else None for name, x in values.items()})
+        })  # fmt: skip
     return facts
 
 
 def table(facts: list[dict]) -> str:
-    """Tabulate each target: measured, by the law, and by the law of the others."""
+    """Tabulate each target: measured, and by the law."""
     columns = {
-        "depth\nmm": ("depth_mm", "{:g}"),
-        "corners": ("corners", "{}"),
-        "slope": ("slope", "{:+.5f}"),
-        "+-": ("slope_error", "{:.1e}"),
-        "mm per\nlenslet": ("mm_per_lenslet", "{:.5f}"),
-        "depth error\nmm": ("depth_residual_mm", "{:+.4f}"),
-        "scale\nerror": ("scale_residual", "{:+.4%}"),
-        "left out:\nmm": ("left_out_mm", "{:+.4f}"),
-        "left out:\nscale": ("left_out_scale", "{:+.4%}"),
-        "tilt\ndeg": ("tilt_deg", "{:.1f}"),
-        "+-\ndeg": ("tilt_error_deg", "{:.1f}"),
+        "depth\nmm": ("depth_mm", "g"),
+        "corners": ("corners", ""),
+        "slope": ("slope", "+.5f"),
+        "+-": ("slope_error", ".1e"),
+        "mm per\nlenslet": ("mm_per_lenslet", ".5f"),
+        "depth error\nmm": ("depth_residual_mm", "+.4f"),
+        "scale\nerror": ("scale_residual", "+.4%"),
+        "tilt\ndeg": ("tilt_deg", ".1f"),
+        "+-\ndeg": ("tilt_error_deg", ".1f"),
     }
-    rows = [
-        ["-" if one[name] is None else form.format(one[name]) for name, form in columns.values()]
-        for one in facts
-    ]
+    rows = [[format(one[name], form) for name, form in columns.values()] for one in facts]
     return tabulate(rows, list(columns), disable_numparse=True, colalign=["right"] * len(columns))
 
 
@@ -114,7 +103,7 @@ def notes(fit: LawFit, facts: list[dict]) -> list[str]:
         )
     worst = max(facts, key=lambda one: one["tilt_deg"] - 3 * one["tilt_error_deg"])
     tilt = worst["tilt_deg"]
-    if tilt > LARGEST_TILT + 3 * worst["tilt_error_deg"]:
+    if tilt > 1.5 + 3 * worst["tilt_error_deg"]:  # 1.5 degrees raise the scale by 0.02 %
         said.append(
             f"The target at {worst['depth_mm']:g} mm is tilted by {tilt:.1f} degrees, which "
             f"foreshortens its squares and is not allowed for: lengths by it are "
@@ -124,16 +113,15 @@ def notes(fit: LawFit, facts: list[dict]) -> list[str]:
     if law.fall_off is not None:
         lit = [level for row in law.fall_off for level in row if level]
         said.append(
-            f"Views are unlike in brightness, {min(lit):.2f} to {max(lit):.2f} of the central one; "
-            f"{LAW} holds it, and pictures read with it are divided by it: read them in the same "
-            f"way as these (with --white or without)."
+            f"Views are unlike in brightness, {min(lit):.2f} to {max(lit):.2f} of the central one: "
+            f"{LAW} corrects pictures that are read as these are (with --white or without)."
         )
     if law.distortion:
         bend = law.distortion * np.hypot(*law.lenslets) ** 2 / 4
         said.append(
-            f"The lens distorts: distances from the centre are {100 * bend:+.2g} % longer at the "
-            f"corners when freed of it, and slopes there {200 * bend:+.2g} %; {LAW} holds it, and "
-            f"pictures read with it are freed of it (flicker keeps it)."
+            f"The lens distorts: without it the corners are {100 * bend:+.2g} % farther from the "
+            f"centre, and slopes there {200 * bend:+.2g} % higher; {LAW} corrects pictures (but "
+            f"not in flicker)."
         )
     return said
 
@@ -168,7 +156,7 @@ def _camera_toml(camera: PlenopticCamera, focal_plane_mm: float) -> str:
 
 
 def law_figure(fit: LawFit):
-    """Draw errors of depth and scale by depth, also of targets left out, and the law's own."""
+    """Draw the targets' errors of depth and scale by depth, and the law's own."""
     figure, axes = figures.subplots(1, 2, figsize=(10, 4), layout="constrained", squeeze=False)
     fine, placed = np.linspace(*fit.law.depth_range_mm, 200), fit.measured.depths
     scale_errors = [fit.scale_error(z) / fit.law.mm_per_lenslet(z) for z in fine]
@@ -179,7 +167,6 @@ def law_figure(fit: LawFit):
         axis, band = axes[0, column], unit * fit.coverage * np.array(errors)
         axis.fill_between(fine, -band, band, color="0.85", label="law, 95 %")
         axis.plot(placed, unit * fit.residuals[column], "o", label="targets")
-        axis.plot(placed, unit * fit.left_out[column], "x", color="C3", label="left out of the fit")
         axis.set(xlabel="depth in mm", ylabel=name)
         axis.legend()
     return figure

@@ -14,13 +14,7 @@ from lf_flame._common.arrays import centred
 from lf_flame.calibration.corners import centres, find_lattice, lattice_steps, refuse_few
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.refocus import align_views
-
-RADIUS = 0.5
-"""Radius of the disc around a corner, in squares: the four squares that meet there, or one dot."""
-
-LEAST_SHARE = 0.5
-"""Smallest share of the counted views in which a corner must be found."""
+from lf_flame.refocus import align_views, find_sharpest_slope
 
 
 class LatticeFit(NamedTuple):
@@ -176,11 +170,11 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
         )
     offsets = np.stack(np.meshgrid(centred(v), centred(u), indexing="ij"), axis=-1)
     places = np.argwhere(counted)
-    row, column = places[np.argmin(np.hypot(*offsets[counted].T))]
-    middle = (int(row), int(column))
+    middle = tuple(places[np.argmin(np.hypot(*offsets[counted].T))].tolist())
     indices, points = find_lattice(views[middle], dots=dots)
     pitch = float(np.sqrt(abs(np.linalg.det(lattice_steps(indices, points)))))
-    points = centres(views[middle], points, RADIUS * pitch)
+    radius = pitch / 2  # of the disc around a corner: the four squares that meet there, or one dot
+    points = centres(views[middle], points, radius)
     sound = np.isfinite(points[:, 0])
     indices, points = indices[sound], points[sound]
     refuse_few(indices, dots=dots)
@@ -188,53 +182,61 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     def track(chosen: np.ndarray, slope: float) -> np.ndarray:
         """Positions of the corners in views, shape (views, corners, 2); NaN if not found."""
         starts = points + slope * (offsets[chosen] - offsets[middle])[:, None]
-        views_there = zip(views[chosen], starts, strict=True)
-        return np.array([centres(view, start, RADIUS * pitch) for view, start in views_there])
+        both = zip(views[chosen], starts, strict=True)
+        return np.array([centres(view, start, radius) for view, start in both])
 
     # The slope from the neighbouring views is exact enough for a start in the outermost ones.
     near = counted & (np.abs(offsets - offsets[middle]).max(axis=-1) <= 1)
-    tracks = track(near, _coarse_slope(views, near, points, pitch))
-    slope = float(np.median(_regress(tracks, offsets[near])[1].mean(axis=1)))
-    levels = np.full((v, u), np.nan)
-    levels[counted] = _brightness(views, places, slope, points)
-    # Around a mean of 0, as of a picture less its mean, nothing is brighter or darker.
-    known = levels[middle] > 0.2 * np.std(views[middle])
-    levels = levels / levels[middle] if known else np.full((v, u), np.nan)
+    tracks = track(near, _sharpest_slope(views, near, middle, points, pitch))
+    slope = float(np.median(_slopes(_regress(tracks, offsets[near])[1])))
+    levels = _levels(views, counted, middle, slope, points)
     tracks = track(counted, slope)
-    return _target(indices, tracks, offsets[counted], pitch, dots, levels, views.shape)
+    indices, points, motions, residuals = _sound_corners(indices, tracks, offsets[counted], dots)
+    residual = float(np.sqrt(2 * np.nanmean(residuals**2)))
+    if residual > 0.1 * pitch:
+        raise InputError(
+            f"The corners must move evenly from view to view, got residuals of {residual:.2g} "
+            f"lenslets: the views are not in order, or the target is not flat."
+        )
+    points = points - (np.array(views.shape[2:]) - 1) / 2
+    target = Target(indices, points, _slopes(motions), residual, levels, views.shape)
+    _check_motion(motions.mean(axis=0), target.slope_at_centre()[1])
+    return target
 
 
-def _brightness(views, chosen: np.ndarray, slope: float, points: np.ndarray) -> np.ndarray:
-    """Mean of the target in the chosen views, over the part of it that all views see."""
+def _sharpest_slope(views, near: np.ndarray, middle, points: np.ndarray, pitch: float) -> float:
+    """Slope at which the target is sharpest in the views around the middle one.
+
+    Within half a square per view step, beyond which one corner may be taken for the next.
+    """
+    slopes = pitch * np.linspace(-0.5, 0.5, 2 * int(max(2 * pitch, 10)) + 1)
+    (top, left), (bottom, right) = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
+    block = tuple(slice(max(k - 1, 0), k + 2) for k in middle)
+    region = (top, bottom, left, right)
+    return find_sharpest_slope(views[block], slopes, region=region, weights=near[block]).slope
+
+
+def _levels(views, counted, middle, slope: float, points: np.ndarray) -> np.ndarray:
+    """Brightness of the target in each view, over the part of it that all views see."""
+    levels = np.full(counted.shape, np.nan)
     reach = abs(slope) * (np.array(views.shape[:2]) - 1) / 2
     low = np.ceil(np.maximum(points.min(axis=0), reach)).astype(int)
     last = np.array(views.shape[2:]) - 1 - reach
     high = np.floor(np.minimum(points.max(axis=0), last)).astype(int)
-    if np.any(high - low < 2):  # moved by nearly the whole image
-        return np.full(len(chosen), np.nan)
-    aligned = align_views(views, slope, [(int(v), int(u)) for v, u in chosen])
-    part = aligned[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
-    return part.mean(axis=(1, 2), dtype=np.float64)
-
-
-def _coarse_slope(views, near: np.ndarray, points: np.ndarray, pitch: float) -> float:
-    """Slope at which the central views, where `near`, are most alike over the target.
-
-    Within half a square per view step, beyond which one corner may be taken for the next.
-    """
-    low, high = np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
-    part = np.s_[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
-    chosen = [(int(v), int(u)) for v, u in np.argwhere(near)]
-    slopes = np.arange(-0.5, 0.5, 1 / max(4 * pitch, 20)) * pitch
-    spread = [align_views(views, slope, chosen)[part].var(axis=0).sum() for slope in slopes]
-    return float(slopes[np.argmin(spread)])
+    if np.all(high - low >= 2):  # else it moves by nearly the whole image
+        aligned = align_views(views, slope, [(int(v), int(u)) for v, u in np.argwhere(counted)])
+        part = aligned[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
+        levels[counted] = part.mean(axis=(1, 2), dtype=np.float64)
+    # Around a mean of 0, as of a picture less its mean, nothing is brighter or darker.
+    known = levels[middle] > 0.2 * np.std(views[middle])
+    return levels / levels[middle] if known else np.full_like(levels, np.nan)
 
 
 def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
     """Regress each corner's position on the view's offset; all pairs are down and right.
 
-    Gives positions in the central view, slopes, motions down with the column of the view and right
-    with its row, each of shape (n, 2), and residuals, shape (views, n, 2).
+    Gives positions in the central view, shape (n, 2), motions with the row and with the column of
+    the view, shape (n, 2, 2), and residuals, shape (views, n, 2).
     """
     design = np.column_stack([np.ones(len(offsets)), offsets])
     known = np.isfinite(tracks).all(axis=2)
@@ -242,37 +244,36 @@ def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
     normal += 1e-12 * np.eye(3)
     right = np.einsum("vi,vnk->nik", design, np.where(known[..., None], tracks, 0.0))
     solved = np.linalg.solve(normal, right)
-    residuals = tracks - np.einsum("vi,nik->vnk", design, solved)
-    slopes = np.stack([solved[:, 1, 0], solved[:, 2, 1]], axis=1)
-    return solved[:, 0], slopes, np.stack([solved[:, 2, 0], solved[:, 1, 1]], axis=1), residuals
+    return solved[:, 0], solved[:, 1:], tracks - np.einsum("vi,nik->vnk", design, solved)
 
 
-def _target(indices, tracks, offsets, pitch: float, dots: bool, levels, shape) -> Target:
-    """Regress the tracks, without corners that are seldom found and without outliers."""
-    for least in (LEAST_SHARE, LEAST_SHARE / 2):
+def _slopes(motions: np.ndarray) -> np.ndarray:
+    """Mean of the motions down with the row, and to the right with the column of the view."""
+    return np.trace(motions, axis1=1, axis2=2) / 2
+
+
+def _sound_corners(indices, tracks, offsets, dots: bool) -> tuple[np.ndarray, ...]:
+    """Regress the tracks, without corners that most views do not show and without outliers."""
+    for least in (0.5, 0.25):
         often = np.isfinite(tracks[..., 0]).mean(axis=0) >= least
         indices, tracks = indices[often], tracks[:, often]
         refuse_few(indices, dots=dots)
-        points, slopes, crossed, residuals = _regress(tracks, offsets)
-        if least == LEAST_SHARE:
+        points, motions, residuals = _regress(tracks, offsets)
+        if least == 0.5:
             usual = 1.4826 * np.nanmedian(np.abs(residuals)) + 1e-9
             tracks[np.abs(residuals).max(axis=2) > 5 * usual] = np.nan
-    residual = float(np.sqrt(2 * np.nanmean(residuals**2)))
-    if residual > 0.1 * pitch:
-        raise InputError(
-            f"The corners must move evenly from view to view, got residuals of {residual:.2g} "
-            f"lenslets: the views are not in order, or the target is not flat."
-        )
-    points = points - (np.array(shape[2:]) - 1) / 2
-    target = Target(indices, points, slopes.mean(axis=1), residual, levels, shape)
-    (down, right), (across_down, across_right) = np.mean(slopes, axis=0), np.mean(crossed, axis=0)
-    size = max(abs(down), abs(right), abs(across_down), abs(across_right))
+    return indices, points, motions, residuals
+
+
+def _check_motion(motion: np.ndarray, slope_error: float) -> None:
+    """Refuse views that are not in rows and columns of one step, by the mean motion, (2, 2)."""
+    (down, aside), (across, right) = motion
+    size = np.abs(motion).max()
     # A real array is turned, or its pitches differ, by far less than 0.15.
-    uneven = max(abs(down - right), abs(across_down), abs(across_right)) > 0.15 * size
-    if uneven and size >= 20 * target.slope_at_centre()[1]:  # else it hardly moves
+    uneven = max(abs(down - right), abs(aside), abs(across)) > 0.15 * size
+    if uneven and size >= 20 * slope_error:  # else it hardly moves
         raise InputError(
             f"Views must be ordered by row and column, at equal steps: from row to row the corners "
-            f"move by ({down:.3g}, {across_right:.3g}) lenslets down and right, from column to "
-            f"column by ({across_down:.3g}, {right:.3g})."
+            f"move by ({down:.3g}, {aside:.3g}) lenslets down and right, from column to column by "
+            f"({across:.3g}, {right:.3g})."
         )
-    return target

@@ -69,8 +69,7 @@ def calibrate(
     the lens, filling the picture, its squares 6 lenslets wide or more. Neither focus nor zoom may
     change. With --step-mm the first target is the zero, and its distance from the point where the
     views meet is printed, with its error. calibration.toml holds the law of slope and scale by
-    depth; the table and calibration.png show how far each target is from it, and from the law of
-    the others alone.
+    depth; the table and calibration.png show how far each target is from it.
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 

@@ -74,7 +74,7 @@ def test_stated_errors_of_depth_and_scale_cover_the_truth(depths, moved_mm):
 
 @pytest.mark.slow
 def test_from_pictures_with_noise_to_a_depth():
-    """Depth within 0.1 % of the distance and scale within 0.05 %; a target left out says so too."""
+    """Depth within 0.1 % of the distance and scale within 0.05 %."""
     bench = Bench(turn=0.01, pitch_error=0.01, pupil=(0.6, -0.9))
     depths = [-30.0, -10.0, 8.0, 30.0]
     pictures = [bench.picture(z + ZERO, 5.0, noise=0.01, seed=3, fine=4) for z in depths]
@@ -85,8 +85,6 @@ def test_from_pictures_with_noise_to_a_depth():
         assert abs(depth - (distance - ZERO)) < 4 * found.depth_error_mm(depth)
         size = found.law.mm_per_lenslet(distance - ZERO)
         assert size == pytest.approx(bench.scale(distance), rel=5e-4)
-    assert np.abs(found.left_out[0]).max() < 0.4
-    assert np.abs(found.left_out[1]).max() < 5e-4
 
 
 def test_errors_of_the_positions_are_found_and_told():

@@ -85,7 +85,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ((LightField(np.ones((5, 5, 40, 40))),), "at least 3 x 3 corners"),
             ((LightField(np.ones((3, 3, 9, 9))),), "corners"),
         ),
-        (picture(400.0, 22.0), "4 x 4 squares"),
+        (picture(400.0, 22.0), "at least 3 x 3 corners in rows"),
         (picture(400.0, 6.5, dots=True), "check that it is a checkerboard"),
         (picture(400.0, 5.0, slice(1)), "at least 3 x 3 views"),
         (picture(430.0, 5.0, slice(None, None, -1)), "by row and column"),
