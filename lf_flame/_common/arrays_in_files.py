@@ -5,9 +5,7 @@ Nothing is unpickled. Files of arrays of all kinds have the interface of `FileOf
 
 import math
 import warnings
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
@@ -34,7 +32,7 @@ class ArrayHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-class FileOfArrays(ABC):
+class FileOfArrays:
     """Arrays of numbers in a file of any kind, by name.
 
     A kind of file finds names and headers from what the file says of itself, and reads one array.
@@ -54,9 +52,8 @@ class FileOfArrays(ABC):
         check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
         return [self._read(name) for name in names]
 
-    @abstractmethod
     def _read(self, name: str) -> np.ndarray:
-        """Read one array."""
+        raise NotImplementedError
 
 
 NUMPY_ERRORS = (
@@ -72,12 +69,16 @@ NUMPY_HEADERS = {
 
 
 class ArrayFile(FileOfArrays):
-    """An open ``.npy`` file, which holds one array named "", or an open ``.npz`` file."""
+    """A ``.npy`` file, which holds one array named "", or a ``.npz`` file; the content decides."""
 
-    def __init__(self, path: str | Path, archive: ZipFile | None):
-        self.path, self._archive = path, archive
-        members = archive.namelist() if archive else [".npy"]
+    def __init__(self, path: str | Path):
+        self.path = path
+        with readable(path, ZIP_ERRORS):
+            self._archive = ZipFile(path) if is_zipfile(path) else None
+        members = self._archive.namelist() if self._archive else [".npy"]
         self.names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
+        if not self._archive:
+            self.header("")  # refuses a file that is not an array
 
     def header(self, name: str) -> ArrayHeader:
         """Read shape and type of an array; refuse what is no array of numbers."""
@@ -97,28 +98,9 @@ class ArrayFile(FileOfArrays):
         with self._open(name) as file, readable(self.path, NUMPY_ERRORS + ZIP_ERRORS):
             return np.lib.format.read_array(file, allow_pickle=False)
 
-    @contextmanager
-    def _open(self, name: str) -> Iterator[IO[bytes]]:
-        if self._archive is None:
-            with Path(self.path).open("rb") as file:
-                yield file
-            return
+    def _open(self, name: str) -> IO[bytes]:
+        if not self._archive:
+            return Path(self.path).open("rb")
         with readable(self.path, (KeyError, *ZIP_ERRORS)):
             check_member(self._archive.getinfo(f"{name}.npy"), self.path)
-            member = self._archive.open(f"{name}.npy")
-        with member:
-            yield member
-
-
-@contextmanager
-def open_arrays(path: str | Path) -> Iterator[ArrayFile]:
-    """Open a ``.npy`` or ``.npz`` file; the content decides which."""
-    with readable(path, ZIP_ERRORS):
-        archive = ZipFile(path) if is_zipfile(path) else None
-    if archive is None:
-        plain = ArrayFile(path, None)
-        plain.header("")  # refuses a file that is not an array
-        yield plain
-        return
-    with archive:
-        yield ArrayFile(path, archive)
+            return self._archive.open(f"{name}.npy")

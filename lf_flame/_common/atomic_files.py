@@ -29,46 +29,42 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         kind = "a folder" if path.is_dir() else "no regular file"
         raise InputError(f"{path} is {kind}, which a file cannot replace; choose another name.")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.stem}.{secrets.token_hex(8)}.part{path.suffix}")
-    try:
-        with _naming(path, aside):
-            aside.touch(exist_ok=False)
-            yield aside
-            with aside.open("rb") as file:  # so that a power cut leaves no empty file
-                os.fsync(file.fileno())
-            aside.replace(path)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
-@contextmanager
-def _naming(path: Path, aside: Path) -> Iterator[None]:
-    """Name the final file in the system's errors, such as a full disk, and keep NumPy's texts."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno is None:
-            error.strerror = error.strerror or str(error)
-        named, temporary = str(error.filename or aside), str(aside)
-        if named.startswith(temporary):
-            error.filename = f"{path}{named.removeprefix(temporary)}"
-        raise
+    with _renamed(path, path.suffix) as aside:
+        aside.touch(exist_ok=False)
+        yield aside
+        with aside.open("rb") as file:  # so that a power cut leaves no empty file
+            os.fsync(file.fileno())
 
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
     """Give an empty folder, to be renamed to `path`, which must not exist or be empty."""
-    path = Path(path)
+    with _renamed(Path(path)) as aside:
+        aside.mkdir()
+        yield aside
+
+
+@contextmanager
+def _renamed(path: Path, suffix: str = "") -> Iterator[Path]:
+    """Give a temporary path, renamed to `path` or removed; the system's errors name `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+    aside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part{suffix}")
     try:
-        with _naming(path, aside):
-            aside.mkdir()
-            yield aside
-            aside.replace(path)
+        yield aside
+        aside.replace(path)
+    except OSError as error:
+        error.strerror = error.strerror or str(error)  # NumPy's of a full disk has but a text
+        error.filename = str(error.filename or aside).replace(str(aside), str(path))
+        raise
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def remove_leftovers(path: Path) -> None:
@@ -76,16 +72,8 @@ def remove_leftovers(path: Path) -> None:
 
     Only for a process that holds the lock (`exclusive`) under which all write `path`.
     """
-    part = f"{'[0-9a-f]' * 16}.part"
-    names = (
-        f".{glob.escape(path.name)}.{part}",
-        f".{glob.escape(path.stem)}.{part}{glob.escape(path.suffix)}",
-    )
-    for left in [found for name in names for found in path.parent.glob(name)]:
-        if left.is_file():
-            left.unlink()
-        else:
-            shutil.rmtree(left, ignore_errors=True)
+    for left in path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 16}.part*"):
+        _remove(left)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,8 +30,8 @@ UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 MISSING = ("missing", "missing_argument", "missing_keyword_only_argument")
 """Pydantic's error types for a key that is unknown, or missing."""
 
-MOST_NAMED, MOST_LISTED = 5, 12
-"""Largest number of unknown keys that a message names, and of known keys that it lists."""
+MOST_NAMED = 12
+"""Largest number of unknown and missing keys that a message names."""
 
 
 def strict(cls: Class) -> Class:
@@ -44,8 +43,8 @@ def strict(cls: Class) -> Class:
 def build(kind: type[T], values: Any, source: str | Path) -> T:
     """Make a configuration dataclass from parsed TOML or JSON; `source` is its origin.
 
-    The error names all unknown keys (of `strict` classes) with similar known ones, and all missing
-    ones; else the first other fault.
+    The error names unknown keys (of `strict` classes) with similar known ones, and missing ones;
+    else the first other fault.
     """
     return _validated(lambda adapter: adapter.validate_python(values), kind, source)
 
@@ -55,11 +54,6 @@ def build_record(kind: type[T], values: Any, source: str | Path) -> T:
     # As JSON, a list may become a tuple; a strict check of Python values refuses that.
     text = json.dumps(values)
     return _validated(lambda adapter: adapter.validate_json(text, strict=True), kind, source)
-
-
-def load_record(kind: type[T], path: str | Path) -> T:
-    """Read a JSON record, written by this program, as the dataclass that it must match."""
-    return build_record(kind, read_record(path), path)
 
 
 def to_json(config: "DataclassInstance") -> dict[str, Any]:
@@ -78,12 +72,10 @@ def _validated(validate: "Callable[[TypeAdapter], T]", kind: type, source: str |
 
 def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
-    unknown = [_unknown_key(one["loc"], kind) for one in problems if one["type"] in UNKNOWN]
-    missing = [_shown(one["loc"]) for one in problems if one["type"] in MISSING]
-    if unknown or missing:
-        names = ", ".join(_first_few(missing))
-        verb = "is" if len(missing) == 1 else "are"
-        return "; ".join(_first_few(unknown) + [f"{names} {verb} missing"] * bool(missing)) + "."
+    odd = [one for kinds in (UNKNOWN, MISSING) for one in problems if one["type"] in kinds]
+    if odd:
+        more = [f"and {len(odd) - MOST_NAMED} more"] * (len(odd) > MOST_NAMED)
+        return "; ".join([_odd_key(one, kind) for one in odd[:MOST_NAMED]] + more) + "."
     problem = problems[0]
     key = _shown(problem["loc"])
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
@@ -92,25 +84,21 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     return f"{key}: {text}, got {reprlib.repr(problem['input'])}."
 
 
-def _first_few(names: list[str]) -> list[str]:
-    rest = len(names) - MOST_NAMED
-    return names[:MOST_NAMED] + ([f"and {rest} more"] if rest > 0 else [])
-
-
 def _shown(place: Place) -> str:
     """Name a place: keys joined by dots, entries of a list counted from 1 as "layers #1"."""
     parts = [f" #{x + 1}" if isinstance(x, int) else f".{reprlib.repr(x)[1:-1]}" for x in place]
     return "".join(parts).removeprefix(".")
 
 
-def _unknown_key(place: Place, kind: type) -> str:
-    """Sentence that a key is unknown, with the similar known ones."""
+def _odd_key(problem: Any, kind: type) -> str:
+    """Say that a key is missing, or unknown, with the similar known ones."""
+    place, name = problem["loc"], _shown(problem["loc"])
+    if problem["type"] in MISSING:
+        return f"{name} is missing"
     known = _known_keys(kind, place[:-1])
     near = difflib.get_close_matches(str(place[-1])[:100], known, n=2)
-    said = f"{_shown(place)} is not a known key"
-    if near:
-        return f"{said} (perhaps {' or '.join(near)})"
-    return f"{said} (known are {', '.join(known)})" if 0 < len(known) <= MOST_LISTED else said
+    hint = f"perhaps {' or '.join(near)}" if near else f"known are {', '.join(known)}"
+    return f"{name} is not a known key" + (f" ({hint})" if known else "")
 
 
 def _known_keys(kind: Any, place: Place) -> list[str]:

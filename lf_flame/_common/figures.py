@@ -1,28 +1,18 @@
 """Figures that are written to files, without a screen; a notebook's backend is not changed."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from lf_flame._common.atomic_files import atomic_write
 
 
 def subplots(
-    rows: int = 1,
-    columns: int = 1,
-    *,
-    figsize: tuple[float, float] | None = None,
-    layout: Literal["constrained", "compressed", "tight"] | None = None,
-    **options: Any,
+    rows: int = 1, columns: int = 1, *, figsize: Any = None, layout: Any = None, **options: Any
 ) -> tuple[Figure, Any]:
-    """Make a figure with axes, as `matplotlib.pyplot.subplots` does, but without pyplot.
-
-    `options` are those of `matplotlib.figure.Figure.subplots`.
-    """
+    """Make a figure with axes, as `matplotlib.pyplot.subplots` does, but without pyplot."""
     figure = Figure(figsize=figsize, layout=layout)
-    FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, **options)
 
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tifffile
 from PIL import Image, ImageFile
+from tifffile import COMPRESSION, EXTRASAMPLE, PHOTOMETRIC
 
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
@@ -54,18 +55,17 @@ order of views, and whether each is finite; decoding takes less."""
 ORIENTATION = 0x0112
 """Tag of the orientation in which a picture is shown, in TIFF and EXIF."""
 
-GREY, RGB, LINEAR_RAW = 1, 2, 34892
-"""Accepted meanings of samples (PhotometricInterpretation), from TIFF 6.0 and DNG 1.4."""
+LIGHT = (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB, PHOTOMETRIC.LINEAR_RAW)
+"""Accepted meanings of samples in TIFF 6.0 and DNG 1.4."""
 
-COMPRESSIONS = (1, 5, 8, 32773, 32946, 34925, 50000)
-"""Numbers of the accepted compressions: none, LZW, DEFLATE, PackBits, DEFLATE again, LZMA and
-Zstandard. None of them unpacks more than the declared size."""
+COMPRESSIONS = (
+    COMPRESSION.NONE, COMPRESSION.LZW, COMPRESSION.DEFLATE, COMPRESSION.ADOBE_DEFLATE,
+    COMPRESSION.PACKBITS, COMPRESSION.LZMA, COMPRESSION.ZSTD,
+)  # fmt: skip
+"""Accepted compressions. None of them unpacks more than the declared size."""
 
-TRANSPARENCY = 2
-"""Value of ExtraSamples for transparency by which the colours are not multiplied."""
-
-REDUCED, MASK = 1, 4
-"""Bits of NewSubfileType: smaller version of another picture, and mask of transparency."""
+TRANSPARENCY = (EXTRASAMPLE.UNASSALPHA,)
+"""Accepted meaning of a second or fourth sample: colours are not multiplied by it."""
 
 
 def read_pixels(path: str | Path) -> np.ndarray:
@@ -78,7 +78,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
         return read_tiff(path).pixels
     from imagecodecs import PngError, png_decode
 
-    with readable(path, (*PILLOW_ERRORS, PngError)), open_image(path, FORMATS) as image:
+    with readable(path, (*PILLOW_ERRORS, PngError)), open_image(path) as image:
         _check_picture(image, path)
         check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
         turn = image.getexif().get(ORIENTATION, 1)
@@ -95,7 +95,7 @@ def read_shape(path: str | Path) -> tuple[int, int, int]:
             page, values = (one := pictures(file, path)[0]).keyframe, prod(one.shape)
         rows, columns = page.imagelength, page.imagewidth
         return rows, columns, values // max(rows * columns, 1)
-    with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
+    with readable(path, PILLOW_ERRORS), open_image(path) as image:
         return image.height, image.width, _channels(image)
 
 
@@ -130,9 +130,9 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
     return np.flip(pixels, tuple(axes[k] for k in turned))
 
 
-def open_image(path: str | Path, formats: tuple[str, ...]) -> ImageFile.ImageFile:
+def open_image(path: str | Path) -> ImageFile.ImageFile:
     """Open an image with Pillow; the caller closes it."""
-    return Image.open(path, formats=formats)
+    return Image.open(path, formats=FORMATS)
 
 
 def _check_picture(image: ImageFile.ImageFile, path: str | Path) -> None:
@@ -182,9 +182,7 @@ class Pages(NamedTuple):
 
 
 def is_tiff(path: str | Path) -> bool:
-    """Whether a file is TIFF, by its ending or its first bytes."""
-    if Path(path).suffix.lower() in TIFF_SUFFIXES:
-        return True
+    """Whether a file is TIFF, by its first bytes."""
     with readable(path, (OSError,)), Path(path).open("rb") as file:
         return file.read(4) in TIFF_STARTS
 
@@ -207,7 +205,8 @@ def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPag
     """
     if not file.series:
         raise InputError(f"{path} cannot be read: it is damaged, or holds no picture.")
-    whole = [one for one in file.series if not one.keyframe.subfiletype & (REDUCED | MASK)]
+    pages = [(one, one.keyframe) for one in file.series]
+    whole = [one for one, page in pages if not (page.is_reduced or page.is_mask)]
     forms = {f"{one.shape} of {one.dtype}" for one in whole}
     if len(forms) != 1:
         raise InputError(
@@ -263,25 +262,24 @@ def read_tiff(path: str | Path) -> Pages:
     if orientation := page.tags.get(ORIENTATION):
         pixels = oriented(pixels, orientation.value, len(pages))
     letters = "".join(axes[k] for k in pages)
-    is_transparent = page.extrasamples == (TRANSPARENCY,)
+    is_transparent = page.extrasamples == TRANSPARENCY
     return Pages(pixels, letters, metadata, is_transparent)
 
 
 def _check_page(page: tifffile.TiffPage, path: str | Path) -> None:
     """Refuse samples that are not light, of no stated meaning, or packed in another way."""
-    known = page.photometric if "PhotometricInterpretation" in page.tags else GREY
-    if int(known) not in (GREY, RGB, LINEAR_RAW):
+    known = page.photometric if "PhotometricInterpretation" in page.tags else LIGHT[0]
+    if known not in LIGHT:
         raise InputError(
             f"{path} holds no grey or RGB light that counts from black but "
             f"{getattr(known, 'name', '')} (photometric interpretation {int(known)}): convert it."
         )
-    extra = [int(n) for n in page.extrasamples]
-    if page.samplesperpixel in (2, 4) and extra != [TRANSPARENCY]:
+    if page.samplesperpixel in (2, 4) and page.extrasamples != TRANSPARENCY:
         raise InputError(
             f"{path} has {page.samplesperpixel} samples to a pixel, and does not say that the last "
-            f"is a plain transparency (extra samples {extra}): store it in grey or RGB."
+            f"is a plain transparency: store it in grey or RGB."
         )
-    if int(page.compression) not in COMPRESSIONS:
+    if page.compression not in COMPRESSIONS:
         raise InputError(
             f"{path} is packed by compression {int(page.compression)} "
             f"({getattr(page.compression, 'name', 'unknown')}), which is not read: store it with "

@@ -31,14 +31,6 @@ ZIP_ERRORS = (
 )  # fmt: skip
 """Exceptions of zipfile for a damaged, encrypted or unusually packed archive."""
 
-NOT_REGULAR = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
-
 
 def check_regular(path: str | Path) -> int:
     """Size of a regular file in bytes; any other is refused, because a pipe may block for ever."""
@@ -50,8 +42,8 @@ def check_regular(path: str | Path) -> int:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     except ValueError:
         raise InputError(f"{path} cannot be read: no file has such a name.") from None
-    kind = NOT_REGULAR.get(stat.S_IFMT(found.st_mode))
-    if kind is not None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, a pipe or a socket"
         raise InputError(f"{path} cannot be read: it must be a regular file, and is {kind}.")
     return found.st_size
 
@@ -86,11 +78,8 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
         raise InputError(
             f"{path} cannot be read: it has {size:,} bytes, and {largest:,} are the most."
         )
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(largest)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    with Path(path).open("rb") as file:
+        content = file.read(largest)
     try:
         return content.decode("utf-8-sig")  # Windows' Notepad and Excel write the mark
     except UnicodeDecodeError as error:
@@ -123,24 +112,15 @@ def read_record(path: str | Path) -> dict[str, Any]:
 
 
 def parse_json(text: str, source: str | Path) -> Any:
-    """Parse JSON of bounded depth from a source; infinity, NaN and repeated names are refused."""
+    """Parse JSON of bounded depth from a source; infinity and NaN are refused."""
     try:
-        values = json.loads(
-            text, object_pairs_hook=_unique, parse_float=_finite, parse_constant=_finite
-        )
+        values = json.loads(text, parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise _too_deep(source) from None
     except ValueError as error:
         raise InputError(f"{source} is not a JSON file: {error}.") from None
     _check_values(values, source)
     return values
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError("a name occurs twice in one table")
-    return found
 
 
 def _finite(text: str) -> float:

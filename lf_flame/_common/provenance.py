@@ -18,8 +18,7 @@ PACKAGES = (
 def environment() -> dict:
     """Describe the running program in JSON values: command, versions, revision, machine.
 
-    The revision is None outside a git checkout, and ends with "+" if tracked programs or settings
-    differ from it.
+    The revision is None outside a git checkout, and ends with "+" if tracked files differ from it.
     """
     return {
         "command": " ".join([_program(), *sys.argv[1:]]),
@@ -52,19 +51,15 @@ def _versions() -> dict[str, str]:
 
 
 def _git_revision() -> str | None:
-    def git(*args: str) -> str:
-        here = Path(__file__).parent
-        return subprocess.run(
-            ["git", *args], cwd=here, capture_output=True, text=True, check=True
-        ).stdout.strip()
-
+    # The first call fails in another's checkout. No lock, which a kill would leave there.
+    own = ("ls-files", "--error-unmatch", Path(__file__).name)
+    revision = ("describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=+")
     try:
-        git("ls-files", "--error-unmatch", Path(__file__).name)  # fails in another's checkout
-        # Only programs and settings affect results.
-        paths = (":(top,glob)**/*.py", ":(top,glob)**/*.toml")
-        # Without a lock, which a kill would leave in the user's repository.
-        status = ("--no-optional-locks", "status")
-        changed = git(*status, "--porcelain", "--untracked-files=no", "--", *paths)
-        return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
+        for words in (own, revision):
+            done = subprocess.run(
+                ["git", "--no-optional-locks", *words], cwd=Path(__file__).parent,
+                capture_output=True, text=True, check=True,
+            )  # fmt: skip
     except (OSError, subprocess.CalledProcessError):
         return None
+    return done.stdout.strip()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lf_flame._common import figures
-from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
@@ -163,8 +163,7 @@ def _is_picture(path: Path) -> bool:
     """Whether a file holds one picture: an image, or an array of rows, columns and colours."""
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        with open_arrays(path) as file:
-            return len(file.header("").shape) < 4
+        return len(ArrayFile(path).header("").shape) < 4
     return suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(path))
 
 

@@ -1,13 +1,11 @@
 """Light fields in files of arrays: NumPy, HDF5, MATLAB and Zarr; nothing is unpickled."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import isqrt
 from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import ArrayFile, FileOfArrays, open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile, FileOfArrays
 from lf_flame._common.images import FLOAT, to_unit
 from lf_flame.errors import InputError
 from lf_flame.formats.hci_files import find_hci_order, is_hci
@@ -72,15 +70,15 @@ def read_array(
         Order that was stated; for views with a running number and files of the HCI data set that
         which was found, and for others as stored.
     """
-    with _open(path) as file:
-        name = _choose_array(file, axes, array)
-        stored = file.header(name).dtype.itemsize
-        # As stored, as floats, and once more after the axes are reordered.
-        (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-        beside = set(file.names) - {name} if isinstance(file, ArrayFile | ZarrFile) else set()
-        weights, valid = (
-            file.read([one])[0] if one in beside else None for one in ("weights", "valid")
-        )
+    file = _open(path)
+    name = _choose_array(file, axes, array)
+    stored = file.header(name).dtype.itemsize
+    # As stored, as floats, and once more after the axes are reordered.
+    (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
+    beside = set(file.names) - {name} if isinstance(file, ArrayFile | ZarrFile) else set()
+    weights, valid = (
+        file.read([one])[0] if one in beside else None for one in ("weights", "valid")
+    )
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
         held, weights, valid = _without_weight(held, path)
     is_stated = axes is not None
@@ -110,19 +108,14 @@ def read_array(
     return light_field, found
 
 
-@contextmanager
-def _open(path: str | Path) -> Iterator[FileOfArrays]:
+def _open(path: str | Path) -> FileOfArrays:
     """Open a file of arrays by its ending, and one of MATLAB by its content."""
     suffix = Path(path).suffix.lower()
     if suffix == ZARR_SUFFIX:
-        yield ZarrFile(path)
-    elif suffix in HDF5_SUFFIXES or (suffix == MATLAB_SUFFIX and is_matlab_hdf5(path)):
-        yield Hdf5File(path)
-    elif suffix == MATLAB_SUFFIX:
-        yield MatlabFile(path)
-    else:
-        with open_arrays(path) as file:
-            yield file
+        return ZarrFile(path)
+    if suffix in HDF5_SUFFIXES or (suffix == MATLAB_SUFFIX and is_matlab_hdf5(path)):
+        return Hdf5File(path)
+    return MatlabFile(path) if suffix == MATLAB_SUFFIX else ArrayFile(path)
 
 
 def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.images import (
-    FORMATS,
     PILLOW_ERRORS,
     is_tiff,
     netpbm_top,
@@ -70,7 +69,7 @@ def _coded_tiff(path: Path) -> str:
 
 def _coded_image(path: Path) -> str:
     """Name the kind of another image that is probably gamma-coded (PNG: ISO/IEC 15948, 11.3.3)."""
-    with open_image(path, FORMATS) as image:
+    with open_image(path) as image:
         kind, said = image.format or "", image.info
         top = netpbm_top(image) if kind == "PPM" else 0
     if kind == "PPM":

@@ -13,7 +13,7 @@ from pathlib import Path
 import keras
 import numpy as np
 
-from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile
 from lf_flame._common.input_files import readable
 from lf_flame.datasets.encodings import SMALLEST
 from lf_flame.errors import InputError
@@ -147,17 +147,17 @@ def _load_npz(model: keras.Model, path: Path) -> None:
     wanted = {
         f"{layer.name}/{weight.name}": weight for layer in model.layers for weight in layer.weights
     }
-    with open_arrays(path) as file:
-        for name, weight in wanted.items():
-            if name not in file.names:
-                raise InputError(
-                    f"{path} lacks {name}; it must hold every layer up to the chosen depth "
-                    f"(a file that ends at conv4 goes with backbone_depth conv4)."
-                )
-            shape = file.header(name).shape
-            if shape != tuple(weight.shape):
-                raise InputError(
-                    f"{name} in {path} must have shape {tuple(weight.shape)}, got {shape}."
-                )
-        for weight, values in zip(wanted.values(), file.read(wanted), strict=True):
-            weight.assign(values)
+    file = ArrayFile(path)
+    for name, weight in wanted.items():
+        if name not in file.names:
+            raise InputError(
+                f"{path} lacks {name}; it must hold every layer up to the chosen depth "
+                f"(a file that ends at conv4 goes with backbone_depth conv4)."
+            )
+        shape = file.header(name).shape
+        if shape != tuple(weight.shape):
+            raise InputError(
+                f"{name} in {path} must have shape {tuple(weight.shape)}, got {shape}."
+            )
+    for weight, values in zip(wanted.values(), file.read(wanted), strict=True):
+        weight.assign(values)

@@ -22,7 +22,7 @@ import pandas as pd
 from keras import ops
 
 from lf_flame._common import progress, provenance
-from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile
 from lf_flame._common.atomic_files import (
     atomic_write,
     exclusive,
@@ -261,18 +261,18 @@ class TrainingState:
         write_text(self.path.with_name("history.csv"), pd.DataFrame(rows).to_csv(index=False))
 
     def _load(self) -> None:
-        with open_arrays(self.path) as file:
-            if "about" not in file.names:
-                raise InputError(f"{self.path} is damaged; remove it to begin again.")
-            (about,) = file.read(["about"])
-            text = about.tobytes().decode("utf-8", "replace")
-            found = build_record(_About, parse_json(text, self.path), self.path)
-            self.history, self.start_s = found.epochs, found.start_s
-            for name, array in zip(file.names, file.read(file.names), strict=True):
-                if name.startswith("state_"):
-                    self._arrays.append(array)
-                elif name.startswith("best_"):
-                    self.best.append(array)
+        file = ArrayFile(self.path)
+        if "about" not in file.names:
+            raise InputError(f"{self.path} is damaged; remove it to begin again.")
+        (about,) = file.read(["about"])
+        text = about.tobytes().decode("utf-8", "replace")
+        found = build_record(_About, parse_json(text, self.path), self.path)
+        self.history, self.start_s = found.epochs, found.start_s
+        for name, array in zip(file.names, file.read(file.names), strict=True):
+            if name.startswith("state_"):
+                self._arrays.append(array)
+            elif name.startswith("best_"):
+                self.best.append(array)
 
 
 @dataclass(frozen=True)

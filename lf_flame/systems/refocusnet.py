@@ -11,7 +11,7 @@ import keras
 import numpy as np
 from keras import layers
 
-from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile
 from lf_flame.errors import InputError
 from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import diamond_of_views
@@ -96,18 +96,18 @@ class RefocusNet(NetworkSystem):
     def of_weights(cls, path: str | Path) -> "RefocusNet":
         """Load the authors' trained weights, a file ``.npz`` with arrays ``w1``, ``b1`` ... ."""
         model = build_refocusnet()
-        with open_arrays(path) as file:
-            for number in (*TRUNK, *TAPS.values(), LAST):
-                layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
-                found = [file.header(x).shape if x in file.names else "missing" for x in names]
-                wanted = [tuple(x.shape) for x in layer.weights]
-                if found != wanted:
-                    raise InputError(
-                        f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} "
-                        f"must have shapes {wanted[0]} and {wanted[1]}, got {found[0]} and "
-                        f"{found[1]}."
-                    )
-                layer.set_weights(file.read(names))
+        file = ArrayFile(path)
+        for number in (*TRUNK, *TAPS.values(), LAST):
+            layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
+            found = [file.header(x).shape if x in file.names else "missing" for x in names]
+            wanted = [tuple(x.shape) for x in layer.weights]
+            if found != wanted:
+                raise InputError(
+                    f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} "
+                    f"must have shapes {wanted[0]} and {wanted[1]}, got {found[0]} and "
+                    f"{found[1]}."
+                )
+            layer.set_weights(file.read(names))
         system = cls(model, colours=COLOURS)
         system.name = OFFICIAL
         return system

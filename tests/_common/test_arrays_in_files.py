@@ -7,7 +7,7 @@ import pytest
 from sentences import sentence_of
 
 from lf_flame import InputError
-from lf_flame._common.arrays_in_files import open_arrays
+from lf_flame._common.arrays_in_files import ArrayFile
 
 
 @pytest.fixture
@@ -16,8 +16,8 @@ def arrays(rng):
 
 
 def read_all(path):
-    with open_arrays(path) as file:
-        return dict(zip(file.names, file.read(file.names), strict=True))
+    file = ArrayFile(path)
+    return dict(zip(file.names, file.read(file.names), strict=True))
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
@@ -28,8 +28,7 @@ def test_an_archive_is_read_as_numpy_reads_it(tmp_path, arrays, save):
     for name, values in arrays.items():
         np.testing.assert_array_equal(found[name], values)
         assert found[name].dtype == values.dtype
-    with open_arrays(tmp_path / "a.npz") as file:
-        header = file.header("a")
+    header = ArrayFile(tmp_path / "a.npz").header("a")
     assert (header.shape, header.dtype, header.nbytes) == ((3, 4), np.float64, 96)
 
 
@@ -46,13 +45,13 @@ def test_members_that_are_no_arrays_are_named(tmp_path, arrays):
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
         archive.writestr("text.npy", "no array")
         archive.writestr("readme.txt", "left aside")
-    with open_arrays(tmp_path / "a.npz") as file:
-        assert file.names == ["a", "b/c", "d", "text"]
-        assert len(file.read(["a", "d"])) == 2
-        with pytest.raises(InputError, match=r"a\.npz cannot be read.*no NumPy file of plain"):
-            file.header("text")
-        with pytest.raises(InputError, match=r"a\.npz cannot be read"):
-            file.header("none")
+    file = ArrayFile(tmp_path / "a.npz")
+    assert file.names == ["a", "b/c", "d", "text"]
+    assert len(file.read(["a", "d"])) == 2
+    with pytest.raises(InputError, match=r"a\.npz cannot be read.*no NumPy file of plain"):
+        file.header("text")
+    with pytest.raises(InputError, match=r"a\.npz cannot be read"):
+        file.header("none")
 
 
 @pytest.mark.parametrize(

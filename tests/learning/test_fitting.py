@@ -70,7 +70,7 @@ def test_a_run_stopped_three_times_ends_with_the_same_bits(whole, tmp_path, monk
     with pytest.raises(KeyboardInterrupt):
         train(small_run(5), tmp_path)
     monkeypatch.undo()
-    left = tmp_path / ".checkpoint.0123456789abcdef.part.npz"  # as a kill leaves one
+    left = tmp_path / ".checkpoint.npz.0123456789abcdef.part.npz"  # as a kill leaves one
     left.touch()
     ended, last = train(small_run(5), tmp_path)
     assert not left.exists()

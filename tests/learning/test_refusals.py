@@ -198,7 +198,7 @@ REFUSED = [
         "is not a Keras file, or is cut short",
     ),
     (limited_loading, r"network\.keras would need .* GB"),
-    (loading_a_pipe, "is a pipe"),
+    (loading_a_pipe, "a pipe or a socket"),
     (configured("backend", "torch"), "configured with backend torch, but .* tensorflow or jax"),
     (configured("floatx", "float16"), "configured with floatx float16"),
     (configured("image_data_format", "channels_first"), "image_data_format channels_first"),

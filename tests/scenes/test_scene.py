@@ -175,7 +175,7 @@ def test_wrong_keys_are_told_all_at_once_with_those_that_are_like_them(tmp_path)
         read_scene(tmp_path / "scene.toml")
     said = str(found.value)
     assert "camera.veiws is not a known key (perhaps views)" in said
-    assert "camera.lenslet_pitch_mm, camera.views are missing" in said
+    assert "camera.lenslet_pitch_mm is missing; camera.views is missing" in said
     for layer in (1, 2, 3):
         assert f"layers #{layer}.depht_mm is not a known key (perhaps depth_mm" in said
     assert "layers #3.xyzzy is not a known key (known are depth_mm, size_mm," in said
