@@ -103,19 +103,14 @@ def _channels(image: ImageFile.ImageFile) -> int:
     return 3 if image.mode == "P" else len(image.getbands())
 
 
-def check_levels(pixels: np.ndarray, source: str | Path) -> None:
-    """Refuse values other than unsigned integers of 8 or 16 bits and floats."""
+def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
+    """Scale unsigned levels of 8 or 16 bits to 0 to 1; floats stay as they are; float32."""
     kind = pixels.dtype.kind
     if kind not in "bf" and not (kind == "u" and pixels.dtype.itemsize <= 2):
         raise InputError(
             f"{source} must hold unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
         )
-
-
-def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
-    """Scale unsigned levels of 8 or 16 bits to 0 to 1; floats stay as they are; float32."""
-    check_levels(pixels, source)
-    if pixels.dtype.kind == "u":
+    if kind == "u":
         return pixels / np.float32(np.iinfo(pixels.dtype).max)
     with np.errstate(over="ignore"):  # the light field refuses infinite values
         return pixels.astype(np.float32, copy=False)

@@ -1,4 +1,4 @@
-"""Input files: regular files only; TOML and JSON of bounded size and depth."""
+"""Input files: regular files only; TOML and JSON of bounded size and depth; text to be shown."""
 
 import json
 import lzma
@@ -175,3 +175,16 @@ def check_member(member: ZipInfo, path: str | Path) -> None:
             f"{path} cannot be read: {member.filename} in it is packed by method "
             f"{member.compress_type}; only stored files and DEFLATE are read."
         )
+
+
+def printable(text: object, longest: int = 200) -> str:
+    """Text as one line without control characters, which loses its middle beyond `longest`.
+
+    Text from files may contain line breaks, control characters and direction marks, which forge
+    lines, change colours and reverse words.
+    """
+    letters = (x if x.isprintable() else " " if x.isspace() else "?" for x in str(text))
+    line = " ".join("".join(letters).split())
+    if len(line) > longest:
+        line = f"{line[: longest // 2]} ... {line[-longest // 2 :]}"
+    return line

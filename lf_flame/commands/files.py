@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.commands.options import (
     ABOVE_0,
     FILE,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.commands.options import (
     FILE,
     FOLDER,

@@ -10,7 +10,7 @@ import click
 from PIL import Image
 
 from lf_flame._common import progress
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 
 

@@ -11,7 +11,7 @@ import click
 import cloup
 
 from lf_flame._common import progress
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.commands.options import EXISTING, PATH, option, tell
 from lf_flame.errors import InputError
 

@@ -12,7 +12,7 @@ import click
 import cloup
 
 from lf_flame._common import progress
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.commands.emission import DEPTHS, fitting
 from lf_flame.commands.options import (
     ABOVE_0,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import cloup
 
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.commands.options import (
     PATH,
     FiniteRange,

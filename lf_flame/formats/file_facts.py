@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.images import TIFF_SUFFIXES, read_shape
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.coding import note_on_coding
 from lf_flame.formats.focused.lenslets import is_raytrix, read_raytrix

@@ -26,9 +26,6 @@ LARGEST_MM, SMALLEST_MM = 1e303, 1e-250
 STEEPEST_DEG = 85
 """Largest tilt of a layer; a steeper one is seen almost edge on."""
 
-Lengths = Sequence[float] | np.ndarray
-"""Two lengths (y, x), as users give them."""
-
 
 # Both classes have their own constructor because they store other types than they accept.
 @dataclass(frozen=True, eq=False, init=False)
@@ -94,36 +91,60 @@ class Layer:
         self,
         texture: ArrayLike,
         depth_mm: float,
-        size_mm: Lengths,
-        centre_mm: Lengths = (0.0, 0.0),
+        size_mm: ArrayLike,
+        centre_mm: ArrayLike = (0.0, 0.0),
         opaque: bool = False,
         coverage: ArrayLike | None = None,
         optical_thickness: ArrayLike = 0.0,
         thickness_mm: float = 0.0,
-        tilt_deg: Sequence[float] = (0.0, 0.0),
+        tilt_deg: ArrayLike = (0.0, 0.0),
     ):
         cells = _checked_cells(texture, "texture", most=BRIGHTEST)
-        size, centre = _checked_rectangle(size_mm, centre_mm, cells.shape)
-        if not abs(depth_mm) < LARGEST_MM:
+        if not (abs(depth_mm) < LARGEST_MM and 0 <= thickness_mm < LARGEST_MM):
             raise InputError(
-                f"depth_mm of a layer must be finite, within {LARGEST_MM:g} mm, got {depth_mm}."
+                f"depth_mm of a layer must be finite and thickness_mm 0 or above, within "
+                f"{LARGEST_MM:g} mm, got {depth_mm} and {thickness_mm}."
             )
         if coverage is not None:
             coverage = _checked_cells(coverage, "coverage", cells.shape, most=1)
             if not opaque:
                 raise InputError("coverage goes with opaque=True, got opaque=False.")
-        tau = _checked_absorption(optical_thickness, thickness_mm, cells.shape, opaque)
+        if np.ndim(optical_thickness) == 0:
+            optical_thickness = np.full(cells.shape, optical_thickness, np.float64)
+        tau = _checked_cells(optical_thickness, "optical_thickness", cells.shape)
+        if opaque and (thickness_mm or tau.any()):
+            raise InputError(
+                f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
+                f"got {thickness_mm} and up to {tau.max():g}."
+            )
         vars(self).update(  # a frozen dataclass refuses `self.texture = cells`
             texture=cells,
             depth_mm=depth_mm,
-            size_mm=size,
-            centre_mm=centre,
+            size_mm=_checked_pair(size_mm, "size_mm"),
+            centre_mm=_checked_pair(centre_mm, "centre_mm"),
             opaque=opaque,
             coverage=coverage,
             optical_thickness=tau,
             thickness_mm=thickness_mm,
-            tilt_deg=_checked_tilt(tilt_deg),
+            tilt_deg=_checked_pair(tilt_deg, "tilt_deg"),
         )
+        self._check_rectangle()
+
+    def _check_rectangle(self) -> None:
+        """Refuse a layer that leans too far, or whose cells are one by rounding."""
+        if max(map(abs, self.tilt_deg)) > STEEPEST_DEG or all(self.tilt_deg):
+            raise InputError(
+                f"tilt_deg must be two angles (about the horizontal, about the vertical axis) "
+                f"within {STEEPEST_DEG} degrees, one of them 0, got {self.tilt_deg}."
+            )
+        for axis, length in enumerate(self.size_mm):
+            possible = SMALLEST_MM < length < LARGEST_MM
+            if not (possible and np.diff(self.cell_edges_mm(axis)).min() > 0):
+                raise InputError(
+                    f"size_mm of a layer must be from {SMALLEST_MM:g} to {LARGEST_MM:g} mm, and "
+                    f"its cells larger than the rounding of centre_mm, got {self.size_mm} and "
+                    f"{self.centre_mm}."
+                )
 
     @property
     def opacity(self) -> np.ndarray | float:
@@ -184,56 +205,11 @@ def _checked_cells(
     return cells
 
 
-def _checked_rectangle(
-    size_mm: Lengths, centre_mm: Lengths, shape: tuple[int, ...]
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Size and centre of a layer whose cells differ by more than rounding."""
-    size, centre = _checked_pair(size_mm, "size_mm"), _checked_pair(centre_mm, "centre_mm")
-    for length, place, count in zip(size, centre, shape, strict=True):
-        rounding = 4 * count * (np.spacing(abs(place)) + np.spacing(abs(length)))
-        if not max(rounding, SMALLEST_MM) < length < LARGEST_MM:
-            raise InputError(
-                f"size_mm and centre_mm of a layer must tell its cells apart, {count} along an "
-                f"axis, above {SMALLEST_MM:g} and below {LARGEST_MM:g} mm, got {size} and {centre}."
-            )
-    return size, centre
-
-
-def _checked_absorption(
-    optical_thickness: ArrayLike, thickness_mm: float, shape: tuple[int, ...], opaque: bool
-) -> np.ndarray:
-    """Optical thickness of each cell; an opaque layer has neither it nor an extent."""
-    if np.ndim(optical_thickness) == 0:
-        # takes no memory
-        optical_thickness = np.broadcast_to(np.asarray(optical_thickness, np.float64), shape)
-    tau = _checked_cells(optical_thickness, "optical_thickness", shape)
-    if not 0 <= thickness_mm < LARGEST_MM:
-        raise InputError(
-            f"thickness_mm must be 0 or above, below {LARGEST_MM:g}, got {thickness_mm}."
-        )
-    if opaque and (thickness_mm or tau.any()):
-        raise InputError(
-            f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
-            f"got {thickness_mm} and up to {tau.max():g}."
-        )
-    return tau
-
-
-def _checked_tilt(tilt_deg: Sequence[float]) -> tuple[float, float]:
-    angles = tuple(float(angle) for angle in tilt_deg)
-    if len(angles) != 2 or not all(abs(a) <= STEEPEST_DEG for a in angles) or all(angles):
-        raise InputError(
-            f"tilt_deg must be two angles (about the horizontal, about the vertical axis) within "
-            f"{STEEPEST_DEG} degrees, one of them 0, got {tilt_deg}."
-        )
-    return angles[0], angles[1]
-
-
-def _checked_pair(values: Lengths, name: str) -> tuple[float, float]:
-    pair = tuple(float(value) for value in values)
-    if len(pair) != 2 or not all(map(math.isfinite, pair)):
-        raise InputError(f"{name} must be two finite lengths (y, x) in mm, got {values}.")
-    return pair[0], pair[1]
+def _checked_pair(values: ArrayLike, name: str) -> tuple[float, float]:
+    pair = np.asarray(values, np.float64)
+    if pair.shape != (2,) or not np.isfinite(pair).all():
+        raise InputError(f"{name} must be two finite numbers, got {values!r}.")
+    return float(pair[0]), float(pair[1])
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -5,7 +5,7 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.commands.cli import commands
 from lf_flame.commands.program import LONGEST
 

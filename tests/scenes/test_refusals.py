@@ -43,10 +43,12 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"texture": np.ones(3)}, "texture must be a grey image"),
             ({"texture": [[np.nan]]}, "finite and not negative"),
             ({"texture": [[-1.0]]}, "finite and not negative"),
-            ({"size_mm": (0.0, 1.0)}, "size_mm and centre_mm of a layer must tell .* above 1e-250"),
+            ({"size_mm": (0.0, 1.0)}, "size_mm of a layer must be from 1e-250 to 1e"),
             ({"centre_mm": (np.inf, 0)}, "centre_mm must be two finite"),
             ({"depth_mm": np.nan}, "depth_mm of a layer must be finite"),
-            ({"size_mm": (1e-308, 1.0)}, "tell its cells apart, 1 along an axis, above 1e-250"),
+            ({"size_mm": (1e-308, 1.0)}, "must be from 1e-250"),
+            ({"centre_mm": (1e17, 0.0)}, "larger than the rounding of centre_mm"),
+            ({"tilt_deg": (90, 0)}, "within 85 degrees"),
         ),
         (partial(Scene, []), "at least one layer"),
         (partial(shape_texture, "star", (1.0, 1.0)), "Unknown shape 'star'"),
@@ -63,7 +65,7 @@ test_it_is_refused_in_a_sentence = refusals(
             for read in (read_camera, read_scene)
             for new, said in (
                 (f"{PITCH}\naperture_diameter_mm = 301.0", "301 mm, as .* faster than f/0.5;"),
-                (f"{PITCH[:-5]}112.0", r"7.78e\+04 mm, which matches the lenslets, is f/0.0019 at"),
+                (f"{PITCH[:-5]}112.0", r"7.78e\+04 mm, which matches the lenslets, is f/0.0019,"),
             )
         ),
     ]

@@ -113,7 +113,7 @@ def test_a_replaced_value_is_checked_and_the_others_stay():
     others = [field.name for field in fields(Layer)]
     others = [name for name in others if name not in ("depth_mm", "optical_thickness")]
     assert all(getattr(moved, name) == getattr(layer, name) for name in others)
-    with pytest.raises(InputError, match="thickness_mm must be 0 or above"):
+    with pytest.raises(InputError, match="thickness_mm 0 or above"):
         replace(layer, thickness_mm=-1.0)
     with pytest.raises(FrozenInstanceError):
         layer.depth_mm = 4.0

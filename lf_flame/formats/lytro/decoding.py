@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro, read_image
 from lf_flame.formats.lytro.picture import LytroPicture, read_lytro

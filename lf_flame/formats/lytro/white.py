@@ -15,8 +15,7 @@ from math import inf
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from lf_flame._common.input_files import check_regular, readable
-from lf_flame._common.printable import printable
+from lf_flame._common.input_files import check_regular, printable, readable
 from lf_flame.errors import InputError
 from lf_flame.formats.lytro.container import check_table_size, parse_table, read_bytes
 from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
