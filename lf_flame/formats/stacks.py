@@ -27,7 +27,6 @@ from lf_flame.formats.view_files.orders import (
     check_grid,
     find_order,
     fold,
-    order_memory,
     read_grid,
     stated_order,
 )
@@ -82,11 +81,7 @@ def read_mosaic(
             f"{path} has {height} x {width} pixels: cut off its margins, or state other numbers."
         )
     size = (rows, height // rows, columns, width // columns, *picture.shape[2:])
-    return _in_order(picture.reshape(size).swapaxes(1, 2), order)
-
-
-def _in_order(views: np.ndarray, order: str | None) -> tuple[LightField, ViewOrder]:
-    """Arrange rows and columns of views in the stated order, or in the one that is found."""
+    views = picture.reshape(size).swapaxes(1, 2)
     found = find_order(views, stated=order)
     return arranged_light_field(LightField(views), found.order), found
 
@@ -110,13 +105,14 @@ def read_view_pages(
     if slopes is not None:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
     shape, image = None if grid is None else read_grid(grid), pages.shape[len(letters) :]
-    check_memory(2 * pages.nbytes + order_memory(image), path)
+    check_memory(2 * pages.nbytes, path)
     if len(letters) == 2 and set(letters) <= set("QIN"):
-        light_field, found = _in_order(pages, order)
-        check_grid(shape, light_field.views.shape[:2], path)
-        return light_field, found
-    lines, found = fold(pages.reshape(-1, *image), path, shape, order)
-    return arranged_light_field(LightField(lines), found.order), found
+        found = find_order(pages, stated=order)
+    else:
+        pages, found = fold(pages.reshape(-1, *image), path, shape, order)
+    light_field = arranged_light_field(LightField(pages), found.order)
+    check_grid(shape, light_field.views.shape[:2], path)
+    return light_field, found
 
 
 def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:

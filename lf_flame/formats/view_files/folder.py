@@ -27,7 +27,6 @@ from lf_flame.formats.view_files.orders import (
     check_grid,
     find_order,
     fold,
-    order_memory,
     read_grid,
     stated_order,
 )
@@ -219,8 +218,7 @@ def scan_view_folder(
     numbered = number_grid(files, path, turned, first)
     image = read_shape(files[0])
     # As floats, with a byte for whether a value is finite; decoding takes two more at a time.
-    reading = ((FLOAT + 1) * numbered.size + 2 * FLOAT * READERS) * prod(image)
-    check_memory(max(reading, order_memory(image) + 2 * FLOAT * prod(image)), path)
+    check_memory(((FLOAT + 1) * numbered.size + 2 * FLOAT * READERS) * prod(image), path)
     if numbered.ndim == 1:
         numbered, found = fold(numbered, path, shape, order, read=read_image)
     else:

@@ -14,6 +14,7 @@ import numpy as np
 import skimage  # its parts load when they are used
 from scipy.ndimage import gaussian_filter
 
+from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
@@ -141,7 +142,6 @@ def fold(
     lines = (columns, rows) if order and by_columns(order) else (rows, columns)
     folded = row.reshape(*lines, *row.shape[1:])
     found = find_order(folded, read, stated=order, folded=source)
-    check_grid(grid, arranged(np.empty(lines), found.order).shape, source)
     return folded, found
 
 
@@ -171,12 +171,6 @@ MOTIONS = {
     "col,-row": ((0, 1), (-1, 0)),
 }
 """Steps down and right that a step of the first and of the second number is, by order."""
-
-
-def order_memory(shape: tuple[int, ...]) -> int:
-    """Count the bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
-    pixels = shape[0] * shape[1]
-    return 240 * min(pixels, MOST_PIXELS) + 32 * pixels
 
 
 def find_order(
@@ -254,7 +248,9 @@ def _sum_changes(grid: np.ndarray, read: Callable) -> dict[int, np.ndarray]:
         if {view.shape if np.isfinite(view).all() else None for view in grey} != {shape}:
             continue
         block = np.reshape(grey, (2, 2, *shape))
-        least = ceil(sqrt(shape[0] * shape[1] / MOST_PIXELS))
+        pixels = shape[0] * shape[1]
+        check_memory(240 * min(pixels, MOST_PIXELS) + 32 * pixels, "The order of the views")
+        least = ceil(sqrt(pixels / MOST_PIXELS))
         for scale in (least * one for one in SCALES):
             if min(shape) // scale >= PATCH + 2 * BORDER:
                 sums[scale] = sums.get(scale, 0.0) + _measure(block, scale)
@@ -284,16 +280,13 @@ def _compare(
 ) -> tuple[float, float, str, tuple[float, float]]:
     """Fractions of the change that the best and the second-best motion explain, at one scale."""
     products, squares, change = sums[:4].reshape(2, 2, -1), sums[4:6], sums[6]
-    found = []
-    for order, motion in motions.items():
-        steps = np.array(motion, float)
-        shared = np.einsum("ij,ijp->p", steps, products)
-        texture = np.einsum("ij,jp->p", steps**2, squares)
-        # The slope that fits a patch best, by least squares.
-        slopes = -np.divide(shared, texture, out=np.zeros_like(shared), where=texture > 0)
-        share = -np.sum(slopes * shared) / max(change.sum(), np.finfo(float).tiny)
-        seen = slopes[texture >= texture.mean() / 4] * scale  # others are mostly noise
-        low, high = np.percentile(seen, (5, 95)).tolist()
-        found.append((float(share), order, (low, high)))
-    (best, order, slopes), (second, *_) = sorted(found, reverse=True)[:2]
-    return best, second, order, slopes
+    steps = np.array(list(motions.values()), float)
+    shared = np.einsum("mij,ijp->mp", steps, products)
+    texture = np.einsum("mij,jp->mp", steps**2, squares)
+    # The slope that fits a patch best, by least squares.
+    slopes = -np.divide(shared, texture, out=np.zeros_like(shared), where=texture > 0)
+    shares = -np.sum(slopes * shared, axis=1) / max(change.sum(), np.finfo(float).tiny)
+    second, best = np.argsort(shares)[-2:]
+    seen = slopes[best, texture[best] >= texture[best].mean() / 4]  # others are mostly noise
+    low, high = (scale * np.percentile(seen, (5, 95))).tolist()
+    return float(shares[best]), float(shares[second]), list(motions)[best], (low, high)
