@@ -28,6 +28,31 @@ def between(image, y, x, channel):
     return (1 - down) * upper + down * lower
 
 
+@njit
+def compare(own, image, y, x, spots, down, right, radius):
+    """Covariance of a micro-image and another, centred at (y, x), and root of their variances.
+
+    own: the micro-image at the places `spots`, from its centre. The other is compared at the same
+    places less (down, right), where these are within the radius; 0 and 0 if too few are.
+    """
+    count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(len(spots)):
+        at_y, at_x = spots[n, 0] - down, spots[n, 1] - right
+        if at_y * at_y + at_x * at_x > radius * radius:
+            continue
+        other = between(image, y + at_y, x + at_x, 0)
+        count += 1
+        a += own[n]
+        b += other
+        aa += own[n] * own[n]
+        bb += other * other
+        ab += own[n] * other
+    if count < FEWEST:
+        return 0.0, 0.0
+    here, there = aa - a * a / count, bb - b * b / count
+    return ab - a * b / count, np.sqrt(max(here, 0.0) * max(there, 0.0))
+
+
 @parallel(lambda whole: whole.size)
 def match(
     piece, image, centres, whole, kinds, odd, around, spots, radius, start, steps, likeness
@@ -47,45 +72,30 @@ def match(
     i, j = piece // columns, piece % columns
     if not whole[i, j]:
         return
+    y, x = centres[i, j, 0], centres[i, j, 1]
     own = np.empty(len(spots))
     for n in range(len(spots)):
-        own[n] = between(image, centres[i, j, 0] + spots[n, 0], centres[i, j, 1] + spots[n, 1], 0)
+        own[n] = between(image, y + spots[n, 0], x + spots[n, 1], 0)
     for k in range(len(steps)):
         inverse = start[i, j] + steps[k]
         common, total = 0.0, 0.0
         for neighbour in range(around.shape[1]):
             row = i + around[odd[i], neighbour, 0]
             column = j + around[odd[i], neighbour, 1]
-            if not (0 <= row < rows and 0 <= column < columns):
+            if not (0 <= row < rows and 0 <= column < columns and whole[row, column]):
                 continue
-            if not whole[row, column]:
-                continue
-            down = inverse * (centres[row, column, 0] - centres[i, j, 0])
-            right = inverse * (centres[row, column, 1] - centres[i, j, 1])
+            its_y, its_x = centres[row, column, 0], centres[row, column, 1]
+            down, right = inverse * (its_y - y), inverse * (its_x - x)
             # Weights fall to 0 with the part that both see, so that the likeness has no steps
             # where neighbours begin to count.
-            both = 1 - (down * down + right * right) / (FARTHEST * radius) ** 2
-            if both <= 0:
+            weight = 1 - (down * down + right * right) / (FARTHEST * radius) ** 2
+            if weight <= 0:
                 continue
-            count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for n in range(len(spots)):
-                y, x = spots[n, 0] - down, spots[n, 1] - right
-                if y * y + x * x > radius * radius:
-                    continue
-                other = between(image, centres[row, column, 0] + y, centres[row, column, 1] + x, 0)
-                count += 1
-                a += own[n]
-                b += other
-                aa += own[n] * own[n]
-                bb += other * other
-                ab += own[n] * other
-            if count >= FEWEST:
-                weight = both
-                if kinds[row, column] != kinds[i, j]:
-                    weight *= OTHER_KIND
-                common += weight * (ab - a * b / count)
-                here, there = aa - a * a / count, bb - b * b / count
-                total += weight * np.sqrt(max(here, 0.0) * max(there, 0.0))
+            if kinds[row, column] != kinds[i, j]:
+                weight *= OTHER_KIND
+            both, spread = compare(own, image, its_y, its_x, spots, down, right, radius)
+            common += weight * both
+            total += weight * spread
         likeness[i, j, k] = common / total if total > 0 else 0.0
 
 

@@ -84,27 +84,25 @@ class ViewFolder:
         InputError
             If a file cannot be read, or differs from the first in size or channels.
         """
-        there = np.array([file is not None for file in self.files.flat])
-        places, paths = np.flatnonzero(there), list(self.files.flat[there])
+        there = self.files != None  # noqa: E711 - of each file
+        paths = self.files[there].tolist()
         first = read_image(paths[0])
-        views = np.zeros((self.files.size, *first.shape), np.float32)
+        views = np.zeros((*self.files.shape, *first.shape), np.float32)
 
-        def place(k: int) -> None:
-            image = read_image(paths[k])
+        def place(path: Path, at: np.ndarray) -> None:
+            image = read_image(path)
             if image.shape != first.shape:
                 raise InputError(
-                    f"All views must be alike: {paths[k]} has shape {image.shape}, "
-                    f"{paths[0].name} {first.shape}."
+                    f"All views must be alike: {path} has shape {image.shape}, {paths[0].name} "
+                    f"{first.shape}."
                 )
-            views[places[k]] = image
+            views[tuple(at)] = image
 
         with ThreadPoolExecutor(READERS) as pool:  # decoders release the interpreter's lock
-            done = pool.map(place, range(len(paths)))
+            done = pool.map(place, paths, np.argwhere(there))
             for _ in progress.steps(done, "reading", len(paths), "view"):
                 pass
-        shape = self.files.shape
-        weights = None if there.all() else there.reshape(shape)
-        return LightField(views.reshape(shape + first.shape), weights=weights)
+        return LightField(views, weights=None if there.all() else there)
 
 
 def is_view_folder(path: str | Path) -> bool:
