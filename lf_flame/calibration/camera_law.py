@@ -15,8 +15,9 @@ At z = c, the entrance pupil, the views meet. For a thin lens at distance Z = z 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,11 +72,6 @@ class CameraLaw(Lens):
         does not count. Default: all are alike.
     standard_deviations : dict of str to float, optional
         Standard deviations of the numbers above, by name.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used.
 
     Examples
     --------
@@ -193,8 +189,8 @@ class CameraLaw(Lens):
         """Law of the inner `count` views along each axis, of the same steps."""
         out = (self.views - count) // 2
         inner = slice(out, out + count)
-        rows = None if self.fall_off is None else [row[inner] for row in self.fall_off[inner]]
-        return replace(self, views=count, fall_off=None if rows is None else tuple(rows))
+        rows = self.fall_off and tuple(row[inner] for row in self.fall_off[inner])
+        return replace(self, views=count, fall_off=rows)
 
     def corrected(self, light_field: LightField) -> LightField:
         """Bring views to one brightness, and undo the lens's distortion, as far as it is measured.
@@ -229,15 +225,17 @@ class CameraLaw(Lens):
 
     def to_toml(self) -> str:
         """Give the law as a table of a TOML file, which `read_lens` reads."""
-        lines = [f"[{TABLE}]"]
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if value is not None and not isinstance(value, dict):
-                lines.append(f"{one.name} = {json.dumps(value)}")
-        if self.standard_deviations:
-            lines += ["", f"[{TABLE}.standard_deviations]"]
-            lines += [f"{name} = {x!r}" for name, x in self.standard_deviations.items()]
-        return "\n".join(lines) + "\n"
+        values = dict(vars(self))
+        deviations = values.pop("standard_deviations")
+        return (
+            f"{toml_table(TABLE, values)}\n{toml_table(f'{TABLE}.standard_deviations', deviations)}"
+        )
+
+
+def toml_table(name: str, values: dict[str, Any]) -> str:
+    """Table of a TOML file; None is left out."""
+    lines = [f"{key} = {json.dumps(value)}" for key, value in values.items() if value is not None]
+    return "\n".join([f"[{name}]", *lines, ""])
 
 
 def _undistorted(light_field: LightField, distortion: float) -> LightField:
@@ -287,11 +285,6 @@ def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
     -------
     CameraLaw or PlenopticCamera
         The law of a calibration, else the thin-lens camera.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has neither, or a value cannot be used.
 
     Examples
     --------

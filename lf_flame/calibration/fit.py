@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -178,18 +178,10 @@ def refuse_few_depths(depths_mm: ArrayLike) -> None:
         )
 
 
-def fit_law(
-    measured: Measurements,
-    *,
-    views: int,
-    lenslets: tuple[int, int],
-    distortion: float = 0.0,
-    scale_error: float = 0.0,
-    fall_off: tuple[tuple[float, ...], ...] | None = None,
-) -> LawFit:
+def fit_law(measured: Measurements, *, scale_error: float = 0.0, **facts: Any) -> LawFit:
     """Fit a law to slopes and scales; all scales share the relative standard error `scale_error`.
 
-    Views, lenslets, distortion and fall-off are facts of the law.
+    `facts` are further values of the law: views, lenslets, distortion, fall-off.
     """
     refuse_few_depths(measured.depths)
     low, high = float(measured.depths.min()), float(measured.depths.max())
@@ -214,11 +206,8 @@ def fit_law(
         **dict(zip(MEASURED, solved.x.tolist(), strict=True)),
         # The law is trusted a little beyond the targets, before the lens.
         depth_range_mm=(max(low - span / 4, (low + centre) / 2), high + span / 4),
-        views=views,
-        lenslets=lenslets,
-        distortion=distortion,
-        fall_off=fall_off,
         standard_deviations=dict(zip(MEASURED, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        **facts,
     )
     return LawFit(law, measured, covariance, misfit_mm * sure, residuals)
 

@@ -9,6 +9,7 @@ from tabulate import tabulate
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.output_folders import OutputFolder
+from lf_flame.calibration.camera_law import toml_table
 from lf_flame.calibration.fit import LawFit
 from lf_flame.calibration.targets import Target
 from lf_flame.optics.camera import PlenopticCamera
@@ -146,13 +147,11 @@ def write_calibration(
 def _camera_toml(camera: PlenopticCamera, focal_plane_mm: float) -> str:
     names = ("main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm",
              "views", "lenslets", "exit_pupil_mm")  # fmt: skip
-    values = {name: getattr(camera, name) for name in names}
-    lines = [f"{x} = {list(y) if x == 'lenslets' else y!r}" for x, y in values.items() if y]
-    head = (
+    return (
         f"# Thin-lens camera by lf-flame calibrate. Its depths are from the focal plane, which is "
-        f"at\n# {focal_plane_mm:.4f} mm by the depths of {LAW}.\n[camera]\n"
+        f"at\n# {focal_plane_mm:.4f} mm by the depths of {LAW}.\n"
+        + toml_table("camera", {name: getattr(camera, name) for name in names})
     )
-    return head + "\n".join(lines) + "\n"
 
 
 def law_figure(fit: LawFit):

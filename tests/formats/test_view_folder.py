@@ -71,6 +71,7 @@ def numbered(rows, columns, form):
         (numbered(range(9, 12), range(8, 11), "scene.{}.{}.png"), (3, 3)),
         (numbered(range(9, 12), range(8, 11), "view-{}-{}.png"), (3, 3)),
         ([f"a{3 * k}_{k // 2}_{k % 2}_{k}.png" for k in range(4)], (2, 2)),
+        ([f"b{v % 2}_{v}_{u}_{9 * v + u}.png" for v, u in np.ndindex(3, 3)], (3, 3)),
     ],
     ids=lambda value: value[1] if isinstance(value, list) else "",
 )
