@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -75,7 +75,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
     highest, float32. Transparency is a last channel, the pages of a stack are first axes.
     """
     if is_tiff(path):
-        return read_tiff(path).pixels
+        return read_tiff(path)[0]
     from imagecodecs import PngError, png_decode
 
     with readable(path, (*PILLOW_ERRORS, PngError)), open_image(path) as image:
@@ -162,20 +162,6 @@ class _Apart(io.FileIO):
         raise io.UnsupportedOperation("other files are not opened")
 
 
-class Pages(NamedTuple):
-    """Pictures of a TIFF file.
-
-    `pixels` has the page axes, rows, columns and, if there are several, channels. `axes` are
-    tifffile's letters of the page axes, with N for like pictures that follow each other. `metadata`
-    are ImageJ's.
-    """
-
-    pixels: np.ndarray
-    axes: str
-    metadata: dict[str, Any]
-    is_transparent: bool
-
-
 def is_tiff(path: str | Path) -> bool:
     """Whether a file is TIFF, by its first bytes."""
     with readable(path, (OSError,)), Path(path).open("rb") as file:
@@ -222,15 +208,20 @@ def find_axes(
     axes = "N" + series[0].get_axes(squeeze=False)
     lengths = (len(series), *series[0].get_shape(squeeze=False))
     pages = [k for k, n in enumerate(lengths) if n > 1 and axes[k] not in "YX"]
-    fits = [k for k in pages if axes[k] == "C" and lengths[k] in (2, 3, 4)]
-    fits = [k for k in fits if lengths[k] == 3 or is_focal or len(pages) > 1]
+    counts = (2, 3, 4) if is_focal or len(pages) > 1 else (3,)
+    fits = [k for k in pages if axes[k] == "C" and lengths[k] in counts]
     colours = ([k for k in pages if axes[k] == "S"] or fits)[:1]
     image = [axes.find("Y"), axes.find("X"), *colours]
     return axes, [k for k in pages if k not in colours], image
 
 
-def read_tiff(path: str | Path) -> Pages:
-    """Read the pictures of a TIFF file, if all of them fit into memory as floats."""
+def read_tiff(path: str | Path, *, opaque: bool = False) -> tuple[np.ndarray, str, dict[str, Any]]:
+    """Read the pictures of a TIFF file, if all of them fit into memory as floats.
+
+    Returns pixels with the page axes, rows, columns and, if there are several, channels, without
+    transparency if `opaque`; tifffile's letters of the page axes, with N for like pictures that
+    follow each other; ImageJ's metadata.
+    """
     with open_tiff(path) as file:
         metadata, series = file.imagej_metadata or {}, pictures(file, path)
         page, itemsize = series[0].keyframe, series[0].dtype.itemsize
@@ -256,9 +247,9 @@ def read_tiff(path: str | Path) -> Pages:
     pixels = pixels.reshape(pixels.shape[len(order) - len(kept) :])
     if orientation := page.tags.get(ORIENTATION):
         pixels = oriented(pixels, orientation.value, len(pages))
-    letters = "".join(axes[k] for k in pages)
-    is_transparent = page.extrasamples == TRANSPARENCY
-    return Pages(pixels, letters, metadata, is_transparent)
+    if opaque and page.extrasamples == TRANSPARENCY:
+        pixels = pixels[..., :-1]
+    return pixels, "".join(axes[k] for k in pages), metadata
 
 
 def _check_page(page: tifffile.TiffPage, path: str | Path) -> None:

@@ -24,7 +24,7 @@ def write_simulation(
     light_field: LightField, scene: Scene, camera: PlenopticCamera, out: OutputFolder
 ) -> None:
     """Write raw image, views, plan, and the light field refocused at the depth of each layer."""
-    depths = np.array(scene.depths_mm)
+    depths = np.array(sorted({layer.depth_mm for layer in scene.layers}, reverse=True))
     slopes = camera.depth_to_slope(depths)
     stack, raw = shift_and_sum(light_field, slopes), light_field.to_raw()
     white = white_level(light_field.views)

@@ -208,6 +208,5 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 def _read(path: str | Path) -> tuple[np.ndarray, str, Any]:
     """Pages, letters of their page axes, and slopes that the file states."""
-    read = read_tiff(path)
-    pixels = read.pixels[..., :-1] if read.is_transparent else read.pixels
-    return to_unit(pixels, path), read.axes, read.metadata.get("slopes")
+    pixels, letters, metadata = read_tiff(path, opaque=True)
+    return to_unit(pixels, path), letters, metadata.get("slopes")

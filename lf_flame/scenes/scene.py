@@ -17,9 +17,6 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
-BRIGHTEST = 1e36
-"""Largest radiance of a texture: sums over a few layers are still float32 numbers."""
-
 LARGEST_MM, SMALLEST_MM = 1e303, 1e-250
 """Range of lengths in mm: sums and ratios with those of a camera are still float64 numbers."""
 
@@ -99,7 +96,8 @@ class Layer:
         thickness_mm: float = 0.0,
         tilt_deg: ArrayLike = (0.0, 0.0),
     ):
-        cells = _checked_cells(texture, "texture", most=BRIGHTEST)
+        # Sums over a few layers of the largest radiance are still float32 numbers.
+        cells = _checked_cells(texture, "texture", most=1e36)
         if not (abs(depth_mm) < LARGEST_MM and 0 <= thickness_mm < LARGEST_MM):
             raise InputError(
                 f"depth_mm of a layer must be finite and thickness_mm 0 or above, within "
@@ -250,11 +248,6 @@ class Scene:
                     f"Layers {i} and {j} are both opaque and overlap at depth "
                     f"{one.depth_mm} mm; one of them must stand in front."
                 )
-
-    @property
-    def depths_mm(self) -> tuple[float, ...]:
-        """Depths of the layers in mm, each once, farthest first."""
-        return tuple(sorted({layer.depth_mm for layer in self.layers}, reverse=True))
 
     def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> Scene:
         """Scene with each layer moved to another depth and scaled to look the same in the middle.

@@ -7,10 +7,6 @@ from lf_flame.errors import InputError
 SUPERSAMPLING = 8
 """Number of points per cell and axis that sample its coverage; an edge cell is right to 1/64."""
 
-MOST_CELLS = 1000
-"""Largest number of cells along an axis; a larger shape gets larger cells."""
-
-
 SHAPES = {
     "rectangle": None,
     "square": None,
@@ -30,8 +26,8 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     size_mm : (float, float)
         Height and width of the bounding box.
     cell_mm : float, optional
-        Desired size of a texture cell; it is larger if the shape would have over MOST_CELLS. A
-        rectangle needs only one cell.
+        Desired size of a texture cell; it is larger if the shape would have over 1000 of them along
+        an axis. A rectangle needs only one cell.
 
     Returns
     -------
@@ -53,7 +49,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     inside = SHAPES[shape]
     if inside is None:
         return np.ones((1, 1))
-    rows, columns = (round(np.clip(length / cell_mm, 1, MOST_CELLS)) for length in size_mm)
+    rows, columns = (round(np.clip(length / cell_mm, 1, 1000)) for length in size_mm)
     y, x = (
         (2 * np.arange(n * SUPERSAMPLING) + 1) / (n * SUPERSAMPLING) - 1 for n in (rows, columns)
     )

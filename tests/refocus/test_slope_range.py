@@ -30,7 +30,7 @@ def test_it_reaches_from_the_nearest_to_the_farthest(seed, enlarged):
     """Enlarged views, which are averaged again, have slopes as much larger."""
     scene = four_cards(np.random.default_rng(seed))
     views = render(scene, CAMERA).views.repeat(enlarged, 2).repeat(enlarged, 3)
-    slopes = [enlarged * CAMERA.depth_to_slope(depth) for depth in scene.depths_mm]
+    slopes = [enlarged * CAMERA.depth_to_slope(x.depth_mm) for x in scene.layers]
     found = find_slope_range(LightField(views))
     assert found.certain
     assert found.low == pytest.approx(min(slopes) - MARGIN, abs=0.1 * enlarged)
