@@ -131,7 +131,7 @@ def read_history(path: Path, epochs: int) -> pd.DataFrame:
     Older histories begin with epoch 0, the start. The seconds are counted from the start of the
     run.
     """
-    with readable(path, (ValueError, KeyError)):
+    with readable(path):
         kinds = {"epoch": int, "seconds": float, "val_psnr_db": float}
         rows = pd.read_csv(path, dtype=kinds)
         if list(rows["epoch"])[-epochs:] != list(range(1, epochs + 1)):

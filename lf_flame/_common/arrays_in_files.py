@@ -8,13 +8,12 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from tokenize import TokenError
 from typing import IO
 from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 
-from lf_flame._common.input_files import ZIP_ERRORS, check_member, readable
+from lf_flame._common.input_files import check_member, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
@@ -56,11 +55,6 @@ class FileOfArrays:
         raise NotImplementedError
 
 
-NUMPY_ERRORS = (
-    ValueError, TypeError, SyntaxError, TokenError, OverflowError, EOFError, OSError,
-)  # fmt: skip
-"""Exceptions that NumPy raises for a damaged ``.npy`` file; its header is a Python literal."""
-
 NUMPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -73,7 +67,7 @@ class ArrayFile(FileOfArrays):
 
     def __init__(self, path: str | Path):
         self.path = path
-        with readable(path, ZIP_ERRORS):
+        with readable(path):
             self._archive = ZipFile(path) if is_zipfile(path) else None
         members = self._archive.namelist() if self._archive else [".npy"]
         self.names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
@@ -82,10 +76,9 @@ class ArrayFile(FileOfArrays):
 
     def header(self, name: str) -> ArrayHeader:
         """Read shape and type of an array; refuse what is no array of numbers."""
-        errors, fault = (KeyError, *NUMPY_ERRORS, *ZIP_ERRORS), "is no NumPy file of plain arrays"
         with (
             self._open(name) as file,
-            readable(self.path, errors, fault),
+            readable(self.path, "is no NumPy file of plain arrays"),
             warnings.catch_warnings(action="ignore"),  # of headers that Python 2 may have written
         ):
             shape, _, dtype = NUMPY_HEADERS[np.lib.format.read_magic(file)](file)
@@ -95,12 +88,12 @@ class ArrayFile(FileOfArrays):
         return ArrayHeader(shape, dtype)
 
     def _read(self, name: str) -> np.ndarray:
-        with self._open(name) as file, readable(self.path, NUMPY_ERRORS + ZIP_ERRORS):
+        with self._open(name) as file, readable(self.path):
             return np.lib.format.read_array(file, allow_pickle=False)
 
     def _open(self, name: str) -> IO[bytes]:
         if not self._archive:
             return Path(self.path).open("rb")
-        with readable(self.path, (KeyError, *ZIP_ERRORS)):
+        with readable(self.path):
             check_member(self._archive.getinfo(f"{name}.npy"), self.path)
             return self._archive.open(f"{name}.npy")

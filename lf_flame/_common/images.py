@@ -5,8 +5,6 @@ limit before it is decoded.
 """
 
 import io
-import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
@@ -30,20 +28,6 @@ TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
 """Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
 start Ghostscript; other formats are not needed."""
-
-PILLOW_ERRORS = (
-    OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
-    NotImplementedError, struct.error, zlib.error, Image.DecompressionBombError,
-    Image.DecompressionBombWarning,
-)  # fmt: skip
-"""Exceptions of Pillow's decoders for damaged files; the last two are for decompression bombs, the
-warning where warnings are errors."""
-
-TIFF_ERRORS = (
-    *PILLOW_ERRORS, tifffile.TiffFileError, AttributeError, AssertionError, RuntimeError,
-    ImportError,
-)  # fmt: skip
-"""Exceptions of tifffile and imagecodecs for damaged files."""
 
 FLOAT = np.dtype(np.float32).itemsize
 """Number of bytes of a float32 value, the type of a light field's pixels."""
@@ -76,9 +60,9 @@ def read_pixels(path: str | Path) -> np.ndarray:
     """
     if is_tiff(path):
         return read_tiff(path)[0]
-    from imagecodecs import PngError, png_decode
+    from imagecodecs import png_decode
 
-    with readable(path, (*PILLOW_ERRORS, PngError)), open_image(path) as image:
+    with open_image(path) as image:
         _check_picture(image, path)
         check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
         turn = image.getexif().get(ORIENTATION, 1)
@@ -95,7 +79,7 @@ def read_shape(path: str | Path) -> tuple[int, int, int]:
             page, values = (one := pictures(file, path)[0]).keyframe, prod(one.shape)
         rows, columns = page.imagelength, page.imagewidth
         return rows, columns, values // max(rows * columns, 1)
-    with readable(path, PILLOW_ERRORS), open_image(path) as image:
+    with open_image(path) as image:
         return image.height, image.width, _channels(image)
 
 
@@ -125,9 +109,11 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
     return np.flip(pixels, tuple(axes[k] for k in turned))
 
 
-def open_image(path: str | Path) -> ImageFile.ImageFile:
-    """Open an image with Pillow; the caller closes it."""
-    return Image.open(path, formats=FORMATS)
+@contextmanager
+def open_image(path: str | Path) -> Iterator[ImageFile.ImageFile]:
+    """Open an image with Pillow."""
+    with readable(path), Image.open(path, formats=FORMATS) as image:
+        yield image
 
 
 def _check_picture(image: ImageFile.ImageFile, path: str | Path) -> None:
@@ -164,7 +150,7 @@ class _Apart(io.FileIO):
 
 def is_tiff(path: str | Path) -> bool:
     """Whether a file is TIFF, by its first bytes."""
-    with readable(path, (OSError,)), Path(path).open("rb") as file:
+    with readable(path), Path(path).open("rb") as file:
         return file.read(4) in TIFF_STARTS
 
 
@@ -172,7 +158,7 @@ def is_tiff(path: str | Path) -> bool:
 def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
     """Open a TIFF file; other files that it names are not opened."""
     with (
-        readable(path, TIFF_ERRORS),
+        readable(path),
         io.BufferedReader(_Apart(path)) as stream,
         tifffile.TiffFile(stream) as file,
     ):

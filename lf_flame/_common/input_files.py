@@ -1,18 +1,16 @@
 """Input files: regular files only; TOML and JSON of bounded size and depth; text to be shown."""
 
 import json
-import lzma
 import math
 import os
 import re
 import stat
 import tomllib
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipInfo
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipInfo
 
 from lf_flame.errors import InputError
 
@@ -24,12 +22,6 @@ LARGEST_RECORD = 1 << 26
 
 DEEPEST = 64
 """Largest depth of nested tables and lists; a saved network has about 20."""
-
-ZIP_ERRORS = (
-    BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, NotImplementedError, RuntimeError,
-    ValueError, OverflowError,
-)  # fmt: skip
-"""Exceptions of zipfile for a damaged, encrypted or unusually packed archive."""
 
 
 def check_regular(path: str | Path) -> int:
@@ -49,22 +41,19 @@ def check_regular(path: str | Path) -> int:
 
 
 @contextmanager
-def readable(
-    path: str | Path,
-    errors: tuple[type[Exception], ...],
-    fault: str = "of a kind that is not known",
-) -> Iterator[None]:
+def readable(path: str | Path, fault: str = "of a kind that is not known") -> Iterator[None]:
     """Turn a reader's exceptions into an `InputError` that names the file.
 
-    Only the reader's own calls belong inside the block: a mistake in this package must not be
-    reported as a damaged file. `fault` completes the message: "it is damaged, or ...".
+    Libraries raise errors of all kinds for damaged files, so that only their own calls belong
+    inside the block: a mistake in this package must not be reported as a damaged file. `fault`
+    completes the message: "it is damaged, or ...".
     """
     check_regular(path)
     try:
         yield
     except InputError:
         raise
-    except errors as error:
+    except Exception as error:
         reason = str(error).strip().partition("\n")[0].partition(". ")[0] or type(error).__name__
         raise InputError(
             f"{path} cannot be read: it is damaged, or {fault} ({reason[:200]})."

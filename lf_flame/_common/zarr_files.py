@@ -7,10 +7,6 @@ from typing import Any
 from lf_flame._common.input_files import read_record, readable
 from lf_flame.errors import InputError
 
-ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError,
-               NotImplementedError, OverflowError)  # fmt: skip
-"""Exceptions of Zarr and its codecs for damaged metadata and chunks."""
-
 METADATA_3 = "zarr.json"
 
 WRITTEN_CODECS = ("bytes", "zstd", "crc32c", "sharding_indexed")
@@ -80,7 +76,7 @@ def array_names(folder: Path) -> list[str]:
 
 def open_array(group: Any, name: str) -> Any:
     """Open an array of a group in a folder; refuse a group inside it, or a damaged array."""
-    with readable(group.store.root / name / "zarr.json", ZARR_ERRORS):
+    with readable(group.store.root / name / "zarr.json"):
         array = group[name]
     if not hasattr(array, "chunks"):
         raise InputError(f"{name} of {group.store.root} must be an array, got a group.")

@@ -22,7 +22,7 @@ from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
 from lf_flame._common.input_files import readable
 from lf_flame._common.workers import carry_out
-from lf_flame._common.zarr_files import ZARR_ERRORS, open_array
+from lf_flame._common.zarr_files import open_array
 from lf_flame.datasets.config import DatasetConfig, config_to_json
 from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.datasets.store import METADATA, Attributes, check_arrays, read_attributes
@@ -164,7 +164,7 @@ def _check_begun(part: Path, config: DatasetConfig, samples: int) -> Attributes:
 
 def _open_shards(part: Path, group: zarr.Group) -> list[range]:
     """List the samples of each incomplete shard."""
-    with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
+    with readable(part / METADATA, "a sample is"):
         complete = open_array(group, "complete")
         done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
     shards = [range(k, min(k + count, done.size)) for k in range(0, done.size, count)]

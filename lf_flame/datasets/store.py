@@ -19,7 +19,7 @@ from lf_flame._common import zarr_files
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.zarr_files import ZARR_ERRORS, array_names, open_array, read_array_shape
+from lf_flame._common.zarr_files import array_names, open_array, read_array_shape
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.errors import InputError
 
@@ -101,7 +101,7 @@ class Dataset:
             raise InputError(
                 f"{path} is damaged: there must be one slope and one name for each object."
             )
-        with readable(self.path / METADATA, ZARR_ERRORS):
+        with readable(self.path / METADATA):
             self._group = zarr.open_group(self.path, mode="r")
             self.attrs: dict[str, Any] = dict(self._group.attrs)
             complete = np.asarray(open_array(self._group, "complete")[:])
@@ -130,13 +130,8 @@ class Dataset:
         array = open_array(self._group, name)
         check_memory(array.nbytes, self.path / name)
         zarr_files.refuse_missing_chunks(array, self.path)
-        try:
+        with readable(self.path / name / METADATA, "a sample is"):
             samples = np.asarray(array[:])
-        except ZARR_ERRORS as error:
-            reason = str(error).partition("\n")[0]
-            raise InputError(
-                f"{self.path / name} is damaged ({reason}); remove the data set and make it again."
-            ) from None
         finite = [bool(np.isfinite(sample).all()) for sample in samples]
         if not all(finite):
             raise InputError(

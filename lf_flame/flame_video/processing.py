@@ -28,7 +28,6 @@ from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
 from lf_flame._common.workers import carry_out
 from lf_flame._common.zarr_files import (
-    ZARR_ERRORS,
     array_names,
     open_array,
     read_array_shape,
@@ -304,7 +303,7 @@ def open_video(path: Path) -> zarr.Group:
         shape = read_array_shape(path / name)
         if len(shape) == 1:
             check_memory(8 * shape[0], path / name)
-    with readable(path / "zarr.json", ZARR_ERRORS):
+    with readable(path / "zarr.json"):
         return zarr.open_group(path, mode="r")
 
 
@@ -315,7 +314,7 @@ def is_video(path: Path) -> bool:
 
 def read_array(group: zarr.Group, name: str, path: Path) -> np.ndarray:
     """Read an array, naming the folder if Zarr raises an error."""
-    with readable(path / "zarr.json", ZARR_ERRORS, "a frame is"):
+    with readable(path / "zarr.json", "a frame is"):
         return np.asarray(open_array(group, name)[:])
 
 

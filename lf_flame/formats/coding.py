@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.images import (
-    PILLOW_ERRORS,
     is_tiff,
     netpbm_top,
     open_image,
@@ -41,7 +40,7 @@ def note_on_coding(source: str | Path) -> str:
             return ""
         kind = _coded_tiff(path) if is_tiff(path) else _coded_image(path)
         return f"{path} is {kind}{_saturated(path)}. {CODED}" if kind else ""
-    except (InputError, *PILLOW_ERRORS):
+    except InputError:
         return ""  # the reader reports the error
 
 

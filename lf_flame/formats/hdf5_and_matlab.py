@@ -16,12 +16,6 @@ from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory, memory_limit
 from lf_flame.errors import InputError
 
-DAMAGED = (
-    OSError, RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError,
-    NotImplementedError, struct.error, zlib.error,
-)  # fmt: skip
-"""Exceptions of h5py, zlib and struct for damaged files."""
-
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
 """Numbers of the filters that are part of the HDF5 library itself."""
 
@@ -48,7 +42,7 @@ class Hdf5File(FileOfArrays):
             ) from None
         self._h5py, self.path, self._reversed = h5py, Path(path), is_matlab_hdf5(path)
         self.headers = {}
-        with readable(path, DAMAGED), h5py.File(path, "r") as file:
+        with readable(path), h5py.File(path, "r") as file:
             file.visititems(self._note)  # follows hard links only, to each object once
             self.numbers = {
                 name: float(np.ravel(file.attrs[name])[0])
@@ -69,7 +63,7 @@ class Hdf5File(FileOfArrays):
         return len(self.headers) >= MOST_ARRAYS or None
 
     def _read(self, name: str) -> np.ndarray:
-        with readable(self.path, DAMAGED), self._h5py.File(self.path, "r") as file:
+        with readable(self.path), self._h5py.File(self.path, "r") as file:
             self._check(file[name], name)
             array = file[name][()]
         return array.T if self._reversed else array
@@ -107,7 +101,7 @@ class Hdf5File(FileOfArrays):
 
 def is_matlab_hdf5(path: str | Path) -> bool:
     """Whether a file is one of MATLAB 7.3, by its first bytes."""
-    with readable(path, (OSError,)), Path(path).open("rb") as file:
+    with readable(path), Path(path).open("rb") as file:
         return file.read(10) == b"MATLAB 7.3"
 
 
@@ -142,7 +136,7 @@ class MatlabFile(FileOfArrays):
         self.path, size = Path(path), check_regular(path)
         self.headers = {}
         self._places: dict[str, tuple[int, int, bool, int, str]] = {}
-        with readable(path, DAMAGED), self.path.open("rb") as file:
+        with readable(path), self.path.open("rb") as file:
             order = {b"IM": "<", b"MI": ">"}.get(file.read(START)[126:])
             if order is None:
                 raise InputError(
@@ -169,7 +163,7 @@ class MatlabFile(FileOfArrays):
         header, (place, stored, packed, first, dtype) = self.headers[name], self._places[name]
         count = math.prod(header.shape)
         check_memory(stored + 3 * header.nbytes, self.path)  # as stored, unpacked and as it is
-        with readable(self.path, DAMAGED), Path(self.path).open("rb") as file:
+        with readable(self.path), Path(self.path).open("rb") as file:
             file.seek(place)
             data = file.read(stored)
             if packed:

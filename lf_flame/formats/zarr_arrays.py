@@ -9,7 +9,7 @@ import numpy as np
 from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.zarr_files import METADATA_3, ZARR_ERRORS, refuse_missing_chunks
+from lf_flame._common.zarr_files import METADATA_3, refuse_missing_chunks
 from lf_flame.errors import InputError
 
 METADATA = (METADATA_3, ".zarray", ".zgroup")
@@ -39,7 +39,7 @@ class ZarrFile(FileOfArrays):
         if not is_zarr(path):
             raise InputError(f"{path} is no Zarr folder: it holds none of {', '.join(METADATA)}.")
         self.metadata = next(self.path / x for x in METADATA if (self.path / x).is_file())
-        with readable(self.metadata, ZARR_ERRORS):
+        with readable(self.metadata):
             found = zarr.open(str(self.path), mode="r")
             arrays = {"": found} if isinstance(found, zarr.Array) else dict(found.arrays())
         some = list(arrays.items())[:MOST_ARRAYS]
@@ -61,7 +61,7 @@ class ZarrFile(FileOfArrays):
                 )
         check_memory(prod(array.chunks) * array.dtype.itemsize, self.path)
         refuse_missing_chunks(array, Path(self.path))
-        with readable(self.metadata, ZARR_ERRORS):
+        with readable(self.metadata):
             return np.asarray(array[...])
 
 

@@ -18,7 +18,7 @@ from lf_flame._common.input_files import readable
 from lf_flame.datasets.encodings import SMALLEST
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
-from lf_flame.learning.keras_loading import KERAS_ERRORS, check_keras
+from lf_flame.learning.keras_loading import check_keras
 
 STAGES = {f"conv{k}": f"conv{k}_block{n}_out" for k, n in ((3, 4), (4, 6), (5, 3))}
 """Layer that is the backbone's output, for each depth at which it can be cut."""
@@ -126,7 +126,7 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
         _load_npz(cut, path)
         return
     fault = "does not hold the weights of keras.applications.ResNet50(include_top=False)"
-    with readable(path, KERAS_ERRORS, fault), warnings.catch_warnings():
+    with readable(path, fault), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Keras warns of each layer that the file lacks
         full.load_weights(path)
 

@@ -3,13 +3,12 @@
 import os
 import sys
 import warnings
-import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile, ZipFile, is_zipfile
+from zipfile import ZipFile, is_zipfile
 
 from lf_flame._common import progress
-from lf_flame._common.input_files import ZIP_ERRORS, check_regular, parse_json, readable
+from lf_flame._common.input_files import check_regular, parse_json, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
@@ -70,12 +69,6 @@ def check_keras() -> None:
             )
 
 
-KERAS_ERRORS = (
-    OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError, NotImplementedError,
-    OverflowError, EOFError, BadZipFile, zlib.error,
-)  # fmt: skip
-"""Exceptions of Keras, h5py and zipfile for a damaged or unknown file of a network or weights."""
-
 CLASSES = frozenset(
     (
         "__ellipsis__", "__keras_tensor__", "__numpy__", "__slice__",
@@ -108,7 +101,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
     if not is_zipfile(path):
         raise InputError(f"{path} is not a Keras file, or is cut short.")
     _check_classes(_read_config(path), path)
-    with readable(path, KERAS_ERRORS), warnings.catch_warnings():
+    with readable(path), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Keras warns of each layer without weights
         network = keras.saving.load_model(path, compile=False, safe_mode=True)
     found = tuple(network.input_shape[1:]), tuple(network.output_shape[1:])
@@ -122,7 +115,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
 
 def _read_config(path: Path) -> Any:
     """Read a network's description, if the whole archive fits into memory."""
-    with readable(path, (KeyError, *ZIP_ERRORS)), ZipFile(path) as archive:
+    with readable(path), ZipFile(path) as archive:
         sizes = {member.filename: member.file_size for member in archive.infolist()}
         if sorted(sizes) != ["config.json", "metadata.json", "model.weights.h5"]:
             raise InputError(

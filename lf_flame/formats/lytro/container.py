@@ -71,7 +71,7 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
 def read_bytes(path: str | Path) -> bytes:
     """Read a regular file whole, if its size may be held."""
     check_memory(2 * check_regular(path), path)
-    with readable(path, (OSError,)):
+    with readable(path):
         return Path(path).read_bytes()
 
 

@@ -26,11 +26,6 @@ LOGGER = logging.getLogger(__name__)
 PAIRED = re.compile(r"(MOD_\d{1,8})\.(TXT|RAW)", re.IGNORECASE)
 """Name of a white image's pixels or metadata."""
 
-TAR_ERRORS = (
-    tarfile.TarError, OSError, EOFError, ValueError, OverflowError, IndexError, TypeError,
-)  # fmt: skip
-"""Exceptions of tarfile for a damaged archive."""
-
 
 class PackedFile(NamedTuple):
     """File of a folder or an archive, and what reads it."""
@@ -133,7 +128,7 @@ class _Member(tarfile.TarInfo):
 @contextmanager
 def _opened(path: Path) -> Iterator[tarfile.TarFile]:
     with (
-        readable(path, TAR_ERRORS, "is no archive of white images"),
+        readable(path, "is no archive of white images"),
         tarfile.open(path, "r:", tarinfo=_Member, errorlevel=2) as archive,
     ):
         yield archive
