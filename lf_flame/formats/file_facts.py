@@ -18,7 +18,7 @@ from lf_flame.formats.lytro.white import holds_white_files, white_files
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.reading import read_raw
-from lf_flame.formats.raw.sensor_images import refuse_mosaic
+from lf_flame.formats.raw.sensor_images import check_colours
 from lf_flame.formats.reading import find_light_field, note_on_order
 from lf_flame.formats.stacks import is_stack, read_focal_stack
 from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
@@ -167,7 +167,7 @@ def _image(source: Path) -> Found:
     )
     options = []
     try:
-        refuse_mosaic(image, grid, "raw")
+        check_colours(image, grid, "raw")
     except InputError as error:
         found.notes.append(str(error))
         options = ["--bayer", "PATTERN"]  # the note names two

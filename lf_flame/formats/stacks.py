@@ -19,7 +19,7 @@ from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
-from lf_flame.formats.raw.sensor_images import refuse_mosaic
+from lf_flame.formats.raw.sensor_images import check_colours
 from lf_flame.formats.view_files.orders import (
     Grid,
     ViewOrder,
@@ -61,7 +61,7 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
             f"{', '.join(fit) or 'only 1'} would."
         )
     if raw.ndim == 2 and views >= 5:  # with fewer pixels under a lenslet, views look like colours
-        refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
+        check_colours(raw, grid_from_pitch(raw.shape, views), "lenslet")
     return LightField.from_raw(raw, views=views).views
 
 

@@ -21,9 +21,9 @@ from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import (
     as_image,
     check_bayer,
+    check_colours,
     fitting,
     less_dark,
-    refuse_mosaic,
 )
 from lf_flame.lightfield import LightField
 
@@ -62,7 +62,7 @@ def plan_focused(
     if stated:
         _check_fit(less_dark(image if flat is None else flat, black, "raw"), plan, focused)
     if bayer is None:
-        refuse_mosaic(less_dark(image, black, "raw"), lenslets.grid, "raw")
+        check_colours(less_dark(image, black, "raw"), lenslets.grid, "raw")
     return plan, image
 
 

@@ -21,45 +21,87 @@ BLOCK = 16
 """Number of lenslets whose parts are written at a time."""
 
 
+class Lattices(NamedTuple):
+    """Pixels of each channel, `step` apart, the first one in row `top` and column `left`.
+
+    Red and blue of a mosaic are two apart. Green has all pixels, of which those are green whose sum
+    of row and column is even (`green` 0) or odd (1); `green` is -1 for all other lattices.
+    """
+
+    step: np.ndarray
+    top: np.ndarray
+    left: np.ndarray
+    green: np.ndarray
+
+
+class Lenslets(NamedTuple):
+    """Positions of lenslets, and their own pixels, in pixels of a lattice that begins at 0, 0.
+
+    The lenslet in row and column 0 is at (y, x); odd rows of round micro-images are offset by half
+    a pitch. Parts of a micro-image are `part_down` high down a column of pixels, and `part_along`
+    wide along a row of pixels. Own pixels are up to `half_down` and `half_along` from the centre,
+    across and along the array's rows; in round micro-images up to `half_along` in any direction.
+    They reach up to `high` above and below the centre, and parts up to `wide` beside it and
+    `margin` lines beyond the own pixels. There light goes on linearly over `reach` lines: corners
+    of round micro-images, which no view that counts shows, are farther. A line with less than
+    `fewest` own pixels is not read.
+    """
+
+    y: float
+    x: float
+    pitch: float
+    row_pitch: float
+    cos: float
+    sin: float
+    is_round: bool
+    part_down: float
+    part_along: float
+    half_down: float
+    half_along: float
+    high: float
+    wide: float
+    margin: int
+    reach: int
+    fewest: int
+
+
 class Room(NamedTuple):
-    """Arrays to work in, for one micro-image."""
+    """Arrays to work in, for one micro-image.
+
+    Own pixels of each line, and those that continue them, (lines, pixels); light of the parts along
+    each line (u, lines) and of the parts (v, u); sums of light. The own pixels of each line are
+    those from `low` to `high`, and the own lines of each part across those from `first` to `end`,
+    where `high` and `end` are last + 1, or 0 if there are none.
+    """
 
     own: np.ndarray
-    """Own pixels of each line, and those that continue them, (lines, pixels)."""
     across: np.ndarray
-    """Light of the parts along each line, and of the lines that continue them, (u, lines)."""
     light: np.ndarray
-    """(v, u)."""
-    low: np.ndarray
-    """First of the own pixels of each line."""
-    high: np.ndarray
-    """Last + 1 of them, 0 if there is none."""
-    first: np.ndarray
-    """First of the own lines of each part across."""
-    end: np.ndarray
-    """Last + 1 of them, 0 if there is none."""
     total: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
 
 
 @uncounted
-def find_own_pixels(y, x, array, size):
+def find_own_pixels(y, x, lenslets, size):
     """First and last + 1 of the pixels of a row that belong to a lenslet.
 
     y: distance of the row from the lenslet's centre. x: place of the centre in the row.
     """
-    if array.radius > 0.0:
-        if abs(y) > array.radius:
+    sin, cos, half = lenslets.sin, lenslets.cos, lenslets.half_along
+    if lenslets.is_round:
+        if abs(y) > half:
             return 0, 0
-        high = np.sqrt(array.radius * array.radius - y * y)
+        high = np.sqrt(half * half - y * y)
         low = -high
     else:
-        low = (-array.half_along - array.sin * y) / array.cos
-        high = (array.half_along - array.sin * y) / array.cos
-        if abs(array.sin) > 1e-9:
-            one = (array.cos * y - array.half_down) / array.sin
-            other = (array.cos * y + array.half_down) / array.sin
+        low, high = (-half - sin * y) / cos, (half - sin * y) / cos
+        if abs(sin) > 1e-9:
+            one, other = (cos * y - lenslets.half_down) / sin, (cos * y + lenslets.half_down) / sin
             low, high = max(low, min(one, other)), min(high, max(one, other))
-        elif abs(y) > array.half_down:
+        elif abs(y) > lenslets.half_down:
             return 0, 0
     return max(int(np.ceil(x + low)), 0), min(int(np.floor(x + high)) + 1, size)
 
@@ -95,34 +137,26 @@ def integrate(values, lines, n, start, part, parts, drift, total, light, shift):
     part: width of each. total: room, (n + 1, LANES). light has a row and LANES columns to spare.
     """
     scale, move = np.float32(1.0 / part), np.float32(drift)
+    # Lines that are read at the same pixels; of one line the other lanes are overwritten later.
+    batch = LANES if abs(drift) * LANES <= 0.5 else 1
     # Unsigned numbers, as Numba would look whether others are negative, one by one.
     lanes, one, two, three = np.uintp(LANES), np.uintp(1), np.uintp(2), np.uintp(3)
-    for first in range(0, lines, LANES):
-        count, begin = np.uintp(min(LANES, lines - first)), np.uintp(first + shift)
-        for i in range(count):
+    for first in range(0, lines, batch):
+        begin = np.uintp(first + shift)
+        for i in range(np.uintp(min(batch, lines - first))):
             line, up_to = np.uintp(first) + i, np.float32(0.0)
             for k in range(np.uintp(n)):
                 up_to += values[line, k]
                 total[k + one, i] = up_to
         for j in range(np.uintp(parts + 1)):
             place = start + part * j + drift * first
-            if abs(drift) * LANES <= 0.5:  # all lines are read at the same pixels
-                near = min(max(int(place + 0.5 * drift * LANES) - 1, 0), n - 3)
-                away, k = np.float32(place - near), np.uintp(near)
-                for i in range(lanes):
-                    light[j, begin + i] = scale * cubic(
-                        total[k, i], total[k + one, i], total[k + two, i], total[k + three, i],
-                        away + move * np.float32(i),
-                    )  # fmt: skip
-            else:
-                for i in range(count):
-                    own = place + drift * i
-                    near = min(max(int(own) - 1, 0), n - 3)
-                    k = np.uintp(near)
-                    light[j, begin + i] = scale * cubic(
-                        total[k, i], total[k + one, i], total[k + two, i], total[k + three, i],
-                        np.float32(own - near),
-                    )  # fmt: skip
+            near = min(max(int(place + drift * (batch // 2)) - 1, 0), n - 3)
+            away, k = np.float32(place - near), np.uintp(near)
+            for i in range(lanes):
+                light[j, begin + i] = scale * cubic(
+                    total[k, i], total[k + one, i], total[k + two, i], total[k + three, i],
+                    away + move * np.float32(i),
+                )  # fmt: skip
         for j in range(np.uintp(parts)):
             for i in range(lanes):
                 light[j, begin + i] = light[j + one, begin + i] - light[j, begin + i]
@@ -138,24 +172,18 @@ def fill_green(own, low, high, odd):
     """
     for here in range(low.size):
         first, end = low[here], high[here]
-        left = right = 0  # between them, all four neighbours are own pixels
+        left = right = 0  # between them, the lines above and below have own pixels
         if 0 < here < low.size - 1:
-            left = max(first + 1, low[here - 1], low[here + 1])
-            right = min(end - 1, high[here - 1], high[here + 1])
+            left = max(low[here - 1], low[here + 1])
+            right = min(high[here - 1], high[here + 1])
         for k in range(first + (here + first + 1 - odd) % 2, end, 2):
-            total, pairs = np.float32(0.0), np.float32(0.0)
+            total, count = np.float32(0.0), np.float32(0.0)
             if first < k < end - 1:
-                total, pairs = own[here, k - 1] + own[here, k + 1], np.float32(2.0)
+                total, count = own[here, k - 1] + own[here, k + 1], np.float32(2.0)
             if left <= k < right:
-                own[here, k] = np.float32(0.25) * (total + own[here - 1, k] + own[here + 1, k])
-                continue
-            if 0 < here < low.size - 1:
-                above = low[here - 1] <= k < high[here - 1]
-                if above and low[here + 1] <= k < high[here + 1]:
-                    pairs += np.float32(2.0)
-                    total += own[here - 1, k] + own[here + 1, k]
-            if pairs > 0:
-                own[here, k] = total / pairs
+                total, count = total + own[here - 1, k] + own[here + 1, k], count + np.float32(2.0)
+            if count > 0:
+                own[here, k] = total / count
             elif k == first:
                 low[here] += 1
             else:
@@ -163,34 +191,32 @@ def fill_green(own, low, high, odd):
 
 
 @uncounted
-def read_lines(image, black, gain, lattices, lattice, y, x, top, left, array, room):
+def read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room):
     """Read a micro-image's own, lit pixels line by line, and continue each line beyond them.
 
-    Fills room.own and its ranges. lattice: number of the lattice. y, x: centre in its pixels. top,
-    left: pixel of the lattice at room.own[0, 0].
+    Fills room.own and its ranges. n: number of the lattice. y, x: centre in its pixels. top, left:
+    pixel of the lattice at room.own[0, 0].
     """
-    step, channel = lattices.step[lattice], lattices.source[lattice]
-    own, low, high, j = room.own, room.low, room.high, lattices.left[lattice]
-    # Channel of each, which may be grey; 0 where there is none.
-    under, factor = (
-        min(channel, max(black.shape[2], 1) - 1),
-        min(channel, max(gain.shape[2], 1) - 1),
-    )
-    channel, under, factor = np.uintp(channel), np.uintp(under), np.uintp(factor)
-    rows, columns, upper = image.shape[0], image.shape[1] // step, lattices.top[lattice]
+    own, low, high = room.own, room.low, room.high
+    step, upper, j = lattices.step[n], lattices.top[n], lattices.left[n]
+    # Channel of each, which may be grey or a mosaic; 0 where there is none.
+    channel = np.uintp(min(n, image.shape[2] - 1))
+    under = np.uintp(max(min(n, black.shape[2] - 1), 0))
+    factor = np.uintp(max(min(n, gain.shape[2] - 1), 0))
+    rows, columns = image.shape[0], image.shape[1] // step
     for here in range(low.size):
         row = top + here
         low[here], high[here] = 0, 0
         if row < 0 or (row + 1) * step > rows:
             continue
-        begin, stop = find_own_pixels(row - y, x, array, columns)
+        begin, stop = find_own_pixels(row - y, x, lenslets, columns)
         i = upper + step * row
         if gain.size > 0:
             while begin < stop and gain[i, j + step * begin, factor] == 0.0:
                 begin += 1
             while begin < stop and gain[i, j + step * (stop - 1), factor] == 0.0:
                 stop -= 1
-        if stop - begin < array.fewest:
+        if stop - begin < lenslets.fewest:
             continue
         low[here], high[here] = begin - left, stop - left
         line, row, count = np.uintp(here), np.uintp(i), np.uintp(stop - begin)
@@ -203,10 +229,10 @@ def read_lines(image, black, gain, lattices, lattice, y, x, top, left, array, ro
         if gain.size > 0:
             for k in range(count):
                 own[line, into + k] *= gain[row, first + stride * k, factor]
-    if lattices.green[lattice] >= 0:
-        fill_green(own, low, high, (lattices.green[lattice] + top + left) % 2)
+    if lattices.green[n] >= 0:
+        fill_green(own, low, high, (lattices.green[n] + top + left) % 2)
     for here in range(low.size):
-        if high[here] - low[here] >= array.fewest:
+        if high[here] - low[here] >= lenslets.fewest:
             continue_linearly(own, here, own.shape[1], low[here], high[here], own.shape[1])
 
 
@@ -228,91 +254,90 @@ def find_own_lines(start, drift, part, fewest, room):
             first[u] = here if end[u] == 0 else first[u]
             end[u] = here + 1
     middle = views // 2
-    for n in range(1, views):
-        # From the middle on, then from there back, so that the inner neighbour is known.
-        u, inner = (middle + n, middle + n - 1)
-        if n >= views - middle:
-            u, inner = views - 1 - n, views - n
-        if end[u] == 0:  # beyond the lit pixels: as its neighbour
-            first[u], end[u] = first[inner], end[inner]
+    for u in range(middle + 1, views):  # beyond the lit pixels: as the inner neighbour
+        if end[u] == 0:
+            first[u], end[u] = first[u - 1], end[u - 1]
+    for u in range(middle - 1, -1, -1):
+        if end[u] == 0:
+            first[u], end[u] = first[u + 1], end[u + 1]
 
 
 @uncounted
-def read_micro_image(image, black, gain, lattices, lattice, y, x, array, room):
+def read_micro_image(image, black, gain, lattices, n, y, x, lenslets, room):
     """Find the light of the parts of one micro-image, room.light[v, u], in one lattice."""
-    own, across, margin, views = room.own, room.across, array.margin, room.first.size
+    own, across, margin, views = room.own, room.across, lenslets.margin, room.first.size
     lines, pixels = own.shape
     first, end = room.first, room.end
-    top, left = int(np.ceil(y - array.high)), int(np.ceil(x - array.wide))
-    read_lines(image, black, gain, lattices, lattice, y, x, top, left, array, room)
-    tan, part = array.sin / array.cos, array.part_along
+    top, left = int(np.ceil(y - lenslets.high)), int(np.ceil(x - lenslets.wide))
+    read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room)
+    tan, part = lenslets.sin / lenslets.cos, lenslets.part_along
     start = x - left + 0.5 - tan * (top - y) - 0.5 * views * part
     integrate(own, lines, pixels, start, part, views, -tan, room.total, across, margin)
-    find_own_lines(start + 0.5 * part, -tan, part, array.fewest, room)
+    find_own_lines(start + 0.5 * part, -tan, part, lenslets.fewest, room)
     count = lines + 2 * margin
     for u in range(views):
         if end[u] > 0:
-            continue_linearly(across, u, count, margin + first[u], margin + end[u], array.reach)
+            continue_linearly(across, u, count, margin + first[u], margin + end[u], lenslets.reach)
         else:
             across[u] = 0.0
-    # The first part across is (views - 1) / 2 parts before the centre.
-    start = y - top + margin + 0.5 - 0.5 * array.shear * (views - 1) * part
-    start, part, drift = start - 0.5 * views * array.part_down, array.part_down, array.shear * part
+    # Parts move down a column by the shear from each to the next; the first one across is
+    # (views - 1) / 2 parts before the centre.
+    drift, part = lenslets.sin * lenslets.cos * part, lenslets.part_down
+    start = y - top + margin + 0.5 - 0.5 * drift * (views - 1) - 0.5 * views * part
     integrate(across, views, count, start, part, views, drift, room.total, room.light, 0)
 
 
 @njit
-def make_room(array, views):
+def make_room(lenslets, views):
     """Make room to work in."""
-    lines, pixels = int(2 * array.high) + 1, 2 * int(array.wide) + 2
-    count = lines + 2 * array.margin
+    lines, pixels = int(2 * lenslets.high) + 1, 2 * int(lenslets.wide) + 2
+    count = lines + 2 * lenslets.margin
     return Room(
         np.zeros((lines, pixels), np.float32), np.zeros((views + 1, count + LANES), np.float32),
-        np.zeros((views + 1, views + LANES), np.float32), np.zeros(lines, np.int64),
-        np.zeros(lines, np.int64), np.zeros(views, np.int64), np.zeros(views, np.int64),
+        np.zeros((views + 1, views + LANES), np.float32),
         np.zeros((max(count, pixels) + 1, LANES), np.float32),
+        np.zeros(lines, np.int64), np.zeros(lines, np.int64),
+        np.zeros(views, np.int64), np.zeros(views, np.int64),
     )  # fmt: skip
 
 
 @parallel(lambda out: out.shape[2])
-def resample(r, image, black, gain, lattices, arrays, join, out):
+def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, share, out):
     """Find the light of all parts of the micro-images in a row of lenslets.
 
     image: (rows, columns, channels). black, gain: float32, of this shape or with one channel;
-    empty without dark or white image; gain is 0 where a pixel is dark. lattices, join: named tuples
-    of `decode_plan`, and arrays: two of them, in pixels and in pairs of pixels.
+    empty without dark or white image; gain is 0 where a pixel is dark. lattices: one for each
+    channel of `out`. lenslets: in pixels, and in pairs of pixels. rows, columns: those of the
+    array. left, share: first column and share of the second in each of `out`, by the row's parity.
     out: (v, u, row, column, channel).
     """
-    views, size, channels = out.shape[0], arrays[0].columns, out.shape[4]
-    rooms = (make_room(arrays[0], views), make_room(arrays[1], views))
+    views, size, channels = out.shape[0], columns.size, out.shape[4]
+    rooms = (make_room(lenslets[0], views), make_room(lenslets[1], views))
     # So many lenslets at a time, and the one before, stay in the processor's first cache.
     found = np.zeros((views, views, channels, BLOCK + 2), np.float32)
-    row, done = arrays[0].first_row + r, 0
-    parity = row % 2
-    left, share = join.left[parity], join.share[parity]
+    parity, done = rows[r] % 2, 0
     for begin in range(0, size, BLOCK):
         end = min(begin + BLOCK, size)
         found[..., 0] = found[..., BLOCK]
-        for lattice in range(lattices.top.size):
-            # Pixels of a colour that are two apart have an array of their own, in their pixels.
-            step, channel = lattices.step[lattice], lattices.channel[lattice]
-            array, room = arrays[step - 1], rooms[step - 1]
-            down = array.row_pitch * row
+        for n in range(channels):
+            step = lattices.step[n]
+            own, room = lenslets[step - 1], rooms[step - 1]
+            down, offset = own.row_pitch * rows[r], 0.5 * parity if own.is_round else 0.0
             for c in range(begin, end):
-                along = array.pitch * (array.first_column + c + array.offset * parity)
-                y = lattices.y[lattice] + array.sin * along + array.cos * down
-                x = lattices.x[lattice] + array.cos * along - array.sin * down
-                read_micro_image(image, black, gain, lattices, lattice, y, x, array, room)
+                along = own.pitch * (columns[c] + offset)
+                y = own.y - lattices.top[n] / step + own.sin * along + own.cos * down
+                x = own.x - lattices.left[n] / step + own.cos * along - own.sin * down
+                read_micro_image(image, black, gain, lattices, n, y, x, own, room)
                 for v in range(views):
                     for u in range(views):
-                        found[v, u, channel, 1 + c - begin] = room.light[v, u]
+                        found[v, u, n, 1 + c - begin] = room.light[v, u]
         first = done
-        while done < out.shape[3] and left[done] + (share[done] > 0) < end:
+        while done < out.shape[3] and left[parity, done] + (share[parity, done] > 0) < end:
             done += 1
         for v in range(views):
             for u in range(views):
                 for c in range(first, done):
-                    near = left[c] + 1 - begin
-                    for channel in range(channels):
-                        low, high = found[v, u, channel, near], found[v, u, channel, near + 1]
-                        out[v, u, r, c, channel] = low + share[c] * (high - low)
+                    near = left[parity, c] + 1 - begin
+                    for n in range(channels):
+                        low, high = found[v, u, n, near], found[v, u, n, near + 1]
+                        out[v, u, r, c, n] = low + share[parity, c] * (high - low)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +17,7 @@ from scipy import ndimage
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.raw import sensor_images as sensor
-from lf_flame.formats.raw._decode_kernels import resample
+from lf_flame.formats.raw._decode_kernels import Lattices, Lenslets, resample
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.lightfield import LightField
 
@@ -36,71 +35,6 @@ LEAST_LEVEL = 0.05
 
 NONE = np.empty((0, 0, 0), np.float32)
 """In place of a black level or a white image, where there is none."""
-
-
-class Lattices(NamedTuple):
-    """Pixels of each colour.
-
-    All pixels of a channel; in a mosaic, those of red and of blue, which are two apart, and all for
-    green, of which every other one is green.
-    """
-
-    step: np.ndarray
-    top: np.ndarray
-    left: np.ndarray
-    source: np.ndarray
-    """Index in the image's last axis."""
-    channel: np.ndarray
-    """Channel of the light field."""
-    green: np.ndarray
-    """For green of a mosaic, whether its pixels have even (0) or odd (1) sums of row and column."""
-    y: np.ndarray
-    """Place of the lenslet in row and column 0, in pixels of the lattice."""
-    x: np.ndarray
-
-
-class Array(NamedTuple):
-    """The lenslets, in pixels of a lattice."""
-
-    first_row: int
-    first_column: int
-    columns: int
-    """Number of lenslets along a row."""
-    pitch: float
-    row_pitch: float
-    offset: float
-    """Offset of odd rows, in pitches."""
-    cos: float
-    sin: float
-    part_down: float
-    """Height of the parts of a micro-image, down a column of pixels."""
-    part_along: float
-    """Width of them along a row of pixels."""
-    half_down: float
-    """Largest distance of own pixels from the centre, across and along the array's rows."""
-    half_along: float
-    radius: float
-    """Largest distance of own pixels of a round micro-image; 0 if it is square."""
-    high: float
-    """Half the height of the own pixels."""
-    wide: float
-    """Half the width of the pixels that parts cover."""
-    margin: int
-    """Number of lines that parts cover beyond the own pixels, above or below."""
-    reach: int
-    """Number of lines over which light goes on linearly there; corners of round micro-images, which
-    no view that counts shows, are farther."""
-    shear: float
-    """Displacement of parts down a column of pixels, for each pixel along."""
-    fewest: int
-    """Smallest number of own pixels of a line that is read."""
-
-
-class Join(NamedTuple):
-    """Linear interpolation along the rows of lenslets, (parity of the row, column)."""
-
-    left: np.ndarray
-    share: np.ndarray
 
 
 class DecodePlan:
@@ -193,40 +127,27 @@ class DecodePlan:
             raise InputError(
                 f"shape must be that of raw images, (rows, columns[, channels]), got {shape}."
             )
-        self.grid, self.shape = grid, tuple(shape)
+        self.grid, self.shape, self.views = grid, tuple(shape), _count_views(grid, views)
         self.bayer = None if bayer is None else sensor.check_bayer(bayer, self.shape)
-        self.views = views = _count_views(grid, views)
-        # All else is of rows: the images of an array in columns are transposed, and so the views.
-        self._grid = grid.upright
-        pattern = self.bayer
-        if pattern is not None and grid.columns:
-            pattern = pattern[0] + pattern[2] + pattern[1] + pattern[3]
+        # All else is of rows: images of an array in columns are transposed, and so are the views.
+        self._grid, pattern, size = grid.upright, self.bayer, self.shape[:2]
+        if grid.columns:
+            size = size[::-1]
+            pattern = pattern and pattern[0] + pattern[2] + pattern[1] + pattern[3]
         self._step = 1 if pattern is None else 2
-        channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._lattices = _lattices(self._grid, pattern, channels)
-        size = self.shape[1::-1] if grid.columns else self.shape[:2]
-        rows, columns = self._grid.block(size)
-        self._arrays = tuple(_array(self._grid, views, n, rows, columns) for n in (1, 2))
-        self._rows, self._join = len(rows), _join(self._grid, len(columns))
+        self._lattices = _lattices(pattern, (*self.shape, 1)[2])
+        self._lenslets = tuple(_lenslets(self._grid, self.views, step) for step in (1, 2))
+        self._rows, self._columns = self._grid.block(size)
+        self._left, self._share = _join(self._grid, len(self._columns))
         self._saturation, self._is_new = saturation, True
-        self._notes: list[str] = []
-        self._black, light = (
-            None if one is None else self._upright(sensor.fitting(one, name, self.shape))
-            for one, name in ((dark, "dark"), (white, "white"))
-        )
-        self._hot = None
-        if self._black is not None:
-            self._black = self._black.astype(np.float32)
-            self._hot = sensor.find_hot_pixels(self._black, self._step)
-            self._black = self._mended(self._black)
-        self._gain: np.ndarray | None = None
-        self._micro_images: np.ndarray | None = None
-        self._valid: np.ndarray | None = None
-        self._lit, self._bright = np.ones((views, views), bool), 0.0
-        if light is not None:
-            self._use_white(light, pattern)
-        self.weights = _own_views(self._grid, views) & self._lit
-        self._valid = self._known(self._valid)
+        self._black = self._hot = self._gain = self._valid = self._flat = None
+        if dark is not None:
+            black = self._upright(sensor.fitting(dark, "dark", self.shape)).astype(np.float32)
+            self._hot = sensor.find_hot_pixels(black, self._step)
+            self._black = self._mended(black)
+        self.weights = _own_views(grid, self.views)
+        if white is not None:
+            self._use_white(self._upright(sensor.fitting(white, "white", self.shape)), pattern)
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Decode one raw image.
@@ -257,19 +178,21 @@ class DecodePlan:
         saturated = sensor.find_saturated(image, self._saturation)
         if self._is_new:
             self._check(image, saturated)
-        views = self._resample(self._mended(image), self._black, self._gain)
-        valid = self._valid
+            self._is_new = False
+        views, valid = self._resample(self._mended(image), self._black, self._gain), self._valid
         if valid is not None:  # saturated pixels are lower bounds of the light; these are not
             views[~valid] = 0.0
         if saturated is not None:
             # A hot pixel is as saturated as the neighbours that replace it.
             clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
-            share = self._resample(clipped, None, None)
-            valid = self._known(np.abs(share, out=share).max(axis=4) <= TOUCHED, valid)
-        coloured = len(self.shape) == 3 or self.bayer is not None
-        weights = None if self.weights.all() else self.weights.astype(np.float32)
+            share = self._resample(clipped)
+            known = np.abs(share, out=share).max(axis=4) <= TOUCHED
+            known[~self.weights] = True
+            valid = known if valid is None else known & valid
         return LightField.trusted(
-            views if coloured else views[..., 0], weights=weights, valid=valid
+            views if len(self.shape) == 3 or self.bayer is not None else views[..., 0],
+            weights=None if self.weights.all() else self.weights.astype(np.float32),
+            valid=None if valid is None or valid.all() else valid,
         )
 
     def _upright(self, image: np.ndarray) -> np.ndarray:
@@ -278,45 +201,27 @@ class DecodePlan:
     def _mended(self, image: np.ndarray) -> np.ndarray:
         return sensor.mended(image, self._hot, self._step)
 
-    def _known(
-        self, known: np.ndarray | None, other: np.ndarray | None = None
-    ) -> np.ndarray | None:
-        """Combine which pixels of the views that count are known, (v, u, t, s); None if all are."""
-        if known is None:
-            return None
-        known = known | ~self.weights[..., None, None]
-        if other is not None:
-            known &= other
-        return None if known.all() else known
-
     def _resample(
-        self, image: np.ndarray, black: np.ndarray | None, gain: np.ndarray | None
+        self, image: np.ndarray, black: np.ndarray | None = None, gain: np.ndarray | None = None
     ) -> np.ndarray:
         """Resample an upright image, (rows, columns, channels): float32, (v, u, t, s, channel)."""
-        lattices = self._lattices
-        if self.bayer is None and image.shape[2] < lattices.top.size:  # grey, for all channels
-            lattices = _lattices(self._grid, None, 1)
-        channels = 1 + int(lattices.channel.max())
-        size = self._rows, self._join.left.shape[1]
-        out = np.empty((self.views, self.views, *size, channels), np.float32)
-        black, gain = (NONE if one is None else one for one in (black, gain))
-        resample(image, black, gain, lattices, self._arrays, self._join, out)
-        if not self.grid.columns:
-            return out
-        return np.ascontiguousarray(out.transpose(1, 0, 3, 2, 4))
+        channels = image.shape[2] if self.bayer is None else 3
+        size = self.views, self.views, len(self._rows), self._left.shape[1], channels
+        out = np.empty(size, np.float32)
+        resample(
+            image, NONE if black is None else black, NONE if gain is None else gain,
+            self._lattices, self._lenslets, self._rows, self._columns, self._left, self._share, out,
+        )  # fmt: skip
+        return np.ascontiguousarray(out.transpose(1, 0, 3, 2, 4)) if self.grid.columns else out
 
     def _use_white(self, white: np.ndarray, pattern: str | None) -> None:
         """Set the factors of the pixels, the lit views, and what is known of their pixels."""
-        self._notes.append(sensor.note_on_white(white))
-        self._bright = float(np.percentile(white[::3, ::3], 95))
-        light = white if self._black is None else white - self._black
-        light = np.ascontiguousarray(self._mended(light), np.float32)
-        if self.bayer is None:
-            sensor.refuse_mosaic(light, self._grid, "white")
-        else:
-            self._notes.append(sensor.note_on_colours(light, self._grid, self.bayer))
-        self._micro_images = sensor.mean_micro_images(light, self._grid, self._step)
-        parts = self._resample(light, None, None)
+        sensor.warn_of_saturation(white)
+        light = self._mended(white if self._black is None else white - self._black)
+        light = np.ascontiguousarray(light, np.float32)
+        sensor.check_colours(light, self._grid, "white", self.bayer)
+        self._flat = sensor.mean_micro_images(light, self._grid, self._step)
+        parts = self._resample(light)
         middle = parts[self.views // 2, self.views // 2]
         brightest = middle.mean(axis=2)
         seen = brightest > LEAST_LEVEL * np.percentile(brightest, 95)  # not beyond the array
@@ -327,9 +232,9 @@ class DecodePlan:
                 f"got a median there of {level.min():g}."
             )
         least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
-        known = (parts >= least).all(axis=4)
+        valid = (parts >= least).all(axis=4)
         del parts
-        gain = np.zeros_like(light)
+        self._gain = gain = np.zeros_like(light)
         breadth = math.ceil(max(self._grid.pitch, self._grid.row_pitch) / self._step)
         for n, (top, left) in enumerate(np.ndindex(self._step, self._step)):
             at = np.s_[top :: self._step, left :: self._step]
@@ -341,48 +246,40 @@ class DecodePlan:
             is_lit = pixels >= LEAST_LIT * np.maximum(around, LEAST_LEVEL * most)
             is_lit &= pixels < 1.5 * highest
             np.divide(most, pixels, out=gain[at], where=is_lit)
-        self._gain = gain
         # Decoded by itself a white image is even, but where pixels among lit ones are not lit.
         even = self._resample(light, None, gain)
         even -= level.astype(np.float32)
-        self._valid = known & (np.abs(even, out=even) <= TOUCHED * level).all(axis=4)
+        valid &= (np.abs(even, out=even) <= TOUCHED * level).all(axis=4)
         del even
-        share = self._resample((gain > 0).astype(np.float32), None, None)
+        share = self._resample((gain > 0).astype(np.float32))
         # A view counts if 85 % of it are lit, in each colour: where one has no lit pixels, light
         # from farther inside is in its place, which makes slopes smaller.
         lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
-        self._lit = lit >= 0.85
-        if self._grid.pitch >= 5 and self._lit.sum() < 9:
-            sensor.refuse_spots(self._lit)
+        self.weights &= lit >= 0.85
+        valid[~self.weights] = True
+        self._valid = None if valid.all() else valid
+        if self._grid.pitch >= 5 and self.weights.sum() < 9:
+            sensor.refuse_spots(self.weights)
 
     def _check(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
-        """Refuse what does not fit; note what is doubtful, hot and saturated pixels, once."""
-        self._is_new = False
+        """Refuse what does not fit, and warn of what is doubtful."""
         light = image if self._black is None else image - self._black
         if self.bayer is None:
-            sensor.refuse_mosaic(light, self._grid, "raw")
+            sensor.check_colours(light, self._grid, "raw")
         means = sensor.mean_micro_images(light, self._grid, self._step)
         if self._black is None:
-            self._notes.append(sensor.note_on_black(means))
+            sensor.warn_of_black(means)
         else:
-            bright = self._bright or float(np.percentile(image[::3, ::3], 95))
-            dark_means = sensor.mean_micro_images(self._black, self._grid, self._step)
-            self._notes.append(sensor.check_dark(self._black, means, dark_means, bright))
-        if self._micro_images is not None:
-            sensor.refuse_other_white(self._micro_images, means, self._lit)
-        if self._hot is not None:
-            LOGGER.info(
-                f"{len(self._hot[0])} hot pixels of the sensor are replaced by their neighbours of "
-                f"the same colour."
-            )
+            black = sensor.mean_micro_images(self._black, self._grid, self._step)
+            sensor.check_dark(black, means, means if self._flat is None else self._flat)
+        if self._flat is not None:
+            sensor.refuse_other_white(self._flat, means, self.weights)
         if saturated is not None:
             clipped = np.count_nonzero(saturated)
-            self._notes.append(
+            LOGGER.warning(
                 f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: what they "
                 f"touch in the views is unknown, and left out; expose less."
             )
-        for note in filter(None, self._notes):
-            LOGGER.warning(note)
 
 
 def _count_views(grid: LensletGrid, views: int | None) -> int:
@@ -405,66 +302,61 @@ def _own_views(grid: LensletGrid, views: int) -> np.ndarray:
     return np.hypot(*np.meshgrid(centred(views), centred(views))) <= farthest + 1e-9
 
 
-def _lattices(grid: LensletGrid, pattern: str | None, channels: int) -> Lattices:
+def _lattices(pattern: str | None, channels: int) -> Lattices:
     """Pixels of each colour of a mosaic, or of each channel."""
     if pattern is None:
-        zeros, each = np.zeros(channels, np.int64), np.arange(channels)
-        y, x = np.full(channels, grid.y0), np.full(channels, grid.x0)
-        return Lattices(zeros + 1, zeros, zeros, each, each, zeros - 1, y, x)
-    (red_y, red_x), (blue_y, blue_x) = (divmod(pattern.index(colour), 2) for colour in "rb")
-    step, top, left = (
-        np.array([2, 1, 2]),
-        np.array([red_y, 0, blue_y]),
-        np.array([red_x, 0, blue_x]),
+        zeros = np.zeros(channels, np.int64)
+        return Lattices(step=zeros + 1, top=zeros, left=zeros, green=zeros - 1)
+    red, blue = pattern.index("r"), pattern.index("b")
+    return Lattices(
+        step=np.array([2, 1, 2]),
+        top=np.array([red // 2, 0, blue // 2]),
+        left=np.array([red % 2, 0, blue % 2]),
+        green=np.array([-1, pattern.index("g") % 2, -1]),
     )
-    green = np.array([-1, pattern.index("g") % 2, -1])
-    y, x = (grid.y0 - top) / step, (grid.x0 - left) / step
-    return Lattices(step, top, left, np.zeros(3, np.int64), np.arange(3), green, y, x)
 
 
-def _array(
-    grid: LensletGrid, views: int, step: int, rows: np.ndarray, columns: np.ndarray
-) -> Array:
+def _lenslets(grid: LensletGrid, views: int, step: int) -> Lenslets:
     """Lenslets in pixels of a lattice.
 
     Light is summed along the pixel rows first and down after: a part is as wide as its distance to
     the next along a pixel row, and as high as that along a pixel column.
     """
     cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
-    tan, height, width = abs(sin / cos), *(side / step for side in grid.window)
+    height, width = (side / step for side in grid.window)
     # Own pixels lie whole in the micro-image, to 0.02 pixel.
     half_down, half_along = (max(side / 2 - 0.48 / step, 0.5) for side in (height, width))
     is_round = grid.layout == "hexagonal"
     covered = (cos * height + abs(sin) * width) / 2
     high = half_along if is_round else cos * half_down + abs(sin) * half_along
-    return Array(
-        first_row=int(rows[0]),
-        first_column=int(columns[0]),
-        columns=len(columns),
+    return Lenslets(
+        y=grid.y0 / step,
+        x=grid.x0 / step,
         pitch=grid.pitch / step,
         row_pitch=grid.row_pitch / step,
-        offset=0.5 if is_round else 0.0,
         cos=cos,
         sin=sin,
+        is_round=is_round,
         part_down=height * cos / views,
         part_along=width / cos / views,
         half_down=half_down,
         half_along=half_along,
-        radius=half_along if is_round else 0.0,
         high=high,
-        wide=width / cos / 2 + tan * covered + 0.75,
+        wide=width / cos / 2 + abs(sin / cos) * covered + 0.75,
         margin=math.ceil(covered - high) + 1,
         reach=2 if is_round else 3 + math.ceil(abs(sin) * width),
-        shear=sin * cos,
         fewest=2 if half_along >= 1.5 else 1,
     )
 
 
-def _join(grid: LensletGrid, columns: int) -> Join:
-    """Interpolate a hexagonal array to a square grid that both kinds of rows share."""
+def _join(grid: LensletGrid, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolation of a hexagonal array to a square grid that both kinds of rows share.
+
+    Gives the column on the left and the share of the one on the right, (parity of the row, column).
+    """
     if grid.layout == "rectangular":  # as they are
         left = np.tile(np.arange(columns), (2, 1))
-        return Join(left, np.zeros(left.shape, np.float32))
+        return left, np.zeros(left.shape, np.float32)
     spacing = grid.row_pitch / grid.pitch
     count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0
     if count < 1:
@@ -473,4 +365,4 @@ def _join(grid: LensletGrid, columns: int) -> Join:
         )
     place = 0.5 + spacing * np.arange(count) - np.array([[0.0], [0.5]])  # in pitches along the row
     left = np.minimum(place.astype(int), columns - 2)
-    return Join(left, (place - left).astype(np.float32))
+    return left, (place - left).astype(np.float32)

@@ -5,6 +5,7 @@ scene's light: dark between micro-images, whatever the scene. Black level, mosai
 or dark image show in the light at the centres of micro-images and in the gaps between them.
 """
 
+import logging
 import math
 
 import numpy as np
@@ -13,6 +14,8 @@ from scipy import ndimage
 
 from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
+
+LOGGER = logging.getLogger(__name__)
 
 PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 """Colours of the upper left 2 x 2 pixels of a Bayer mosaic, row by row."""
@@ -81,20 +84,26 @@ def find_hot_pixels(dark: np.ndarray, step: int) -> tuple[np.ndarray, ...] | Non
     noise = 1.4826 * float(np.median(np.abs(some - np.median(some)))) or float(some.std())
     around = np.full((3, 3), True)
     around[1, 1] = False
-    hot = np.zeros(dark.shape[:2], bool)
+    is_hot = np.zeros(dark.shape[:2], bool)
     for top, left in np.ndindex(step, step):
         pixels = dark[top::step, left::step].max(axis=2)
         brightest = ndimage.maximum_filter(pixels, footprint=around, mode="mirror")
-        hot[top::step, left::step] = pixels > brightest + max(10 * noise, 1e-30)
-    return np.nonzero(hot) if hot.any() else None
+        is_hot[top::step, left::step] = pixels > brightest + max(10 * noise, 1e-30)
+    hot = np.nonzero(is_hot)
+    if not hot[0].size:
+        return None
+    LOGGER.info(
+        f"{len(hot[0])} hot pixels of the sensor are replaced by their neighbours of the same "
+        f"colour."
+    )
+    return hot
 
 
 def mended(image: np.ndarray, hot: tuple[np.ndarray, ...] | None, step: int) -> np.ndarray:
     """Copy an image with the means of the four neighbours of the colour in place of hot pixels."""
     if hot is None:
         return image
-    out = image.copy()
-    near = []
+    out, near = image.copy(), []
     for down, right in ((-step, 0), (step, 0), (0, -step), (0, step)):
         y, x = hot[0] + down, hot[1] + right
         y = np.where((y < 0) | (y >= image.shape[0]), hot[0] - down, y)  # beyond the border
@@ -124,13 +133,24 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
     return saturated if np.count_nonzero(saturated) >= 10 else None
 
 
-# Checks, which refuse or give one sentence --------------------------------------------------------
+# Checks, which refuse or warn ---------------------------------------------------------------------
 
 
-def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
-    """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has."""
+def check_colours(
+    image: np.ndarray, grid: LensletGrid, name: str, bayer: str | None = None
+) -> None:
+    """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has.
+
+    Of a mosaic, warn if the pixels that are green by its stated order are the darker ones.
+    """
     sums, sign = _pattern(image, grid)
-    if not sign:
+    if not sign or (bayer is not None and (sign > 0) == (bayer[0] == "g")):
+        return
+    if bayer is not None:
+        LOGGER.warning(
+            f"The {name} image is darker in the pixels that are green by --bayer {bayer} than in "
+            f"the others: unless its light is reddish, the order of the colours is another."
+        )
         return
     levels = sums / sums.max()
     brighter = [one for one in PATTERNS if (one[0] == "g") == (sign > 0)]
@@ -140,17 +160,6 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
         f"decode it as a raw image and state the colours of the upper left four pixels, row by "
         f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
         f"diagonal is green in most light."
-    )
-
-
-def note_on_colours(white: np.ndarray, grid: LensletGrid, bayer: str) -> str:
-    """Say that the stated greens are darker than red and blue in the white image."""
-    _, sign = _pattern(white, grid)
-    if not sign or (sign > 0) == (bayer[0] == "g"):
-        return ""
-    return (
-        f"The white image is darker in the pixels that are green by --bayer {bayer} than in the "
-        f"others: unless its light is reddish, the order of the colours is another."
     )
 
 
@@ -201,30 +210,29 @@ def refuse_spots(lit: np.ndarray) -> None:
         )
 
 
-def note_on_white(white: np.ndarray) -> str:
-    """Say that a white image is saturated: many of its pixels have the very highest level."""
+def warn_of_saturation(white: np.ndarray) -> None:
+    """Warn if many pixels of a white image have the very highest level."""
     top = white.max()
     share = np.count_nonzero(white == top) / white.size
-    if share < 0.01 or white.min() == top:
-        return ""
-    return (
-        f"{share:.0%} of the white image's pixels have its highest level, {top:.4g}: if it is "
-        f"saturated there, brightness is wrong by several per cent; expose it less."
-    )
+    if share >= 0.01 and white.min() < top:
+        LOGGER.warning(
+            f"{share:.0%} of the white image's pixels have its highest level, {top:.4g}: if it is "
+            f"saturated there, brightness is wrong by several per cent; expose it less."
+        )
 
 
-def check_dark(dark: np.ndarray, means: np.ndarray, dark_means: np.ndarray, bright: float) -> str:
-    """Refuse a dark image that is brighter than the raw one, or shows lenslets; note a high one.
+def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
+    """Refuse a dark image that is brighter than the raw one, or shows lenslets; warn of a high one.
 
-    means, dark_means: `mean_micro_images` of the raw image less the dark one, and of this. bright:
-    level of the bright pixels of the white or else of the raw image, with black.
+    All are `mean_micro_images`: of the dark image, and less it of the raw and of the white image,
+    or again of the raw one.
     """
-    black, halves = float(np.median(dark)), means.reshape(*means.shape[:2], -1)
-    darkest = halves.mean(axis=1).argmin(axis=1)
-    gaps = halves[np.arange(len(halves)), :, darkest]
+    black, bright = float(np.median(dark)), _bright(lit)[1]
+    halves = raw.reshape(*raw.shape[:2], -1)
+    gaps = halves[np.arange(len(halves)), :, halves.mean(axis=1).argmin(axis=1)]
     # The least of some hundred means of noise is 1.3 of these standard deviations too small.
-    error = max(0.05 * abs(bright - black), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
-    low, shown = np.median(gaps), np.median(np.ptp(dark_means.mean(axis=1), axis=(1, 2)))
+    error = max(0.05 * abs(bright), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
+    low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=(1, 2)))
     wrong = f"less it, the raw image's gaps between micro-images are at {low:.3g}, below 0"
     if shown > error:
         wrong = f"it shows the micro-images, {shown:.3g} brighter than the gaps between them"
@@ -233,32 +241,34 @@ def check_dark(dark: np.ndarray, means: np.ndarray, dark_means: np.ndarray, brig
             f"The dark image does not fit: {wrong}; it must be taken with the lens covered, at the "
             f"exposure and with the number of bits of the raw image."
         )
-    if bright <= black or black <= 0.15 * bright:
-        return ""
-    return (
-        f"The dark image is at {black:.3g}, {black / bright:.0%} of the bright pixels: more than a "
-        f"sensor's black level usually is; if it was not taken with the lens covered, at the raw "
-        f"image's exposure, all brightness is wrong."
-    )
+    if bright > 0 and black > 0.15 * (black + bright):
+        LOGGER.warning(
+            f"The dark image is at {black:.3g}, {black / (black + bright):.0%} of the bright "
+            f"pixels: more than a sensor's black level usually is; if it was not taken with the "
+            f"lens covered, at the raw image's exposure, all brightness is wrong."
+        )
 
 
-def note_on_black(means: np.ndarray) -> str:
-    """Say if the gaps between micro-images are even and far above 0, without a dark image.
+def warn_of_black(means: np.ndarray) -> None:
+    """Warn, without a dark image, if the gaps between micro-images are even and far above 0.
 
     means: `mean_micro_images` of the raw image. Light in the gaps, of micro-images that touch,
     differs as these do.
     """
-    means = means.mean(axis=1)
-    dim, bright = np.percentile(means.max(axis=(1, 2)), (5, 95))
-    low, level, high = np.percentile(means.min(axis=(1, 2)), (5, 50, 95))
+    dim, bright = _bright(means)
+    low, level, high = np.percentile(means.mean(axis=1).min(axis=(1, 2)), (5, 50, 95))
     uneven = bright - dim
-    if level < 0.02 * bright or uneven <= 0.2 * bright or high - low > 0.05 * uneven:
-        return ""
-    return (
-        f"The gaps between the micro-images are evenly at {level:.3g}, {level / bright:.0%} of the "
-        f"bright micro-images: black is probably not 0 here, and all brightness is wrong; give a "
-        f"dark image, taken with the lens covered (--dark)."
-    )
+    if level >= 0.02 * bright and uneven > 0.2 * bright and high - low <= 0.05 * uneven:
+        LOGGER.warning(
+            f"The gaps between the micro-images are evenly at {level:.3g}, {level / bright:.0%} of "
+            f"the bright micro-images: black is probably not 0 here, and all brightness is wrong; "
+            f"give a dark image, taken with the lens covered (--dark)."
+        )
+
+
+def _bright(means: np.ndarray) -> np.ndarray:
+    """Levels of dim and of bright micro-images."""
+    return np.percentile(means.mean(axis=1).max(axis=(1, 2)), (5, 95))
 
 
 def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> None:
