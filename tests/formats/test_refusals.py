@@ -205,7 +205,6 @@ RAW = [
     ),
     *each(
         grid_from_pitch,
-        (((9, 100), 10), "No micro-image of 10 x 10 pixels lies whole in the image of 9 x 100"),
         (((90, 100), 0.5), "pitch must be at least 1 pixel, got 0.5"),
         (((90, 100), NAN), "pitch must be at least 1 pixel, got nan"),
         (((90, 100), 10, "square"), "layout must be one of"),

@@ -41,31 +41,25 @@ class DecodePlan:
     """Plan for decoding the raw images of one camera.
 
     A micro-image is divided into views x views equal parts, so that a slope does not depend on how
-    many pixels it has. A view's pixel is the mean radiance of its part. It is found from the
-    lenslet's own pixels alone: those that lie whole in its micro-image, which is round in a
-    hexagonal array, and are lit in the white image. Beyond them light goes on linearly. So a
-    part's light comes from its centre also at the rim of round micro-images that
-    touch, and none comes from a neighbour. Between pixels the light is a cubic's, which conserves
-    it (Colella and Woodward 1984) and reproduces the pixels where parts coincide with them. Parts
-    of a rotated array have their true centres; their edges stay parallel to the sensor's, right
-    to first order in the rotation.
+    many pixels it has. A view's pixel is the mean radiance of its part, found from the lenslet's
+    own pixels alone: those that lie whole in its micro-image, which is round in a hexagonal array,
+    and are lit in the white image. Beyond them light goes on linearly, so that a part's light comes
+    from its centre also at the rim of round micro-images that touch, and none from a neighbour.
+    Between pixels the light is a cubic's, which conserves it (Colella and Woodward 1984). Parts of
+    a rotated array have their true centres; their edges stay parallel to the sensor's, right to
+    first order in the rotation. Each colour of a Bayer mosaic is decoded from its own pixels,
+    without a demosaic.
 
-    The pixels of each colour of a Bayer mosaic are used by themselves, without a demosaic: no
-    light moves between colours, and none farther than two pixels.
-
-    A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
-    and along each row linear interpolation removes the offset of every other row and changes the
-    column distance from the pitch to the row distance. Slopes of the result are in row distances
-    per view: 2 / sqrt(3) times those in pitches per view. An array in straight columns is decoded
-    in the same way with rows and columns exchanged.
+    A hexagonal array is resampled to a square grid with the distance of its rows, by linear
+    interpolation along each row: slopes are in row distances per view, 2 / sqrt(3) times those in
+    pitches per view. An array in straight columns is decoded with rows and columns exchanged.
 
     A hot pixel, which is far brighter in the dark image than all around it, is replaced by its
     neighbours of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than
-    2 % of it comes from saturated pixels; or, in the views that count, if it is too dark in the
-    white image, or bad pixels change its light there by 2 % (it then holds 0).
-
-    Views that are mostly dark in the white image get weight 0, and in a hexagonal array those
-    whose parts reach beyond the circle that touches the neighbours.
+    2 % of it come from saturated pixels; or, in the views that count, if it is too dark in the
+    white image, or bad pixels change its light there by 2 % (it then holds 0). Views that are
+    mostly dark in the white image get weight 0, and in a hexagonal array those whose parts reach
+    beyond the circle that touches the neighbours.
 
     Parameters
     ----------
@@ -86,7 +80,7 @@ class DecodePlan:
         because each contains the sensor's black level. Default: black is 0.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
         Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic. The
-        white image tells which two are green, not which one is red.
+        white image shows which two are green, but not which one is red.
     saturation : float, optional
         Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
         10, 12, 14 or 16 bits, if at least ten pixels have it.
@@ -94,7 +88,7 @@ class DecodePlan:
     Attributes
     ----------
     weights : ndarray of bool, shape (views, views)
-        Whether each view counts.
+        Which views count.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from lf_flame.errors import InputError
 LAYOUTS = ("rectangular", "hexagonal")
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class LensletGrid:
     """Positions of the micro-images in a raw lenslet image.
 
@@ -50,38 +50,27 @@ class LensletGrid:
     --------
     >>> from lf_flame.formats import LensletGrid
     >>> grid = LensletGrid(4.5, 4.5, 10.0)
-    >>> grid.count((60, 80))
-    (6, 8)
+    >>> grid.centres((60, 80)).shape
+    (6, 8, 2)
     """
 
     x0: float
     y0: float
     pitch: float
-    rotation: float
-    layout: str
-    row_pitch: float
-    columns: bool
+    rotation: float = 0.0
+    layout: str = "rectangular"
+    row_pitch: float = None  # type: ignore[assignment]  # a number from the first moment on
+    columns: bool = False
 
-    def __init__(
-        self,
-        x0: float,
-        y0: float,
-        pitch: float,
-        rotation: float = 0.0,
-        layout: str = "rectangular",
-        row_pitch: float | None = None,
-        columns: bool = False,
-    ):
-        check_layout(layout)
-        if row_pitch is None:
-            row_pitch = (math.sqrt(3) / 2 if layout == "hexagonal" else 1.0) * pitch
-        numbers = {"x0": x0, "y0": y0, "pitch": pitch, "rotation": rotation, "row_pitch": row_pitch}
-        for name, number in numbers.items():
-            object.__setattr__(self, name, float(number))
-        object.__setattr__(self, "layout", layout)
-        object.__setattr__(self, "columns", bool(columns))
+    def __post_init__(self):
+        check_layout(self.layout)
+        if self.row_pitch is None:
+            rows = math.sqrt(3) / 2 if self.layout == "hexagonal" else 1.0
+            object.__setattr__(self, "row_pitch", rows * self.pitch)
+        for name in ("x0", "y0", "pitch", "rotation", "row_pitch"):
+            object.__setattr__(self, name, float(getattr(self, name)))
         for name in ("pitch", "row_pitch"):
-            if not (getattr(self, name) >= 1 and math.isfinite(getattr(self, name))):
+            if not 1 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
         if not (math.isfinite(self.x0) and math.isfinite(self.y0)):
             raise InputError(
@@ -127,42 +116,29 @@ class LensletGrid:
         return height, self.pitch
 
     def block(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the largest block of whole micro-images in an image.
+        """Rows and columns of the largest block of whole micro-images in an image of this shape.
 
-        Parameters
-        ----------
-        shape : (int, int)
-            Number of rows and columns of the image; further entries are ignored.
-
-        Returns
-        -------
-        rows, columns : ndarray of int
-            Consecutive indices.
-
-        Raises
-        ------
-        InputError
-            If no micro-image is whole in the image.
+        Both are consecutive numbers.
         """
         if self.columns:
             return self.upright.block(shape[1::-1])
         rows, columns = self.indices(shape)
         y, x = self.position(rows[:, None], columns)
-        inside = self._is_whole(y, x, shape)
+        height, width = self.window
+        cos, sin = math.cos(self.rotation), abs(math.sin(self.rotation))
+        half_y, half_x = (cos * height + sin * width) / 2, (cos * width + sin * height) / 2
+        # The image ends half a pixel beyond its last ones, and half a pixel more may be missing.
+        inside = (y - half_y >= -1) & (y + half_y <= shape[0])
+        inside &= (x - half_x >= -1) & (x + half_x <= shape[1])
         first = np.where(inside.any(axis=1), inside.argmax(axis=1), len(columns))
         last = len(columns) - 1 - inside[:, ::-1].argmax(axis=1)
         top, bottom, left, right = _largest_block(first, last)
         if top == bottom:
             raise InputError(
-                f"No micro-image of {self.window[0]:.4g} x {self.window[1]:.4g} pixels lies whole "
-                f"in the image of {shape[0]} x {shape[1]}."
+                f"No micro-image of {height:.4g} x {width:.4g} pixels lies whole in the image of "
+                f"{shape[0]} x {shape[1]}."
             )
         return rows[top:bottom], columns[left:right]
-
-    def count(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Count the rows and columns of whole micro-images in an image of this shape."""
-        rows, columns = self.block(shape)
-        return len(rows), len(columns)
 
     def centres(self, shape: tuple[int, ...]) -> np.ndarray:
         """Centres ``(y, x)`` of the whole micro-images, shape (rows, columns, 2), float64."""
@@ -188,18 +164,6 @@ class LensletGrid:
             for i in (down / self.row_pitch, along / self.pitch)
         )
         return rows, columns
-
-    def _is_whole(self, y: np.ndarray, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-        cos, sin = math.cos(self.rotation), abs(math.sin(self.rotation))
-        height, width = self.window
-        half_y, half_x = (cos * height + sin * width) / 2, (cos * width + sin * height) / 2
-        # The image ends half a pixel beyond its last ones, and half a pixel more may be missing.
-        return (
-            (y - half_y >= -1)
-            & (y + half_y <= shape[0])
-            & (x - half_x >= -1)
-            & (x + half_x <= shape[1])
-        )
 
 
 def check_layout(layout: str) -> None:
@@ -237,24 +201,19 @@ def grid_from_pitch(
     Raises
     ------
     InputError
-        If a value is out of range, or the image is smaller than a micro-image.
+        If a value is out of range.
 
     Examples
     --------
     >>> from lf_flame.formats import grid_from_pitch
-    >>> grid_from_pitch((60, 80), 10.0).count((60, 80))
-    (6, 8)
+    >>> grid_from_pitch((60, 80), 10.0).centres((60, 80)).shape
+    (6, 8, 2)
     """
     grid = LensletGrid(0.0, 0.0, pitch, layout=layout)
     height, width = grid.window
     half = 0.5 if layout == "hexagonal" else 0.0
     # Slightly more, so that rounding does not cost a row where micro-images tile the image.
-    rows = math.floor((shape[0] - height) / grid.row_pitch + 1 + 1e-6)
-    columns = math.floor((shape[1] - width) / pitch + 1 - half + 1e-6)
-    if rows < 1 or columns < 1:
-        raise InputError(
-            f"No micro-image of {height:.4g} x {width:.4g} pixels lies whole in the image of "
-            f"{shape[0]} x {shape[1]}."
-        )
+    rows = max(math.floor((shape[0] - height) / grid.row_pitch + 1 + 1e-6), 1)
+    columns = max(math.floor((shape[1] - width) / pitch + 1 - half + 1e-6), 1)
     up, left = (rows - 1) / 2 * grid.row_pitch, (columns - 1 + half) / 2 * pitch
     return replace(grid, y0=(shape[0] - 1) / 2 - up, x0=(shape[1] - 1) / 2 - left)

@@ -169,11 +169,14 @@ def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, 
     exact = []
     for found in (lags[0], across[0]):
         y, x = int(found.imag) + reach, int(found.real) + reach
-        tops = []
-        for before, top, after in (correlation[y, x - 1 : x + 2], correlation[y - 1 : y + 2, x]):
-            tops.append((before - after) / (2 * (before - 2 * top + after)))
-        exact.append(found + complex(*tops))
+        down, along = correlation[y - 1 : y + 2, x], correlation[y, x - 1 : x + 2]
+        exact.append(found + complex(_top(*along), _top(*down)))
     return exact[0], exact[1]
+
+
+def _top(before: float, middle: float, after: float) -> float:
+    """Place of the top of the parabola through values at -1, 0 and 1."""
+    return (before - after) / (2 * (before - 2 * middle + after))
 
 
 def _autocorrelation(patch: np.ndarray) -> np.ndarray:
@@ -224,8 +227,7 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
         y, x = (p[k] for p, k in zip(places, sharpest, strict=True))
         tops = []
         for line, at in ((spectrum[:, x], y), (spectrum[y], x)):
-            before, top, after = (math.log(line[(at + k) % line.size]) for k in (-1, 0, 1))
-            place = at + (before - after) / (2 * (before - 2 * top + after))
+            place = at + _top(*np.log(line[np.arange(at - 1, at + 2) % line.size]))
             tops.append(place / line.size - round(place / line.size))
         exact.append(tops)
     one, other = (complex(x, y) for y, x in np.linalg.inv(np.array(exact)).T)
@@ -234,26 +236,34 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
 
 def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
     """Fit a guessed grid to the micro-images, from the centre of the image outwards."""
-    windows = {
-        (y.start, x.start): _gaps(white[y, x], grid)
-        for y, x in product(*(_windows(length, grid.pitch) for length in white.shape))
-    }
-    middle = list(windows)[len(windows) // 2]
-    contrast = windows[middle]
-    grid = _seen_from(middle, _in_phase(_seen_from(middle, grid), contrast), -1)
+    down, along = (_windows(length, grid.pitch) for length in white.shape)
+    middle = down[len(down) // 2], along[len(along) // 2]
+    contrast, (top, left) = _gaps(white[middle], grid), (part.start for part in middle)
+    local = _in_phase(replace(grid, y0=grid.y0 - top, x0=grid.x0 - left), contrast)
     # Neighbours average contents out; near the border of a small image there are none.
     reach = 3.5 if min(white.shape) > 2 * WINDOW * grid.pitch else 0.5
-    shape = _mean_micro_image(_seen_from(middle, grid), contrast, reach)
-    likenesses = {
-        window: ndimage.spline_filter(scipy.signal.oaconvolve(contrast, shape, mode="same"))
-        for window, contrast in windows.items()
-    }
+    shape = _mean_micro_image(local, contrast, reach)
+    grid = replace(local, y0=local.y0 + top, x0=local.x0 + left)
+    likeness = np.zeros(white.shape)
+    for part in product(down, along):
+        found = scipy.signal.oaconvolve(_gaps(white[part], grid), shape, mode="same")
+        likeness[part] = ndimage.spline_filter(found)
     reach, extent = FIRST_REACH, max(len(i) for i in grid.indices(white.shape))
     while True:
-        row, column, y, x, found = _micro_images(grid, likenesses, reach)
+        rows, columns = (i[np.abs(i) <= reach] for i in grid.indices(white.shape))
+        row, column = (i.ravel() for i in np.meshgrid(rows, columns, indexing="ij"))
+        y, x = grid.position(row, column)
+        # A window's border cuts others off.
+        whole = _lie_within(y, down, 0.55 * grid.pitch) & _lie_within(x, along, 0.55 * grid.pitch)
+        if not whole.any():
+            raise _no_grid("no micro-image lies clear of its border")
+        row, column, y, x = (values[whole] for values in (row, column, y, x))
+        top_y, top_x, curvature = _peaks(likeness, y, x, grid.pitch / 6)
+        away = np.hypot(top_y - y, top_x - x)
+        found = (curvature > 0.2 * np.median(curvature)) & (away < grid.pitch / 4)
         if reach == FIRST_REACH and np.mean(found) < 0.5:
             raise _no_grid("no micro-images are where it seemed to repeat itself")
-        grid, residual = _fitted(grid, row, column, y, x, found)
+        grid, residual = _fitted(grid, row, column, top_y, top_x, found)
         if reach >= extent:
             break
         reach *= 2
@@ -280,9 +290,11 @@ def _windows(length: int, pitch: float) -> list[slice]:
     return [slice(int(start), int(start) + side) for start in starts]
 
 
-def _seen_from(window: tuple[int, int], grid: LensletGrid, sign: int = 1) -> LensletGrid:
-    """Grid in the pixels of a window that begins at (y, x); with sign -1, back in the image's."""
-    return replace(grid, y0=grid.y0 - sign * window[0], x0=grid.x0 - sign * window[1])
+def _lie_within(places: np.ndarray, windows: list[slice], border: float) -> np.ndarray:
+    """Find the places along an axis that lie within a window, off its border."""
+    return np.any(
+        [(places >= w.start + border) & (places <= w.stop - 1 - border) for w in windows], axis=0
+    )
 
 
 def _mean_micro_image(grid: LensletGrid, contrast: np.ndarray, reach: float) -> np.ndarray:
@@ -317,30 +329,6 @@ def _in_phase(grid: LensletGrid, contrast: np.ndarray) -> LensletGrid:
 def _between(image: np.ndarray, y: np.ndarray, x: np.ndarray, order: int = 1) -> np.ndarray:
     """Values between the pixels of an image, or for order 3 of its spline coefficients."""
     return ndimage.map_coordinates(image, [y, x], order=order, mode="mirror", prefilter=False)
-
-
-def _micro_images(grid: LensletGrid, likenesses: dict, reach: int):
-    """Rows, columns, y and x of micro-images up to `reach` lenslets from the central one.
-
-    Also which of them were found. Those that a window's border cuts off are left out.
-    """
-    seen = []
-    for window, likeness in likenesses.items():
-        local, (height, width) = _seen_from(window, grid), likeness.shape
-        rows, columns = (i[np.abs(i) <= reach] for i in local.indices(likeness.shape))
-        row, column = (i.ravel() for i in np.meshgrid(rows, columns, indexing="ij"))
-        y, x = local.position(row, column)
-        clear = 0.55 * grid.pitch
-        inside = (y >= clear) & (y <= height - 1 - clear) & (x >= clear) & (x <= width - 1 - clear)
-        row, column, y, x = (values[inside] for values in (row, column, y, x))
-        top_y, top_x, curvature = _peaks(likeness, y, x, grid.pitch / 6)
-        away = np.hypot(top_y - y, top_x - x)
-        seen.append((row, column, top_y + window[0], top_x + window[1], away, curvature))
-    row, column, y, x, away, curvature = (np.concatenate(each) for each in zip(*seen, strict=True))
-    if not row.size:
-        raise _no_grid("no micro-image lies clear of its border")
-    found = (curvature > 0.2 * np.median(curvature)) & (away < grid.pitch / 4)
-    return row, column, y, x, found
 
 
 def _peaks(likeness: np.ndarray, y, x, step: float):
