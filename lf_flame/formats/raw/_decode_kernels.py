@@ -237,22 +237,26 @@ def read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room)
 
 
 @uncounted
+def is_shown(place, line, fewest, room):
+    """Whether a place is in the own pixels of a line, or half a pixel beyond."""
+    low, high = room.low[line], room.high[line]
+    return high - low >= fewest and low - 0.5 <= place <= high + 0.5
+
+
+@uncounted
 def find_own_lines(start, drift, part, fewest, room):
     """Find the lines that show each part across: those in whose own pixels its middle is.
 
     Or half a pixel beyond. start: place of the first part's middle in line 0; it moves by `drift`.
     """
-    low, high, first, end = room.low, room.high, room.first, room.end
-    views = first.size
-    end[:] = 0
-    for here in range(low.size):
-        if high[here] - low[here] < fewest:
-            continue
-        begin = (start + drift * here) / part
-        from_u = max(int(np.ceil((low[here] - 0.5) / part - begin)), 0)
-        for u in range(from_u, min(int(np.floor((high[here] + 0.5) / part - begin)) + 1, views)):
-            first[u] = here if end[u] == 0 else first[u]
-            end[u] = here + 1
+    first, end, views = room.first, room.end, room.first.size
+    for u in range(views):
+        place, top, bottom = start + part * u, 0, room.low.size
+        while top < bottom and not is_shown(place + drift * top, top, fewest, room):
+            top += 1
+        while top < bottom and not is_shown(place + drift * (bottom - 1), bottom - 1, fewest, room):
+            bottom -= 1
+        first[u], end[u] = top, bottom if top < bottom else 0
     middle = views // 2
     for u in range(middle + 1, views):  # beyond the lit pixels: as the inner neighbour
         if end[u] == 0:
@@ -316,6 +320,7 @@ def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, sha
     # So many lenslets at a time, and the one before, stay in the processor's first cache.
     found = np.zeros((views, views, channels, BLOCK + 2), np.float32)
     parity, done = rows[r] % 2, 0
+    left, share = left[parity], share[parity]
     for begin in range(0, size, BLOCK):
         end = min(begin + BLOCK, size)
         found[..., 0] = found[..., BLOCK]
@@ -332,12 +337,12 @@ def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, sha
                     for u in range(views):
                         found[v, u, n, 1 + c - begin] = room.light[v, u]
         first = done
-        while done < out.shape[3] and left[parity, done] + (share[parity, done] > 0) < end:
+        while done < out.shape[3] and left[done] + (share[done] > 0) < end:
             done += 1
         for v in range(views):
             for u in range(views):
                 for c in range(first, done):
-                    near = left[parity, c] + 1 - begin
+                    near = np.uintp(left[c] + 1 - begin)
                     for n in range(channels):
-                        low, high = found[v, u, n, near], found[v, u, n, near + 1]
-                        out[v, u, r, c, n] = low + share[parity, c] * (high - low)
+                        low, high = found[v, u, n, near], found[v, u, n, near + np.uintp(1)]
+                        out[v, u, r, c, n] = low + share[c] * (high - low)

@@ -134,7 +134,11 @@ class DecodePlan:
         self._rows, self._columns = self._grid.block(size)
         self._left, self._share = _join(self._grid, len(self._columns))
         self._saturation, self._is_new = saturation, True
-        self._black = self._hot = self._gain = self._valid = self._flat = None
+        self._black: np.ndarray | None = None
+        self._hot: tuple[np.ndarray, ...] | None = None
+        self._gain: np.ndarray | None = None
+        self._valid: np.ndarray | None = None
+        self._flat: np.ndarray | None = None  # its mean micro-images
         if dark is not None:
             black = self._upright(sensor.fitting(dark, "dark", self.shape)).astype(np.float32)
             self._hot = sensor.find_hot_pixels(black, self._step)

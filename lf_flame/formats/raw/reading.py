@@ -125,8 +125,10 @@ def read_raw(
     >>> light_field
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    options = locals()
-    plan, image = plan_raw(**options)
+    plan, image = plan_raw(
+        path, white=white, lenslets=lenslets, dark=dark, pitch=pitch, layout=layout, views=views,
+        bayer=bayer,
+    )  # fmt: skip
     return plan.decode(image), plan.grid
 
 
@@ -136,27 +138,16 @@ def read_frame(path: str | Path) -> np.ndarray:
 
 
 def plan_raw(
-    path: str | Path,
-    white: str | Path | None = None,
-    pitch: float | None = None,
-    layout: str | None = None,
-    views: int | None = None,
-    *,
-    lenslets: str | Path | None = None,
-    dark: str | Path | None = None,
-    bayer: str | None = None,
+    path: str | Path, *, white=None, lenslets=None, dark=None, pitch=None, layout=None, **options
 ) -> tuple[DecodePlan, np.ndarray]:
-    """Read a raw image, and plan its decoding and that of others by the same camera.
-
-    Parameters and errors are those of `read_raw`.
-    """
+    """Read a raw image, and plan its decoding and that of others; arguments as in `read_raw`."""
     if is_lytro(path):
-        if any(option is not None for option in (pitch, layout, bayer)):
+        if not (pitch is layout is options.pop("bayer", None) is None):
             raise InputError(
                 f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
                 f"its own."
             )
-        return plan_lytro(path, white, views, lenslets=lenslets, dark=dark)
+        return plan_lytro(path, white, lenslets=lenslets, dark=dark, **options)
     image = read_image(path)
     flat, black, shown = (
         None if one is None else read_image(one) for one in (white, dark, lenslets)
@@ -176,5 +167,4 @@ def plan_raw(
             f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
             f"must be given."
         )
-    plan = DecodePlan(grid, shape=image.shape, views=views, white=flat, dark=black, bayer=bayer)
-    return plan, image
+    return DecodePlan(grid, shape=image.shape, white=flat, dark=black, **options), image
