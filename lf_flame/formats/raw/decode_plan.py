@@ -119,7 +119,8 @@ class DecodePlan:
     ):
         if len(shape) not in (2, 3):
             raise InputError(
-                f"shape must be that of raw images, (rows, columns[, channels]), got {shape}."
+                f"A raw lenslet image must be grey or coloured, (rows, columns[, channels]), got "
+                f"shape {shape}."
             )
         self.grid, self.shape, self.views = grid, tuple(shape), _count_views(grid, views)
         self.bayer = None if bayer is None else sensor.check_bayer(bayer, self.shape)

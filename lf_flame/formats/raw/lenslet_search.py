@@ -40,18 +40,17 @@ def estimate_grid(
     The image is divided by its local mean, which removes vignetting. The nearest peaks of its
     autocorrelation are about the array's shortest vectors, whatever the shape of the micro-images;
     the sharp lines of the spectrum nearby make them exact. (The strongest line may be a harmonic,
-    as for round micro-images that touch in a hexagonal array.) Each micro-image is then located to
-    a fraction of a pixel by correlation with the mean one and its neighbours, in which the gaps
-    count more than the contents, and the grid is fitted to these points by least squares without
-    outliers, from the centre of the image outwards.
+    as for round micro-images that touch in a hexagonal array.) Correlation with the mean
+    micro-image and its neighbours, in which gaps count more than contents, then locates each one to
+    a fraction of a pixel, and the grid is fitted by least squares without outliers, from the
+    centre of the image outwards.
 
     Parameters
     ----------
     white : array_like, shape (rows, columns) or (rows, columns, channels)
-        Image of at least four lenslets along each side: a white image (flat field), or a picture of
-        a bright field with the main lens's aperture closed, in which each lenslet makes a spot of a
-        few pixels; or a raw image whose gaps between micro-images are seen. Channels are averaged,
-        and a Bayer mosaic is allowed.
+        Image of at least four lenslets along each side: a white image (flat field); spots, which
+        the lenslets make of a bright field with the main lens's aperture closed; or a raw image
+        whose gaps between micro-images are seen. Channels are averaged; it may be a Bayer mosaic.
     pitch : float, optional
         Rough pitch in pixels, within 30 %. Default: found, from 4 pixels up.
     layout : {"rectangular", "hexagonal"}, optional
@@ -136,15 +135,18 @@ def _guess(white: np.ndarray, pitch: float | None) -> LensletGrid:
     patch = white[top : top + 1024, left : left + 1024]  # the central part suffices
     vectors = _sharpened(_shortest_vectors(patch, pitch), patch)
     one, other = sorted(vectors, key=abs)
-    third = min(one - other, one + other, key=abs)
     # Half-way from a right angle to the 60 degrees of a hexagonal array.
-    layout = "rectangular" if abs((one * other.conjugate()).real) < abs(one * other) / 4 else ""
-    all_vectors = [one, other] if layout else [one, other, third]
-    along = max((v if v.real >= 0 else -v for v in all_vectors), key=lambda v: v.real / abs(v))
+    is_square = abs((one * other.conjugate()).real) < abs(one * other) / 4
+    third = [] if is_square else [min(one - other, one + other, key=abs)]
+    ahead = (v if v.real >= 0 else -v for v in (one, other, *third))
+    along = max(ahead, key=lambda v: v.real / abs(v))
     area = abs((one.conjugate() * other).imag)
     y, x = ((n - 1) / 2 for n in white.shape)
-    rotation = math.atan2(along.imag, along.real)
-    return LensletGrid(x, y, abs(along), rotation, layout or "hexagonal", area / abs(along))
+    rotation, layout = (
+        math.atan2(along.imag, along.real),
+        "rectangular" if is_square else "hexagonal",
+    )
+    return LensletGrid(x, y, abs(along), rotation, layout, area / abs(along))
 
 
 def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, complex]:
@@ -292,9 +294,8 @@ def _windows(length: int, pitch: float) -> list[slice]:
 
 def _lie_within(places: np.ndarray, windows: list[slice], border: float) -> np.ndarray:
     """Find the places along an axis that lie within a window, off its border."""
-    return np.any(
-        [(places >= w.start + border) & (places <= w.stop - 1 - border) for w in windows], axis=0
-    )
+    inside = [(places >= w.start + border) & (places <= w.stop - 1 - border) for w in windows]
+    return np.any(inside, axis=0)
 
 
 def _mean_micro_image(grid: LensletGrid, contrast: np.ndarray, reach: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import as_image, less_dark
+from lf_flame.formats.raw.sensor_images import less_dark
 from lf_flame.lightfield import LightField
 
 
@@ -55,10 +55,9 @@ def decode_raw(
     >>> decode_raw(raw, grid_from_pitch(raw.shape, 10.0))
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    as_image(raw, "raw")  # refused before its shape is planned with
-    return DecodePlan(
-        grid, shape=np.shape(raw), views=views, white=white, dark=dark, bayer=bayer
-    ).decode(raw)
+    shape = np.shape(raw)
+    plan = DecodePlan(grid, shape=shape, views=views, white=white, dark=dark, bayer=bayer)
+    return plan.decode(raw)
 
 
 def read_raw(

@@ -124,10 +124,10 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
     if level is not None:
         least = level * (1 - np.finfo(np.float32).eps)  # as images are rounded to float32
         return image >= least if highest >= least else None
-    bits = (8, 10, 12, 14, 16)
-    full = [2**n - 1 for n in bits] if image.dtype.kind != "f" else []
-    scaled = [1.0, *((2**n - 1) / (2**16 - 1) for n in bits[1:])] if not full else []
-    if not any(abs(highest / level - 1) < 1e-6 for level in (*full, *scaled)):
+    full = 2.0 ** np.array([8, 10, 12, 14, 16]) - 1
+    if image.dtype.kind == "f":
+        full = full[1:] / full[-1]
+    if not np.any(np.abs(highest / full - 1) < 1e-6):
         return None
     saturated = image == image.max()
     return saturated if np.count_nonzero(saturated) >= 10 else None
@@ -222,17 +222,15 @@ def warn_of_saturation(white: np.ndarray) -> None:
 
 
 def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
-    """Refuse a dark image that is brighter than the raw one, or shows lenslets; warn of a high one.
+    """Refuse a dark image that is brighter than the raw image's gaps, or shows the lenslets.
 
     All are `mean_micro_images`: of the dark image, and less it of the raw and of the white image,
     or again of the raw one.
     """
-    black, bright = float(np.median(dark)), _bright(lit)[1]
-    halves = raw.reshape(*raw.shape[:2], -1)
-    gaps = halves[np.arange(len(halves)), :, halves.mean(axis=1).argmin(axis=1)]
+    gaps = raw[np.arange(len(raw)), :, raw.mean(axis=1).argmin(axis=1)]
     # The least of some hundred means of noise is 1.3 of these standard deviations too small.
-    error = max(0.05 * abs(bright), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
-    low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=(1, 2)))
+    error = max(0.05 * abs(_levels(lit)[1]), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
+    low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))
     wrong = f"less it, the raw image's gaps between micro-images are at {low:.3g}, below 0"
     if shown > error:
         wrong = f"it shows the micro-images, {shown:.3g} brighter than the gaps between them"
@@ -240,12 +238,6 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
         raise InputError(
             f"The dark image does not fit: {wrong}; it must be taken with the lens covered, at the "
             f"exposure and with the number of bits of the raw image."
-        )
-    if bright > 0 and black > 0.15 * (black + bright):
-        LOGGER.warning(
-            f"The dark image is at {black:.3g}, {black / (black + bright):.0%} of the bright "
-            f"pixels: more than a sensor's black level usually is; if it was not taken with the "
-            f"lens covered, at the raw image's exposure, all brightness is wrong."
         )
 
 
@@ -255,8 +247,8 @@ def warn_of_black(means: np.ndarray) -> None:
     means: `mean_micro_images` of the raw image. Light in the gaps, of micro-images that touch,
     differs as these do.
     """
-    dim, bright = _bright(means)
-    low, level, high = np.percentile(means.mean(axis=1).min(axis=(1, 2)), (5, 50, 95))
+    dim, bright = _levels(means)
+    low, level, high = np.percentile(means.mean(axis=1).min(axis=1), (5, 50, 95))
     uneven = bright - dim
     if level >= 0.02 * bright and uneven > 0.2 * bright and high - low <= 0.05 * uneven:
         LOGGER.warning(
@@ -266,9 +258,9 @@ def warn_of_black(means: np.ndarray) -> None:
         )
 
 
-def _bright(means: np.ndarray) -> np.ndarray:
+def _levels(means: np.ndarray) -> np.ndarray:
     """Levels of dim and of bright micro-images."""
-    return np.percentile(means.mean(axis=1).max(axis=(1, 2)), (5, 95))
+    return np.percentile(means.mean(axis=1).max(axis=1), (5, 95))
 
 
 def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> None:
@@ -279,18 +271,17 @@ def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> 
     """
     shown = np.ones(len(flat), bool)
     for halves, darkest in ((flat, 0.3), (light, 0.5)):
-        contrast = halves - halves.mean(axis=(2, 3), keepdims=True)
-        power = np.sqrt((contrast**2).sum(axis=(2, 3)).prod(axis=1))
-        shown &= contrast.prod(axis=1).sum(axis=(1, 2)) > 0.7 * power  # it is 0 for noise alone
-        mean = halves.mean(axis=1)
-        shown &= mean.min(axis=(1, 2)) < darkest * mean.max(axis=(1, 2))
+        mean, contrast = halves.mean(axis=1), halves - halves.mean(axis=2, keepdims=True)
+        power = np.sqrt((contrast**2).sum(axis=2).prod(axis=1))
+        shown &= contrast.prod(axis=1).sum(axis=1) > 0.7 * power  # it is 0 for noise alone
+        shown &= mean.min(axis=1) < darkest * mean.max(axis=1)
     if np.count_nonzero(shown) < 4:
         return
     flat, light = (one[shown].mean(axis=1) for one in (flat, light))
-    flat, light = (one - one.min(axis=(1, 2), keepdims=True) for one in (flat, light))
-    level = flat / flat.max(axis=(1, 2), keepdims=True)
+    flat, light = (one - one.min(axis=1, keepdims=True) for one in (flat, light))
+    level = flat / flat.max(axis=1, keepdims=True)
     between, within = (
-        (np.sum(light * at, axis=(1, 2)) / np.count_nonzero(at, axis=(1, 2))).sum()
+        (np.sum(light * at, axis=1) / np.count_nonzero(at, axis=1)).sum()
         for at in (level <= 0.2, level >= 0.5)
     )
     # 0.01 to 0.37 where both fit, most with a flame beside the picture; 0.52 for a white image that
@@ -307,7 +298,7 @@ def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> 
 
 
 def mean_micro_images(image: np.ndarray, grid: LensletGrid, step: int) -> np.ndarray:
-    """Mean micro-images of blocks of 4 x 4 lenslets, each in two halves: (block, 2, y, x).
+    """Mean micro-images of blocks of 4 x 4 lenslets, each in two halves: (block, 2, pixel).
 
     In larger blocks micro-images of another pitch would average out. In a mosaic each value is the
     mean of 2 x 2 pixels, so that a coloured scene has no pattern of its own.
@@ -318,16 +309,15 @@ def mean_micro_images(image: np.ndarray, grid: LensletGrid, step: int) -> np.nda
     whole = centres[: down * rows, : along * columns].reshape(down, rows, along, columns, 2)
     centres = whole.swapaxes(1, 2).reshape(down * along, rows * columns, 2)
     dy, dx = (np.arange(-(int(n) // 2), int(n) // 2 + 1) for n in grid.window)
-    blocks = max(4, 2_000_000 // (dy.size * dx.size * centres.shape[1]))  # an even choice
-    if len(centres) > blocks:
-        centres = centres[np.linspace(0, len(centres) - 1, blocks).astype(int)]
+    most = max(4, 2_000_000 // (dy.size * dx.size * centres.shape[1]))  # an even choice
+    centres = centres[np.linspace(0, len(centres) - 1, min(len(centres), most)).astype(int)]
     y = np.clip(centres[..., 0, None, None] + dy[:, None], 0, image.shape[0] - 1)
     x = np.clip(centres[..., 1, None, None] + dx, 0, image.shape[1] - 1)
     pixels = image[y, x].mean(axis=4, dtype=np.float32)
-    first = (np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0).ravel()
-    halves = (first, ~first) if len(first) > 1 else (first, first)
-    means = np.stack([pixels[:, half].mean(axis=1) for half in halves], axis=1)
-    if step == 1:
-        return means
-    means = means[..., 1:, :] + means[..., :-1, :]
-    return (means[..., 1:] + means[..., :-1]) / 4
+    if step == 2:
+        pixels = pixels[..., 1:, :] + pixels[..., :-1, :]
+        pixels = (pixels[..., 1:] + pixels[..., :-1]) / 4
+    pixels = pixels.reshape(*pixels.shape[:2], -1)
+    odd = np.add.outer(np.arange(rows), np.arange(columns)).ravel() % 2
+    halves = [pixels[:, odd == half] for half in (0, min(1, odd.size - 1))]
+    return np.stack([half.mean(axis=1) for half in halves], axis=1)
