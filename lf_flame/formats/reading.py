@@ -232,7 +232,8 @@ def _read_ordered(read: Callable) -> Callable[..., Found]:
     def reader(path: Path, **options: Any) -> Found:
         light_field, order = read(path, **options)
         again = lambda one: read(one, **options | {"order": order.order})[0]  # noqa: E731
-        return Found(light_field, order, order.describe(), again)
+        notes = order.describe() if light_field.shape[:2] != (1, 1) else []
+        return Found(light_field, order, notes, again)
 
     return reader
 
