@@ -78,18 +78,14 @@ def _dots(image: np.ndarray) -> np.ndarray:
     """Centres of the dots, dark on bright or bright on dark."""
     from skimage.filters import threshold_otsu
     from skimage.measure import label, regionprops
+    from skimage.segmentation import clear_border
 
     if np.ptp(image) == 0:
         return np.empty((0, 2))
     smooth = gaussian_filter(image, 0.7)
     bright = smooth > threshold_otsu(smooth)
     # Dots cover less than half of the target.
-    regions = regionprops(label(bright if bright.mean() < 0.5 else ~bright))
-    whole = [
-        one
-        for one in regions
-        if min(one.bbox[:2]) > 0 and np.all(np.less(one.bbox[2:], image.shape))
-    ]
+    whole = regionprops(clear_border(label(bright if bright.mean() < 0.5 else ~bright)))
     usual = np.median([one.area for one in whole]) if whole else 0.0
     alike = [one.centroid for one in whole if 0.4 * usual < one.area < 2.5 * usual]
     return np.array(alike).reshape(-1, 2)
