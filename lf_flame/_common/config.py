@@ -9,7 +9,6 @@ import difflib
 import json
 import reprlib
 import typing
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,7 +16,7 @@ from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
 T = TypeVar("T")
 
@@ -41,33 +40,24 @@ def strict(cls: Class) -> Class:
 
 
 def build(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a configuration dataclass from parsed TOML or JSON; `source` is its origin.
+    """Make a dataclass from parsed TOML or JSON; `source` is its origin.
 
-    The error names unknown keys (of `strict` classes) with similar known ones, and missing ones;
-    else the first other fault.
+    Types are strict: a number in quotes is refused. The error names unknown keys (of `strict`
+    classes) with similar known ones, and missing ones; else the first other fault.
     """
-    return _validated(lambda adapter: adapter.validate_python(values), kind, source)
+    from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
 
-
-def build_record(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a dataclass from parsed JSON, as `build`; a number in quotes is refused."""
     # As JSON, a list may become a tuple; a strict check of Python values refuses that.
-    text = json.dumps(values)
-    return _validated(lambda adapter: adapter.validate_json(text, strict=True), kind, source)
+    text = json.dumps(values, default=str)
+    try:
+        return TypeAdapter(kind).validate_json(text, strict=True)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
 
 
 def to_json(config: "DataclassInstance") -> dict[str, Any]:
     """Turn a configuration dataclass into plain JSON values: the form in which it is stored."""
     return json.loads(json.dumps(dataclasses.asdict(config)))
-
-
-def _validated(validate: "Callable[[TypeAdapter], T]", kind: type, source: str | Path) -> T:
-    from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
-
-    try:
-        return validate(TypeAdapter(kind))
-    except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
 
 
 def _first_problem(error: "ValidationError", kind: type) -> str:

@@ -179,7 +179,6 @@ def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
     """Rebuild a configuration from the JSON values stored with a data set."""
     template = TEMPLATES.get(str(values.get("kind")))
     if template is not None and "template" in values:
-        # Built first, by its kind, so that messages about it fit that kind.
-        built: Template = build(template, values["template"], f"{source}: template")
-        values = {**values, "template": built}
+        # First alone, by its kind, so that messages about it fit that kind.
+        build(template, values["template"], f"{source}: template")
     return build(DatasetConfig, values, source)

@@ -16,7 +16,7 @@ import numpy as np
 import zarr
 
 from lf_flame._common import zarr_files
-from lf_flame._common.config import build_record
+from lf_flame._common.config import build
 from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.memory import check_memory
 from lf_flame._common.zarr_files import array_names, open_array, read_array_shape
@@ -38,7 +38,7 @@ class Attributes:
 
 def read_attributes(path: Path) -> Attributes:
     """Read the attributes of a data set's group."""
-    return build_record(Attributes, zarr_files.read_attributes(path), path / METADATA)
+    return build(Attributes, zarr_files.read_attributes(path), path / METADATA)
 
 
 def check_arrays(path: Path, config: DatasetConfig) -> int:

@@ -12,7 +12,7 @@ import tifffile
 from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.config import build_record
+from lf_flame._common.config import build
 from lf_flame._common.images import find_axes, open_tiff, pictures, read_tiff, to_unit
 from lf_flame._common.input_files import parse_json
 from lf_flame._common.memory import check_memory
@@ -200,7 +200,7 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
     if stated is None:
         return pages, None
     described = parse_json(str(stated), path)
-    slopes = np.array(build_record(list[float], described, f"{path}: slopes"))
+    slopes = np.array(build(list[float], described, f"{path}: slopes"))
     if slopes.shape != (len(pages),):
         raise InputError(f"{path} has {len(pages)} images, but slopes of shape {slopes.shape}.")
     return pages, slopes

@@ -30,7 +30,7 @@ from lf_flame._common.atomic_files import (
     write_json,
     write_text,
 )
-from lf_flame._common.config import build_record
+from lf_flame._common.config import build
 from lf_flame._common.input_files import parse_json, read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import accelerators
@@ -266,7 +266,7 @@ class TrainingState:
             raise InputError(f"{self.path} is damaged; remove it to begin again.")
         (about,) = file.read(["about"])
         text = about.tobytes().decode("utf-8", "replace")
-        found = build_record(_About, parse_json(text, self.path), self.path)
+        found = build(_About, parse_json(text, self.path), self.path)
         self.history, self.start_s = found.epochs, found.start_s
         for name, array in zip(file.names, file.read(file.names), strict=True):
             if name.startswith("state_"):

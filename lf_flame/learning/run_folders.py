@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lf_flame._common.config import build_record
+from lf_flame._common.config import build
 from lf_flame._common.input_files import read_record
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.store import Dataset
@@ -124,7 +124,7 @@ def load_run(folder: str | Path) -> dict:
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
     record = read_record(folder / "run.json")
-    build_record(RunRecord, record, folder / "run.json")
+    build(RunRecord, record, folder / "run.json")
     return record
 
 
@@ -152,7 +152,7 @@ def open_run(folder: str | Path) -> TrainedRun:
             f"{folder} holds {held}; it must hold one of the paper's network, by `lf-flame train`."
         )
     source = folder / "run.json"
-    known = build_record(PaperRunRecord, record, source).dataset
+    known = build(PaperRunRecord, record, source).dataset
     config = config_from_json(known.config, f"{source}: dataset")
     if not len(known.slopes) == len(known.objects) == len(config.depths_mm):
         raise InputError(f"{source}: slopes and objects must be as many as the depths of its data.")

@@ -13,7 +13,7 @@ import tifffile
 from pydantic import Field
 
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.config import build_record, to_json
+from lf_flame._common.config import build, to_json
 from lf_flame._common.images import read_pixels
 from lf_flame._common.input_files import read_record
 from lf_flame._common.output_folders import OutputFolder, output_folder
@@ -217,7 +217,7 @@ class EmissionFolder:
                 f"{folder} is no folder of `lf-flame reconstruct` or `lf-flame abel`: there is no "
                 f"{RECORD} in it."
             )
-        self.record = record = build_record(_Record, read_record(folder / RECORD), folder / RECORD)
+        self.record = record = build(_Record, read_record(folder / RECORD), folder / RECORD)
         self.is_section = record.geometry == "section"
         self.depths_mm: list[Any] = record.depths_mm
         self.cell_mm: list[Any] = record.cell_mm
