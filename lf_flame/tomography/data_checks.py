@@ -10,7 +10,7 @@ from lf_flame.tomography.axis import MARGIN, find_axis
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.geometries import SectionGeometry, project
-from lf_flame.tomography.noise import measure_edge
+from lf_flame.tomography.noise import inner, measure_edge
 from lf_flame.tomography.resolution import NO_DEPTH, angular_width, depth_blur, finest_period
 
 MODEL_ERROR = 2e-3
@@ -161,14 +161,14 @@ def _misfit(views, residual, chi_squared, found) -> list[Check]:
         # Least squares leaves more of a fault in its view than in all other views together.
         order = np.argsort(chi_squared[np.isfinite(chi_squared)])
         rest, odd = by_view[order[:-2]], by_view[order[-2:]]
-        shared = _likeness(rest) * float(np.sum(np.square(rest, dtype=np.float64)))
+        shared = _likeness(rest) * inner(rest, rest)
         by_view = rest
-        if shared < float(np.sum(np.square(odd, dtype=np.float64))):
+        if shared < inner(odd, odd):
             by_view = np.zeros_like(rest)
         else:
             excess = 1.0
     likeness = _likeness(by_view)
-    size = float(np.sqrt(np.mean(np.square(by_view, dtype=np.float64))))
+    size = float(np.sqrt(inner(by_view, by_view) / by_view.size))
     # Five standard errors of a correlation of white noise, of pairs along rows and columns.
     limit = max(STRUCTURE + SHARED * (found.shared**2 - 1), 5 / np.sqrt(2 * by_view.size))
     structured = np.sqrt(max(likeness, 0)) * size > MODEL_ERROR * peak
@@ -192,12 +192,12 @@ def _misfit(views, residual, chi_squared, found) -> list[Check]:
 
 def _likeness(residual: np.ndarray) -> float:
     """Correlation of residuals of pixels `APART` from each other, over rows and columns."""
-    power = float(np.mean(np.square(residual, dtype=np.float64)))
-    products = (
-        residual[..., APART:, :] * residual[..., :-APART, :],
-        residual[..., APART:] * residual[..., :-APART],
+    power = inner(residual, residual) / residual.size
+    pairs = (
+        (residual[..., APART:, :], residual[..., :-APART, :]),
+        (residual[..., APART:], residual[..., :-APART]),
     )
-    found = [np.mean(one, dtype=np.float64) for one in products if one.size]
+    found = [inner(one, other) / one.size for one, other in pairs if one.size]
     return float(np.mean(found)) / power if found and power else 0.0
 
 

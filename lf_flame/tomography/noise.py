@@ -48,6 +48,11 @@ def noise_variance(sd: float) -> float:
     return max(sd**2, float(np.finfo(np.float32).tiny))
 
 
+def inner(one: np.ndarray, other: np.ndarray) -> float:
+    """Sum of products of two float32 arrays: rows in float32, their sums in float64."""
+    return float(np.einsum("...s,...s->...", one, other).sum(dtype=np.float64))
+
+
 def noise_by_pixel(views: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Variance of each pixel's noise relative to its mean, float32, shape (v, u, t, s).
 
@@ -74,11 +79,11 @@ def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Fit squared noise with a constant plus a multiple of the light, both 0 or above; float32."""
     mean_power, mean_light = (float(one.mean(dtype=np.float64)) for one in (power, light))
     bright = light - np.float32(mean_light)
-    spread = float(np.mean(np.square(bright, dtype=np.float64)))
-    slope = float(np.mean(bright * power, dtype=np.float64)) / spread if spread else 0.0
+    spread = inner(bright, bright)
+    slope = inner(bright, power) / spread if spread else 0.0
     steepest = mean_power / mean_light if mean_light else 0.0
     slope = min(max(slope, 0.0), steepest)
-    line = mean_power + np.float32(slope) * (light - np.float32(mean_light))
+    line = np.float32(mean_power) + np.float32(slope) * bright
     return np.maximum(line, np.float32(1e-6 * mean_power))
 
 
@@ -143,11 +148,12 @@ class _Differences:
     """Second differences along an axis, where all three are known, and their correlation."""
 
     def __init__(self, views: np.ndarray, known: np.ndarray, axis: int):
-        every = np.moveaxis(known, axis, 0)
-        self._known = np.moveaxis(every[:-2] & every[1:-1] & every[2:], 0, axis)
-        self._values = np.where(self._known, np.diff(views, 2, axis), 0).astype(np.float32)
-        count = max(int(np.count_nonzero(self._known)), 1)
-        self.variance = float(np.sum(np.square(self._values, dtype=np.float64))) / count
+        every, of_views = np.moveaxis(known, axis, 0), np.moveaxis(views, axis, 0)
+        known = every[:-2] & every[1:-1] & every[2:]
+        values = (of_views[2:] - 2 * of_views[1:-1] + of_views[:-2]) * known
+        self._known, self._values = (np.moveaxis(one, 0, axis) for one in (known, values))
+        count = max(int(np.count_nonzero(known)), 1)
+        self.variance = inner(self._values, self._values) / count
 
     def share(self, axes: tuple[int, int], lag: tuple[int, int]) -> float:
         """Correlation with the neighbour that is a step apart along two axes."""
@@ -158,8 +164,8 @@ class _Differences:
             there[axis] = slice(max(-step, 0), size + min(-step, 0))
         one, other = tuple(here), tuple(there)
         pairs = int(np.count_nonzero(self._known[one] & self._known[other]))
-        total = np.einsum("vuts,vuts->", self._values[one], self._values[other], dtype=np.float64)
-        return float(total) / pairs / self.variance if pairs else 0.0
+        total = inner(self._values[one], self._values[other])
+        return total / pairs / self.variance if pairs else 0.0
 
 
 LEAST_EMPTY = 0.02
@@ -220,18 +226,23 @@ def fit_background(
     """Measure a uniform background in the pixels that no emission reaches; None without any.
 
     Cells that may emit are those whose rays are brighter, in the mean, than the background: first
-    that at the field's edge, then that of the measurement before. A half section may emit anywhere
-    within its radius.
+    that at the field's edge, then that of the measurement before. They are found in one half of the
+    views, and the background is measured in the other: pixels that are picked because their noise
+    is dark would all be too dark. A half section may emit anywhere within its radius.
     """
     operator, grid = geometry.operator, geometry.grid
-    on_planes = isinstance(grid, FrustumGrid)
     edge = measure_edge(views)
     level, before = Level(edge.level, edge.error), np.inf
+    measured = np.ones(views.shape[:2], bool)
+    on_planes = isinstance(grid, FrustumGrid)
     if on_planes:
-        rays = np.maximum(backproject(operator, np.ones_like(views)), 1.0)
-        means = backproject(operator, views) / rays
-        means = ndimage.uniform_filter(means, (1, 3, 3))
-        seen = rays > grid.view_count / 2
+        even = np.indices(measured.shape).sum(axis=0) % 2 == 0
+        picking, measured = (measured, measured) if even.all() else (~even, even)
+        half = np.broadcast_to(picking[:, :, None, None].astype(np.float32), views.shape)
+        rays = np.maximum(backproject(operator, half), 1.0)
+        means = ndimage.uniform_filter(backproject(operator, half * views) / rays, (1, 3, 3))
+        seen = rays > np.count_nonzero(picking) / 2
+    views = views[measured]
     for _ in range(FITS):
         lit = np.ones(operator.dims, bool)
         if on_planes:
@@ -239,9 +250,9 @@ def fit_background(
             noise = np.sqrt(np.mean(np.square(dark))) if dark.size else 0.0
             lit = seen & (means > level.mean + BRIGHT * noise)
             lit = ndimage.binary_dilation(lit, WIDENED)
-        empty = project(operator, lit.astype(operator.dtype)) <= 0
+        empty = (project(operator, lit.astype(operator.dtype)) <= 0)[measured]
         if valid is not None:
-            empty &= valid
+            empty &= valid[measured]
         if np.mean(empty) < LEAST_EMPTY:
             return None
         level = _level(views[empty])

@@ -77,6 +77,20 @@ class PlaneProblem:
         """Degrees of freedom of a linear fit with a penalty."""
         return self.gram.count_modes(strength)
 
+    @cached_property
+    def _power(self) -> np.ndarray:
+        """Squared coefficients of A'y in the gram's eigenvectors, times their multiplicity."""
+        along = multiply(np.swapaxes(self.gram.decomposition[1], -1, -2), self._spectrum)
+        power = self.gram.multiplicity[..., None] * (along.real**2 + along.imag**2)
+        return power / np.prod(self.gram.size)
+
+    def linear_misfit(self, strength: float) -> float:
+        """Squared residual of the linear fit with a penalty, without a penalty along depth."""
+        gram = self.gram
+        inverse = 1 / (gram.decomposition[0] + gram.penalty(strength) + RIDGE * gram.scale)
+        explained = self._power * inverse * (2 - gram.gains * inverse)
+        return self._explained - float(explained.sum())
+
     def solve(
         self,
         strength: float,

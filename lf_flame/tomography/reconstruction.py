@@ -421,7 +421,7 @@ def _checked_start(start: Emission, grid: Grid) -> Explanation:
 
 def _chi_squared(residual: np.ndarray, valid: np.ndarray | None, noise: float) -> np.ndarray:
     """Mean squared residual of each view in units of the noise's variance; NaN if none is known."""
-    power = np.einsum("vuts,vuts->vu", residual, residual, dtype=np.float64)
+    power = np.einsum("vuts,vuts->vut", residual, residual).sum(axis=2, dtype=np.float64)
     rays = np.prod(residual.shape[2:]) if valid is None else valid.sum(axis=(2, 3))
     with np.errstate(invalid="ignore"):
         return power / rays / noise_variance(noise)

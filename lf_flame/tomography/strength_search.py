@@ -1,5 +1,6 @@
 """Strength of the regularisation: by the discrepancy principle, or of least expected error."""
 
+import bisect
 import math
 from typing import NamedTuple
 
@@ -9,7 +10,8 @@ STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
 """Strengths of the regularisation that are tried, from no visible effect to strong smoothing."""
 
 FIRST = 13
-"""Index of the strength that is tried first: a strong one, as weaker fits need a start nearby."""
+"""Index of the strength that is tried first where none is known to be near: a strong one, as weaker
+fits need a start nearby."""
 
 
 class TriedStrength(NamedTuple):
@@ -37,18 +39,21 @@ class StrengthSearch:
         self._variance, self._iterations = variance, iterations
 
     def find(self) -> float:
-        """Find the strongest smoothing within the noise, or the one nearest to it."""
-        here = FIRST
-        # First in steps of a decade.
-        while self._excess(here) <= 0 and self._excess(here + 2) <= 0:
-            here += 2
-        while self._excess(here) > 0 and self._excess(here - 2) < self._excess(here):
-            here -= 2
-        if self._excess(here) <= 0:
-            return STRENGTHS[here + 1 if self._excess(here + 1) <= 0 else here]
-        near = [here - 1, here, here + 1]
-        enough = [index for index in near if self._excess(index) <= 0]
-        return STRENGTHS[max(enough) if enough else min(near, key=self._excess)]
+        """Find the strongest smoothing within the noise, or the one nearest to it.
+
+        A fit that may be negative needs no iterations; it is within the noise up to about the same
+        strength. The search starts one step above that, as weaker fits need a start nearby.
+        """
+        # The excess of linear fits rises with the strength.
+        here = bisect.bisect(range(len(STRENGTHS)), 0.0, key=self._linear_excess)
+        while self._excess(here) <= 0:
+            here += 1
+        while self._excess(here) > 0 and self._excess(here - 1) < self._excess(here):
+            here -= 1
+        # Where none is within the noise, the stronger ones may not have converged.
+        while self._excess(here) > 0 and self._excess_from(here, here + 1) < self._excess(here):
+            here += 1
+        return STRENGTHS[here]
 
     def find_by_risk(self) -> float:
         """Find the strength with the least expected error of the noise-free light field.
@@ -74,14 +79,18 @@ class StrengthSearch:
     def attempt(self, strength: float) -> TriedStrength:
         """Fit with a strength, unless this was done before."""
         if strength not in self._tried:
-            problem = self._problem
-            fit = problem.solve(strength, self._iterations, self.nearest(strength))
-            free = problem.count_modes(strength) / problem.modes
-            free *= float(np.sum((fit.cells > 0) * self._noise_share))
-            self._starts[strength] = fit.state
-            misfit = fit.misfit / (self._variance * problem.modes)
-            self._tried[strength] = TriedStrength(misfit, 1 - free)
+            self._try(strength, self.nearest(strength))
         return self._tried[strength]
+
+    def _try(self, strength: float, start: np.ndarray | None) -> None:
+        """Fit with a strength from a start, and store the result."""
+        problem = self._problem
+        fit = problem.solve(strength, self._iterations, start)
+        free = problem.count_modes(strength) / problem.modes
+        free *= float(np.sum((fit.cells > 0) * self._noise_share))
+        self._starts[strength] = fit.state
+        misfit = fit.misfit / (self._variance * problem.modes)
+        self._tried[strength] = TriedStrength(misfit, 1 - free)
 
     def _risk(self, index: int) -> float:
         if not 0 <= index < len(STRENGTHS):
@@ -89,8 +98,20 @@ class StrengthSearch:
         tried = self.attempt(STRENGTHS[index])
         return tried.misfit + 2 * (1 - tried.expected)
 
+    def _linear_excess(self, index: int) -> float:
+        """Excess of a fit that may be negative."""
+        problem, modes, strength = self._problem, self._problem.modes, STRENGTHS[index]
+        misfit = problem.linear_misfit(strength) / (self._variance * modes)
+        return misfit - 1 + problem.count_modes(strength) / modes
+
     def _excess(self, index: int) -> float:
         if not 0 <= index < len(STRENGTHS):
             return math.inf
         tried = self.attempt(STRENGTHS[index])
         return tried.misfit - tried.expected
+
+    def _excess_from(self, weaker: int, index: int) -> float:
+        """Excess of a strength that is tried again, from the fit of a weaker one."""
+        if index < len(STRENGTHS):
+            self._try(STRENGTHS[index], self._starts[STRENGTHS[weaker]])
+        return self._excess(index)

@@ -41,6 +41,18 @@ def test_a_background_is_fitted_where_a_margin_is_empty(background, sd):
     assert any("--background fit" in one for one in plain.warnings)
 
 
+def test_the_error_of_a_background_contains_it_in_any_noise():
+    """Picked by the noise that is measured, pixels are too dark, or none is left (one of these)."""
+    runs = [
+        reconstruct(gaussian(CLEAN + 0.02, 0.02, seed), GRID, strength=1.0, iterations=1)
+        for seed in range(8)
+    ]
+    assert all(one.background_sigma > 0 for one in runs)
+    away = np.array([(one.background - 0.02) / one.background_sigma for one in runs])
+    assert abs(away.mean()) < 3 / np.sqrt(8)
+    assert np.sqrt(np.mean(away**2)) < 2
+
+
 def hidden(views):
     """Views before which, at -8 mm, the lower part of the field is hidden."""
     rows = (np.arange(40) - 19.5) * LENS.cell
