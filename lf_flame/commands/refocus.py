@@ -314,11 +314,5 @@ def refocus(source, camera, out, overwrite, **options):
         if focus.sweep:
             output.write_sweep(job, focus.sweep, folder)
         if focus.slope_map:
-            certain = output.write_slope_map(job, focus.slope_map, folder)
-            if not certain:
-                click.echo(
-                    "No slope is certain: the range is too narrow to compare slopes, or there is "
-                    f"too little texture.{'' if focus.map_auto else ' --map auto finds a range.'}",
-                    err=True,
-                )
+            output.write_slope_map(job, focus.slope_map, folder, focus.map_auto)
     say_files(folder)

@@ -16,8 +16,9 @@ from lf_flame.formats.images import to_levels, white_level, write_image, write_m
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import all_in_focus, farthest_slope, find_sharpest_slope, refocus
+from lf_flame.refocus._arguments import as_weights
 from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure, with_depth
-from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
+from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED, distinct_by
 
 RECORD = "refocus.json"
 
@@ -157,11 +158,13 @@ def write_sweep(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -
         out.facts["sweep_mm"] = job.depths(ends)
 
 
-def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -> float:
+def write_slope_map(
+    job: RefocusJob, ends: tuple[float, float], out: OutputFolder, auto: bool
+) -> None:
     """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
 
     With a camera, ``depth_map.tif`` holds the depth of each pixel in mm, infinite or NaN where no
-    layer at a finite depth has its slope. The share of certain pixels is printed and returned.
+    layer at a finite depth has its slope. The share of certain pixels is printed.
     """
     slopes = np.linspace(*ends, MAP_STEPS)
     found = all_in_focus(job.light_field, slopes, **job.options)
@@ -176,7 +179,20 @@ def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolde
     share = float(np.mean(found.confidence >= TRUSTED))
     span = " to ".join(map(job.named, ends))
     click.echo(f"slope map from {span}: {share:.0%} of the pixels are certain")
-    return share
+    apart = distinct_by(as_weights(job.options["weights"], job.light_field))
+    if not share and ends[1] - ends[0] <= apart:
+        click.echo(
+            f"The range must be wider than {apart:.2g}, the smallest difference of slopes that "
+            f"these views distinguish, got {ends[1] - ends[0]:.2g}; --map auto finds a range.",
+            err=True,
+        )
+    elif not share:
+        click.echo(
+            f"No slope is certain: there is too little texture, slopes are outside the range "
+            f"({'--map FROM TO' if auto else '--map auto finds a range'}), or one sees through "
+            f"what is there, as through flames (lf-flame reconstruct).",
+            err=True,
+        )
 
 
 def write_regions(

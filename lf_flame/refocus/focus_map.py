@@ -28,7 +28,7 @@ from lf_flame.refocus._arguments import (
 )
 from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.refinement import refine_slopes
-from lf_flame.refocus.search import find_sharpest_slopes
+from lf_flame.refocus.search import DEFAULT_RANGES, find_sharpest_slopes
 from lf_flame.refocus.semi_global import choose_slopes
 from lf_flame.refocus.shift import check_interpolation
 from lf_flame.refocus.surface import refocus_surface
@@ -211,19 +211,32 @@ class SlopeRange:
         step.
     slope : float
         Median slope of the certain tiles.
-    certain : bool
-        Whether enough of the image has texture for the range to be certain.
+    share : float
+        Share of the image whose slope is certain.
+    searched : float
+        Largest slope that was searched, in both directions.
     """
 
     low: float
     high: float
     slope: float
-    certain: bool
+    share: float = 1.0
+    searched: float = np.inf
+
+    @property
+    def certain(self) -> bool:
+        """Whether enough of the image has a certain slope."""
+        return self.share >= FEWEST
 
     def describe(self) -> str:
         """Describe the range in words, and whether it is certain."""
-        doubt = "" if self.certain else "; not certain, there is too little texture"
-        return f"from slope {self.low:+.2f} to {self.high:+.2f}{doubt}"
+        words = f"from slope {self.low:+.2f} to {self.high:+.2f}"
+        if self.certain:
+            return words
+        return (
+            f"{words}; not certain: {self.share:.0%} of the image has a clear slope up to "
+            f"{self.searched:.3g}; there is too little texture, or its slopes are larger"
+        )
 
 
 def find_slope_range(light_field: Views) -> SlopeRange:
@@ -255,12 +268,13 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     found = find_sharpest_slopes(small, tiles, weights)
     slopes = block * np.array([one.slope for one in found]).reshape(tiles)
     sure = slopes[_certain(slopes, np.array([one.confidence for one in found]).reshape(tiles))]
+    searched = min(block * DEFAULT_RANGES[-1], limit)
     if not sure.size:
-        return SlopeRange(-min(3.0, limit), min(3.0, limit), 0.0, False)
+        return SlopeRange(-min(3.0, limit), min(3.0, limit), 0.0, 0.0, searched)
     margin = max(MARGIN, BEYOND * distinct_by(weights))
     low, high = float(sure.min()) - margin, float(sure.max()) + margin
-    certain = sure.size >= FEWEST * slopes.size
-    return SlopeRange(max(low, -limit), min(high, limit), float(np.median(sure)), certain)
+    ends, share = (max(low, -limit), min(high, limit)), sure.size / slopes.size
+    return SlopeRange(*ends, float(np.median(sure)), share, searched)
 
 
 def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:

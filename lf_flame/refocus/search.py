@@ -142,8 +142,8 @@ def find_sharpest_slope(
     ------
     InputError
         If an argument cannot be used, if a slope shifts views by more than the image, or if the
-        curve has no peak inside the range: it is flat to the rounding of float32 pixels, or still
-        rises at an end.
+        curve has no peak inside the range: it is flat to the rounding of float32 pixels, highest at
+        an end, or there is too little texture or light.
 
     Examples
     --------
@@ -276,14 +276,23 @@ class _Curves:
 
     def _no_peak(self, k: int, flat: bool) -> str:
         """Why a curve has no peak; empty if it has one."""
-        top, low, high = int(self.semblance[:, k].argmax()), self.slopes[0], self.slopes[-1]
+        curve, whole = self.semblance[:, k], self._gradients.mean_energy
+        if whole > 0 and not curve.any():
+            return (
+                f"there is too little texture or light: the squared gradient is "
+                f"{self.energy[:, k].max() / whole:.1g} of the whole image's mean, and at least "
+                f"{LEAK:g} is needed"
+            )
         if flat:
             return "all are equally sharp, to the rounding of float32 pixels"
+        top = int(curve.argmax())
         if 0 < top < len(self.slopes) - 1:
             return ""
+        agree, noise = curve[top], 1 / _effective(self._counts)
         return (
-            f"the sharpness still rises at the end of those searched, {low:g} to {high:g}; "
-            f"search a range that goes beyond {self.slopes[top]:g}"
+            f"there is too little texture or light, or its slope is beyond {self.slopes[top]:g}: "
+            f"the views agree best there, at the end of those searched, by {agree:.1%} (noise by "
+            f"{noise:.1%})"
         )
 
     def _peak(self, k: int) -> float:
@@ -360,7 +369,7 @@ class _Gradients:
         self._exponent, self.rounding = int(np.frexp(brightest)[1]), ROUNDING * brightest
         # Long enough that nothing that leaves at one end wraps around into a region.
         self._periods = [fft.next_fast_len(n + min(reach, n), real=True) for n in self._size]
-        self._counts, self._mean_energy = counts / counts.sum(), 0.0
+        self._counts, mean_energy = counts / counts.sum(), 0.0
         taper = np.multiply.outer(*map(_taper, self._size))
         waves = self._periods[0], 2, self._periods[1] // 2 + 1
         self._spectra = np.zeros((3, *counts.shape, *waves), np.float32)
@@ -371,10 +380,12 @@ class _Gradients:
                 for order in ((1, 0), (0, 1))
             ]
             fields.append(fields[0] ** 2 + fields[1] ** 2)
-            self._mean_energy += float(count * fields[2].mean())
+            mean_energy += float(count * fields[2].mean())
             for spectra, field in zip(self._spectra[:, v, u], fields, strict=True):
                 spectrum = fft.rfft2(count * taper * field, self._periods)
                 spectra[:, 0], spectra[:, 1] = spectrum.real, spectrum.imag
+        self._least_energy = LEAK * mean_energy
+        self.mean_energy = float(np.ldexp(mean_energy, 2 * self._exponent))
         self._down, self._across = (
             _cover(ends[:, 2 * k : 2 * k + 2] - cuts[k].start, n) for k, n in enumerate(self._size)
         )
@@ -406,7 +417,7 @@ class _Gradients:
                 parts = down**2 + across**2, tapers * alike, tapers**2
                 agreeing, alike, seen = (self._sum(part) for part in parts)
                 energy[n] = alike / np.maximum(seen, 1e-300)
-                some_light = energy[n] > LEAK * self._mean_energy
+                some_light = energy[n] > self._least_energy
                 np.divide(agreeing, alike, out=semblance[n], where=some_light)
         return semblance, np.ldexp(energy, 2 * self._exponent)
 

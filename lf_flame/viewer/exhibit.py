@@ -187,7 +187,7 @@ class Exhibit:
 def choose_slopes(light_field: LightField, slopes: tuple[float, float] | None) -> SlopeRange:
     """Choose the ends of the slider and its initial position: as given, or from the light field."""
     if slopes is not None:
-        return SlopeRange(*slopes, sum(slopes) / 2, certain=True)
+        return SlopeRange(*slopes, sum(slopes) / 2)
     return find_slope_range(light_field)
 
 

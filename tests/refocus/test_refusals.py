@@ -102,6 +102,17 @@ def searches_a_peak_that_still_rises():
 
 
 RISING = np.arange(0, 1.01, 0.1)
+
+
+def searches_a_dark_corner(noise):
+    """Nothing but noise beside a bright texture."""
+    rng = np.random.default_rng(2)
+    views = np.tile(rng.uniform(size=(96, 96)), (7, 7, 1, 1))
+    views[..., :40] = 0
+    lit = views + noise * rng.standard_normal(views.shape)
+    find_sharpest_slope(lit, region=(10, 40, 2, 20))
+
+
 REFUSED = [
     *(
         (partial(align_views, FLAT, **{"slopes": 0.5, "view_indices": [(1, 1)], **options}), said)
@@ -148,7 +159,9 @@ REFUSED = [
     ),
     (partial(find_sharpest_slope, WIDE * 0), "No slope is sharpest"),
     (partial(find_sharpest_slope, SQUARE * NAN), "must be finite, got 144"),
-    (searches_a_peak_that_still_rises, "still rises at the end.*; search a range that goes beyond"),
+    (searches_a_peak_that_still_rises, "its slope is beyond 1: .* at the end of those searched"),
+    (partial(searches_a_dark_corner, 0.3), r"too little texture or light.* \(noise by 2.0%\)"),
+    (partial(searches_a_dark_corner, 1e-4), "too little texture or light: .* 0.0001 is needed"),
     (partial(find_sharpest_slope, WIDE, region=(0, 50, 0, 10)), "region must be"),
     (partial(find_sharpest_slope, WIDE, [0, 1, 3]), "equal steps"),
     *((partial(all_in_focus, WIDE, slopes, **options), said) for slopes, options, said in MAPS),
