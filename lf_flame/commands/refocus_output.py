@@ -1,5 +1,6 @@
 """The refocused pictures of a light field, and their record, in a folder."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +25,9 @@ RECORD = "refocus.json"
 
 SWEEP_FRAMES = 41
 """Number of frames from one end of a sweep to the other; the movie goes there and back."""
+
+LEAST_WIDTH = 600
+"""Smallest width of a preview in pixels."""
 
 UNSURE = 0.3
 """Confidence below which a search is reported as uncertain."""
@@ -58,9 +62,14 @@ class RefocusJob:
         return replace(self.light_field, views=self.light_field.views / np.float32(self.white))
 
     def preview(self, image: np.ndarray) -> np.ndarray:
-        """Give 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped."""
+        """Give 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped.
+
+        Small images are enlarged, each pixel to as many, so that a screen shows them well.
+        """
         shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
-        return to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
+        levels = to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
+        times = math.ceil(LEAST_WIDTH / levels.shape[1])
+        return levels.repeat(times, axis=0).repeat(times, axis=1)
 
     def refocus(self, slopes: Sequence[float]) -> np.ndarray:
         """Refocus at some slopes: float32, shape (n, t, s) or with a last axis of channels."""
@@ -161,13 +170,14 @@ def write_sweep(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -
 def write_slope_map(
     job: RefocusJob, ends: tuple[float, float], out: OutputFolder, auto: bool
 ) -> None:
-    """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
+    """Write ``all_in_focus`` and each pixel's slope, ``slope_map``, both as ``.tif`` and ``.png``.
 
     With a camera, ``depth_map.tif`` holds the depth of each pixel in mm, infinite or NaN where no
     layer at a finite depth has its slope. The share of certain pixels is printed.
     """
     slopes = np.linspace(*ends, MAP_STEPS)
     found = all_in_focus(job.light_field, slopes, **job.options)
+    write_image(out.path("all_in_focus.tif"), found.all_in_focus)
     write_image(out.path("all_in_focus.png"), job.preview(found.all_in_focus))
     write_image(out.path("slope_map.tif"), found.slope.astype(np.float32))
     figures.save(slope_map_figure(found, job.camera), out.path("slope_map.png"))

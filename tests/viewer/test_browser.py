@@ -53,7 +53,9 @@ def test_a_page_shows_what_python_computes(
     done = CliRunner().invoke(commands, [*words[1:], "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     (picture,) = (tmp_path / "out").glob("refocused_*.png")
-    written = 255 * read_image(picture).reshape(*shape[2:4], -1)
+    large = 255 * read_image(picture)
+    times = len(large) // shape[2]
+    written = large[::times, ::times].reshape(*shape[2:4], -1)
     assert np.abs(written - tab.canvas()).max() <= 1
     tab.page.get_by_role("button", name="Copy Python").click()
     names = {}
