@@ -158,20 +158,25 @@ def process_frames(
         if not place.exists():
             when = Values(times, ("time",), {"units": time_unit})
             _begin(part, request, when, read(first), steps, camera)
-        group = open_video(place)
-        other = [name for name, value in request.items() if group.attrs.get(name) != value]
-        if not np.array_equal(read_array(group, "time", place), times):
-            other.append("times")
-        if other:
-            raise InputError(
-                f"{place} was made with other {', '.join(other)}; remove it, or choose another "
-                f"folder."
-            )
+        group = _open_same(place, request, times)
         if place == part:
             _run(part, group, (steps, read), paths, workers, executor, tell)
             _finish(part, out)
             group = open_video(out)
         return count_frames(group, out)
+
+
+def _open_same(place: Path, request: dict, times: np.ndarray) -> zarr.Group:
+    """Open the group of a request; refuse that of other frames, times, steps or options."""
+    group = open_video(place)
+    other = [name for name, value in request.items() if group.attrs.get(name) != value]
+    if not np.array_equal(read_array(group, "time", place), times):
+        other.append("times")
+    if other:
+        raise InputError(
+            f"{place} was made with other {', '.join(other)}; remove it, or choose another folder."
+        )
+    return group
 
 
 def _begin(part: Path, request: dict, when: Values, light_field: LightField, steps, camera) -> None:

@@ -283,11 +283,6 @@ class ReconstructionPlan:
         rng = np.random.default_rng(rng)
         even = self.grid.camera.corrected(light_field)
         grid, views, valid = _fitted_views(even, self.grid)
-        largest = max(float(views.max()), -float(views.min()))
-        if not largest <= LARGEST:
-            raise InputError(
-                f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
-            )
         checks = left_out(grid, valid)
         geometry = self._prepare(grid)
         before = None if start is None else _checked_start(start, grid)
@@ -313,10 +308,13 @@ class ReconstructionPlan:
         else:
             dark = replace(even, views=even.views - np.float32(level.mean))
             checks += axis_checks(dark, geometry, known)
-        stated = self._options.noise is not None
-        whole = known if excess is None else known + excess
         checks += data_checks(
-            whole, residual, chi_squared, found, stated=stated, fitted_background=bool(measured)
+            known if excess is None else known + excess,
+            residual,
+            chi_squared,
+            found,
+            stated=self._options.noise is not None,
+            fitted_background=bool(measured),
         )
         return Emission(
             grid=grid,
@@ -379,6 +377,11 @@ def _fitted_views(
         counted = weights > 0 if grid.counted is None else (weights > 0) & grid.counted
         grid = replace(grid, counted=counted)
     views = grid.pick(_average_blocks(light_field, camera, grid.block))
+    largest = max(float(views.max()), -float(views.min()))
+    if not largest <= LARGEST:
+        raise InputError(
+            f"The light field's values must be finite, at most {LARGEST:g}, got {largest:g}."
+        )
     if light_field.valid is None:
         return grid, views, None
     one = LightField.trusted(light_field.valid.astype(np.float32))
