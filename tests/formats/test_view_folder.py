@@ -165,19 +165,18 @@ def test_a_row_and_a_column_without_views_are_holes():
     np.testing.assert_array_equal(found.weights, np.outer([1, 0, 1, 0, 0, 1], [1, 0, 1, 0, 0, 1]))
 
 
-ONE_STEP, OFF = "views need equal steps along both axes", "off a regular grid"
-MM = "y{:.2f}_x{:.2f}.png"
+STEPS, MM = "need equal steps along both axes, got", "y{:.2f}_x{:.2f}.png"
 test_numbers_without_one_step_are_refused = refusals(
     [
-        (uneven(MM, 1.37, 2.74), f"are 1.37 apart by the first .* and 2.74 by .*{ONE_STEP}"),
-        (uneven(MM, 2.74, 1.37), f"are 2.74 apart by the first .* and 1.37 by .*{ONE_STEP}"),
-        (uneven(MM, 1.37, 1.39, order="col,-row"), ONE_STEP),
-        (uneven("{}_{}.png", 1, 2), f"1 apart by the first .* 2 by the second.*{ONE_STEP}"),
-        (uneven("{}_{}.png", 2, 1), f"2 apart by the first .* 1 by the second.*{ONE_STEP}"),
-        (pictures(*numbered((0, 1.0, 2.5), (0, 1.0), MM)), f"{OFF}, 0.00, 1.00, 2.50 by"),
-        (pictures(*numbered((0, 1.0), (0, 1.0, 2.5), MM)), f"{OFF}, 0.00, 1.00, 2.50 by"),
+        (uneven(MM, 1.37, 2.74), f"{STEPS} 0.00, 1.37, 2.74 and 0.00, 2.74, 5.48 by the numb"),
+        (uneven(MM, 2.74, 1.37), f"{STEPS} 0.00, 2.74, 5.48 and 0.00, 1.37, 2.74"),
+        (uneven(MM, 1.37, 1.39, order="col,-row"), STEPS),
+        (uneven("{}_{}.png", 1, 2), f"{STEPS} 0, 1, 2 and 0, 2, 4 .* rename the files with 0, 1"),
+        (uneven("{}_{}.png", 2, 1), f"{STEPS} 0, 2, 4 and 0, 1, 2"),
+        (pictures(*numbered((0, 1.0, 2.5), (0, 1.0), MM)), f"{STEPS} 0.00, 1.00, 2.50"),
+        (pictures(*numbered((0, 1.0), (0, 1.0, 2.5), MM)), f"{STEPS} 0.00, 1.00 and 0.00, 1.00, 2"),
         (pictures(*(f"{y:.2f}_{x:.2f}.png" for y, x in ((0, 0), (1.1, 0.2), (0.1, 1.3)))), "gaps"),
-        (pictures("x0.00.png", "x1.00.png", "x2.50.png", "x4.00.png"), OFF),
+        (pictures("x0.00.png", "x1.00.png", "x2.50.png", "x4.00.png"), STEPS),
         (pictures(*(f"{n}.png" for n in (0, 1, 2, 4))), "numbered from 0 to 4 with gaps"),
         (pictures(*numbered((1, 2), (1, 2), "{}.{}.png")), "numbered from 1.1 to 2.2 with gaps"),
         (

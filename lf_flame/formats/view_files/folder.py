@@ -9,7 +9,6 @@ from decimal import Decimal
 from fnmatch import fnmatch
 from math import gcd, prod
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -238,15 +237,6 @@ Column = tuple[Decimal, ...]
 """Number at one place of the name of each file."""
 
 
-class Axis(NamedTuple):
-    """Places of numbers along an axis, number of places, step between them, and its error."""
-
-    places: list[int]
-    size: int
-    step: float = 1.0
-    error: float = 0.0
-
-
 def number_grid(
     files: list[Path], source: Path, grid: Grid | None = None, first: int | None = None
 ) -> np.ndarray:
@@ -261,14 +251,20 @@ def number_grid(
             f"The {len(files)} images of {source} do not number a grid: each needs a unique row "
             f"and column, or a unique running number."
         )
-    axes = _axes(columns, grid, first, source)
-    sizes = [axis.size for axis in axes]
+    stated = (None, None) if grid is None else grid if len(columns) == 2 else (prod(grid),)
+    places, sizes = _places(columns, stated, first, source)
+    if grid is None and len(columns) == 1 and sizes[0] > len(files):
+        raise InputError(
+            f"Only {len(files)} views of {source} are there, numbered from {min(columns[0])} to "
+            f"{max(columns[0])} with gaps: state the grid that they do not fill, --grid "
+            f"ROWSxCOLUMNS."
+        )
     if prod(sizes) > max(2 * len(files), 10_000):
         raise InputError(
             f"{source}: {len(files)} views cannot fill a grid of {' x '.join(map(str, sizes))}."
         )
     views = np.full(sizes, None, object)
-    views[tuple(axis.places for axis in axes)] = files
+    views[tuple(places)] = files
     return views
 
 
@@ -292,76 +288,61 @@ def _row_and_column(names: list[str]) -> list[Column]:
     return [running] if running else repeated
 
 
-def _axes(
-    columns: Sequence[Column], grid: Grid | None, first: int | None, source: Path
-) -> list[Axis]:
-    """Find the places of a running number, without gaps unless a grid is stated, or of a pair.
+def _places(
+    columns: Sequence[Column], stated: Sequence[int | None], first: int | None, source: Path
+) -> tuple[list[list[int]], list[int]]:
+    """Find the places of numbers along their axes, and the sizes of these; some may be missing.
 
-    Steps that differ are refused, as slopes would have no unit.
+    Places are multiples of one step, the same along both axes, as slopes would have no unit
+    otherwise. Where they do not fill a stated size, whole numbers are places: they count from
+    `first`, by default from 0, or from 1 if the last place is then there.
     """
-    if len(columns) == 1:
-        (numbers,) = columns
-        axis = _axis(numbers, None if grid is None else prod(grid), first, source)
-        if grid is None and axis.size != len(numbers):
+    found = [sorted(set(column)) for column in columns]
+    texts = [", ".join(map(str, x[:4])) + (f" ... {x[-1]}" if len(x) > 4 else "") for x in found]
+    all_places, sizes = [], []
+    for k, (numbers, places) in enumerate(zip(found, _multiples(found), strict=True)):
+        size = stated[k]
+        filled = places is not None and first is None and places[-1] + 1 == size
+        if places is not None and (filled or (size is None and gcd(*places) < 2)):
+            size = places[-1] + 1
+        elif size is None:
             raise InputError(
-                f"Only {len(numbers)} views of {source} are there, numbered from {min(numbers)} to "
-                f"{max(numbers)} with gaps: state the grid that they do not fill, --grid "
-                f"ROWSxCOLUMNS."
+                f"The views of {source} need equal steps along both axes, got "
+                f"{' and '.join(texts)} by the numbers in their names; where these only count, "
+                f"rename the files with 0, 1, 2 ..."
             )
-        return [axis]
-    sizes = grid or (None, None)
-    one, other = (_axis(*both, first, source) for both in zip(columns, sizes, strict=True))
-    if one.step and other.step and abs(one.step - other.step) > one.error + other.error:
-        raise InputError(
-            f"The views of {source} are {one.step:.4g} apart by the first number in their names, "
-            f"and {other.step:.4g} by the second, but views need equal steps along both axes; "
-            f"where these numbers only count, rename the files with 0, 1, 2 ..."
-        )
-    return [one, other]
+        else:
+            start = int(numbers[-1] == size) if first is None else first
+            places = [int(number) - start for number in numbers]
+            if any(number % 1 for number in numbers) or places[0] < 0 or places[-1] >= size:
+                raise InputError(
+                    f"The numbers in the names of {source}, {texts[k]}, do not count {size} places "
+                    f"from {start}: state another --grid, the --order of the numbers, or the "
+                    f"number of the first place (`lf-flame convert --first`)."
+                )
+        at = dict(zip(numbers, places, strict=True))
+        all_places.append([at[number] for number in columns[k]])
+        sizes.append(size)
+    return all_places, sizes
 
 
-def _axis(numbers: Column, size: int | None, first: int | None, source: Path) -> Axis:
-    """Find the places of numbers along an axis: multiples of one step, some may be missing.
+def _multiples(axes: list[list[Decimal]]) -> list[list[int] | None]:
+    """Rising numbers of one or two axes as multiples of one step from the first; None if not so.
 
-    Where they do not fill a stated size, whole numbers are places. They count from `first`, by
-    default from 0, or from 1 if the last place is then there.
+    Whole numbers need a common divisor. Others are taken as rounded, and two are one step apart.
     """
-    found = sorted(set(numbers))
-    few = ", ".join(map(str, found[:4])) + (f" ... {found[-1]}" if len(found) > 4 else "")
-    unit = 10.0 ** min(int(number.as_tuple().exponent) for number in found)
-    rounding = unit if unit < 1 else 0.0
-    places, step = _regular(np.array([float(number - found[0]) for number in found]), rounding)
-    if len(set(places)) < len(found):
-        raise InputError(
-            f"The views of {source} are at places off a regular grid, {few} by the numbers in "
-            f"their names; only multiples of one step can be used."
-        )
-    last = places[-1]
-    if size is None or (size == last + 1 and first is None):
-        placed = dict(zip(found, places, strict=True))
-        return Axis([placed[n] for n in numbers], last + 1, step, rounding / max(last, 1))
-    start = int(found[-1] == size) if first is None else first
-    if rounding or not start <= found[0] <= found[-1] < start + size:
-        raise InputError(
-            f"The numbers in the names of {source}, {few}, do not count {size} places from "
-            f"{start}: state another --grid, the --order of the numbers, or the number of the "
-            f"first place (`lf-flame convert --first`)."
-        )
-    return Axis([int(number) - start for number in numbers], size)
-
-
-def _regular(away: np.ndarray, rounding: float) -> tuple[list[int], float]:
-    """Rising distances from 0 as multiples of one step, and that step; no places if there is none.
-
-    Whole numbers, of no `rounding`, need a common divisor; of others two must be one step apart.
-    """
-    if len(away) == 1:
-        return [0], 0.0
-    apart = np.diff(away)
+    units = [10.0 ** min(int(one.as_tuple().exponent) for one in numbers) for numbers in axes]
+    rounding = max((unit for unit in units if unit < 1), default=0.0)
+    away = [np.array([float(one - numbers[0]) for one in numbers]) for numbers in axes]
+    apart, longest = np.concatenate([np.diff(one) for one in away]), max(one[-1] for one in away)
     least = apart.min() if rounding else gcd(*(int(one) for one in apart))
-    step = float(away[-1] / round(away[-1] / least))  # less rounded than a single one
-    places = np.rint(away / step).astype(int)
-    return (places.tolist() if abs(away - places * step).max() <= rounding else []), step
+    step = longest / round(longest / least)  # less rounded than a single one
+    found: list[list[int] | None] = []
+    for distances in away:
+        places = np.rint(distances / step).astype(int)
+        fits = abs(distances - step * places).max() <= rounding and np.diff(places).all()
+        found.append(places.tolist() if fits else None)
+    return found
 
 
 def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:
