@@ -276,7 +276,7 @@ CONTAINERS = [
     (WHOLE[:32] + b"md5-" + WHOLE[36:], "has no SHA-1 for name"),
 ]
 TABLES = [
-    ((b"[" * 100_000,), "nest deeper than 64"),
+    ((b"[" * 100_000,), "recursion limit"),
     ((b"\xff\xfe{}",), "no UTF-8"),
     ((b"[1, 2]",), "must hold names and values"),
     ((b"{" + b" " * (1 << 22) + b"}",), "4,194,306 bytes, and 4,194,304 are the most"),
@@ -353,7 +353,7 @@ WHITES = [
     (found_in(pair(bytes((1 << 22) + 1), PACKED)), "4,194,305 bytes, and 4,194,304 are the mos"),
     (found_in(pair(TEXT, bytes(1 << 20))), "must hold 60 bytes"),
     (found_in(pair(b"{", PACKED)), "not a JSON file"),
-    (found_in(pair(b"[" * 9999, PACKED)), "nest deeper"),
+    (found_in(pair(b"[" * 9999, PACKED)), "recursion limit"),
     (found_in(of_negative_size(pair(TEXT, PACKED))), "a size is negative"),
     (found_in(pair(TEXT, PACKED)[:700]), "damaged|got none"),
     (found_in(b"\x1f\x8b\x08" + bytes(600)), "damaged"),
