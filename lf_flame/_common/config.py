@@ -71,7 +71,7 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
         return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
     text = problem["msg"][0].lower() + problem["msg"][1:]
-    return f"{key}: {text}, got {reprlib.repr(problem['input'])}."
+    return f"{key}{': ' * bool(key)}{text}, got {reprlib.repr(problem['input'])}."
 
 
 def _shown(place: Place) -> str:

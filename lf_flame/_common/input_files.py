@@ -18,8 +18,8 @@ LARGEST_TOML = 1 << 20
 LARGEST_RECORD = 1 << 26
 """Largest size of a JSON record, in bytes: the history of half a million epochs."""
 
-DEEPEST = 64
-"""Largest depth of nested tables and lists; a saved network has about 20."""
+MOST_PARTS = 64
+"""Largest number of parts of a name in a TOML file; its parser copies it once for each of them."""
 
 
 def check_regular(path: str | Path) -> int:
@@ -79,12 +79,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     """Parse a TOML file of bounded size and depth."""
     text = read_text(path, LARGEST_TOML)
     if _has_long_name(text):
-        raise _too_deep(path)
+        raise InputError(f"{path} cannot be read: a name in it has over {MOST_PARTS} parts.")
     try:
         values = tomllib.loads(text)
-    except RecursionError:
-        raise _too_deep(path) from None
-    except ValueError as error:  # also an impossible date or number
+    except (ValueError, RecursionError) as error:  # an impossible date, too, or deep nesting
         raise InputError(f"{path} is not a TOML file: {error}.") from None
     _check_values(values, path)
     return values
@@ -111,34 +109,27 @@ def parse_json(text: str, source: str | Path) -> Any:
 
 
 def _has_long_name(text: str) -> bool:
-    """Whether a name may have too many parts: TOML's parser copies it once for each of them."""
     for piece in re.split(r"[=,{}\[\]\n]", text):
         before = piece.partition("#")[0]
         quoted = '"' in before or "'" in before  # the # may be part of a text
-        if (piece if quoted else before).count(".") > DEEPEST:
+        if (piece if quoted else before).count(".") > MOST_PARTS:
             return True
     return False
 
 
 def _check_values(values: Any, source: str | Path) -> None:
-    """Refuse deep nesting, null bytes, which no file name can hold, and integers beyond 64 bits."""
-    left = [(values, 0)]
+    """Refuse null bytes, which no file name can hold, and integers beyond 64 bits."""
+    left = [values]
     while left:
-        value, depth = left.pop()
-        if depth > DEEPEST:
-            raise _too_deep(source)
+        value = left.pop()
         if isinstance(value, dict):
-            left += [(one, depth + 1) for one in (*value.keys(), *value.values())]
+            left += [*value.keys(), *value.values()]
         elif isinstance(value, list):
-            left += [(one, depth + 1) for one in value]
+            left += value
         elif isinstance(value, str) and "\0" in value:
             raise InputError(f"{source} cannot be used: a text in it holds a null byte.")
         elif isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise InputError(f"{source} cannot be used: it holds a whole number beyond 64 bits.")
-
-
-def _too_deep(source: str | Path) -> InputError:
-    return InputError(f"{source} cannot be read: its tables and lists nest deeper than {DEEPEST}.")
 
 
 def check_member(member: ZipInfo, path: str | Path) -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame._common.input_files import (
-    DEEPEST,
     LARGEST_TOML,
     check_regular,
     parse_json,
@@ -45,7 +44,6 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path):
     ("text", "words"),
     [
         ("[" * 100_000, "is not a JSON file: recursion limit exceeded"),
-        ('{"a": ' * 100 + "1" + "}" * 100, "nest deeper than 64"),
         ("{} {", "is not a JSON file"),
         ("", "is not a JSON file"),
         ("[]", "must hold names and values"),
@@ -68,10 +66,10 @@ def test_odd_records_are_one_sentence(tmp_path, text, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a = " + "[" * 2000 + "]" * 2000, "nest deeper than 64"),
-        (".".join(["a"] * 50_000) + " = 1", "nest deeper than 64"),  # minutes, in the parser
-        ('"#".' + ".".join(["'a'"] * 50_000) + " = 1", "nest deeper than 64"),
-        ("a = " + "{b = " * 2000 + "1" + "}" * 2000, "nest deeper than 64"),
+        ("a = " + "[" * 2000 + "]" * 2000, "is not a TOML file: maximum recursion depth"),
+        (".".join(["a"] * 50_000) + " = 1", "has over 64 parts"),  # minutes, in the parser
+        ('"#".' + ".".join(["'a'"] * 50_000) + " = 1", "has over 64 parts"),
+        ("a = " + "{b = " * 2000 + "1" + "}" * 2000, "is not a TOML file: maximum recursion depth"),
         ("#" * (LARGEST_TOML + 1), "1,048,577 bytes, and 1,048,576 are the most"),
         ("a = 1\na = 2", "is not a TOML file"),
         ('a = "\\u0000"', "holds a null byte"),
@@ -109,7 +107,7 @@ def test_the_usual_is_read_as_it_stands(tmp_path):
     """
     (tmp_path / "a.toml").write_text(text)
     assert read_toml(tmp_path / "a.toml") == tomllib.loads(text)
-    deep = "[" * (DEEPEST - 1) + "]" * (DEEPEST - 1)
+    deep = "[" * 60 + "]" * 60
     assert parse_json(f'{{"a": {deep}, "b": [1.5e-3, null, "x[y\\"]"]}}', "here")["b"][0] == 0.0015
 
 

@@ -77,7 +77,7 @@ def scene(**changes):
         ({"views": 10**10}, "of 1 to 100000 each"),
         ({"lenslets": "[90000, 90000]"}, "There is not enough memory"),
         ({"views": "[1"}, "is not a TOML file"),
-        ({"shape": "[" * 5000}, "nest deeper than 64"),
+        ({"shape": "[" * 5000}, "is not a TOML file: maximum recursion depth"),
     ],
     ids=lambda value: str(value)[:40],
 )
