@@ -28,10 +28,9 @@ def check_regular(path: str | Path) -> int:
         found = os.stat(path)  # noqa: PTH116 - for text and paths alike
     except FileNotFoundError:
         raise InputError(f"{path} cannot be read: there is no such file.") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
-    except ValueError:
-        raise InputError(f"{path} cannot be read: no file has such a name.") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", "no file has such a name")
+        raise InputError(f"{path} cannot be read: {reason}.") from None
     if not stat.S_ISREG(found.st_mode):
         kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, a pipe or a socket"
         raise InputError(f"{path} cannot be read: it must be a regular file, and is {kind}.")
