@@ -13,8 +13,7 @@ from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 
-from lf_flame._common.input_files import check_member, readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_member, check_memory, readable
 from lf_flame.errors import InputError
 
 

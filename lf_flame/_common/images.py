@@ -16,8 +16,7 @@ import tifffile
 from PIL import Image, ImageFile
 from tifffile import COMPRESSION, EXTRASAMPLE, PHOTOMETRIC
 
-from lf_flame._common.input_files import readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, readable
 from lf_flame.errors import InputError
 
 TIFF_SUFFIXES = (".tif", ".tiff")

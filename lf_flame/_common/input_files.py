@@ -1,4 +1,4 @@
-"""Input files: regular files only; TOML and JSON of bounded size and depth; text to be shown."""
+"""Input files: regular ones only, of bounded size in memory; TOML and JSON; text to be shown."""
 
 import os
 import re
@@ -17,6 +17,9 @@ LARGEST_TOML = 1 << 20
 
 LARGEST_RECORD = 1 << 26
 """Largest size of a JSON record, in bytes: the history of half a million epochs."""
+
+LIMIT = "LF_FLAME_MEMORY_GB"
+"""Environment variable that sets another limit of memory than half, in gigabytes (1e9 bytes)."""
 
 MOST_PARTS = 64
 """Largest number of parts of a name in a TOML file; its parser copies it once for each of them."""
@@ -137,6 +140,34 @@ def check_member(member: ZipInfo, path: str | Path) -> None:
         raise InputError(
             f"{path} cannot be read: {member.filename} in it is packed by method "
             f"{member.compress_type}; only stored files and DEFLATE are read."
+        )
+
+
+def memory_limit() -> float:
+    """Largest number of bytes that one input may take."""
+    stated = os.environ.get(LIMIT)
+    if stated is None:
+        half = 0.5  # so that a light field and its copy fit
+        return half * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        limit = float(stated)
+    except ValueError:
+        limit = 0.0
+    if not limit > 0:
+        raise InputError(f"{LIMIT} must be a number of gigabytes above 0, got {stated!r}.")
+    return limit * 1e9
+
+
+def check_memory(needed: int, source: object) -> None:
+    """Refuse an input that needs too many bytes, before they are allocated.
+
+    `source` is the name of the input, for the message.
+    """
+    limit = memory_limit()
+    if needed > limit:
+        raise InputError(
+            f"{source} would need {needed / 1e9:.3g} GB of memory, and {limit / 1e9:.3g} GB are "
+            f"allowed; {LIMIT} sets another limit."
         )
 
 

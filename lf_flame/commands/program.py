@@ -64,9 +64,9 @@ def _was_interrupted(error: BaseException | None) -> bool:
 def prepare_process() -> None:
     """Set up the whole process, as a program may and a library must not.
 
-    Figures go to files, so no screen backend is needed. `lf_flame._common.memory`, with a limit
-    that can be raised, decides whether an image is too large, and not Pillow. Messages of tifffile
-    on damaged files say less than the error, and those of Zarr's coroutines after Ctrl-C nothing.
+    Figures go to files, so no screen backend is needed. `check_memory`, with a limit that can be
+    raised, decides whether an image is too large, and not Pillow. Messages of tifffile on damaged
+    files say less than the error, and those of Zarr's coroutines after Ctrl-C nothing.
     """
     os.environ["MPLBACKEND"] = "agg"
     if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # NumPy's f2py ends at others

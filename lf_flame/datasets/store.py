@@ -17,8 +17,7 @@ import zarr
 
 from lf_flame._common import zarr_files
 from lf_flame._common.config import build
-from lf_flame._common.input_files import check_regular, readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, check_regular, readable
 from lf_flame._common.zarr_files import array_names, open_array, read_array_shape
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.errors import InputError

@@ -24,8 +24,7 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
-from lf_flame._common.input_files import readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, readable
 from lf_flame._common.workers import carry_out
 from lf_flame._common.zarr_files import (
     array_names,

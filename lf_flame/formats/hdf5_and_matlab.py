@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
-from lf_flame._common.input_files import check_regular, readable
-from lf_flame._common.memory import check_memory, memory_limit
+from lf_flame._common.input_files import check_memory, check_regular, memory_limit, readable
 from lf_flame.errors import InputError
 
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3

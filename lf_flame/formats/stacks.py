@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build
 from lf_flame._common.images import find_axes, open_tiff, pictures, read_tiff, to_unit
-from lf_flame._common.input_files import parse_json
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, parse_json
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
-from lf_flame._common.input_files import readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, readable
 from lf_flame._common.zarr_files import METADATA_3, refuse_missing_chunks
 from lf_flame.errors import InputError
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from zipfile import ZipFile, is_zipfile
 
 from lf_flame._common import progress
-from lf_flame._common.input_files import check_regular, parse_json, readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, check_regular, parse_json, readable
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:

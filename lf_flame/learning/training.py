@@ -14,7 +14,7 @@ import keras
 import numpy as np
 
 from lf_flame._common import progress
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory
 from lf_flame._common.output_folders import recorded_path
 from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.backbone import NO_BACKBONE, describe_weights

@@ -8,8 +8,7 @@ import numpy as np
 
 from lf_flame._common.config import build, strict
 from lf_flame._common.images import read_pixels, read_shape, to_unit
-from lf_flame._common.input_files import read_record, read_toml
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, read_record, read_toml
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 from scipy import sparse
 
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid

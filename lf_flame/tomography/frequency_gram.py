@@ -15,7 +15,7 @@ import numpy as np
 from numba import get_num_threads
 from scipy import fft
 
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import plane_taps
 from lf_flame.tomography.resolution import depth_blur, finest_period

@@ -14,7 +14,7 @@ from sentences import sentence_of
 
 from lf_flame import InputError
 from lf_flame._common.images import read_pixels, read_shape
-from lf_flame._common.memory import LIMIT
+from lf_flame._common.input_files import LIMIT
 from lf_flame.formats import read_focal_stack
 from lf_flame.formats.images import read_image
 from lf_flame.formats.reading import read_light_field

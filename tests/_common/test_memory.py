@@ -14,7 +14,7 @@ from scipy.io import savemat
 from tifffile import imwrite
 
 from lf_flame import InputError, LightField
-from lf_flame._common.memory import LIMIT, check_memory, memory_limit
+from lf_flame._common.input_files import LIMIT, check_memory, memory_limit
 from lf_flame.formats import read_light_field, write_light_field
 from lf_flame.scenes.scene_files import read_scene
 

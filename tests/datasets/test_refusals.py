@@ -11,7 +11,7 @@ from builders import DATA, shapes, toml
 from sentences import refusals
 
 from lf_flame import InputError
-from lf_flame._common.memory import LIMIT
+from lf_flame._common.input_files import LIMIT
 from lf_flame.datasets import split_indices
 from lf_flame.datasets.config import config_from_json, read_config
 from lf_flame.datasets.encodings import InputEncoding

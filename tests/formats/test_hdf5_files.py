@@ -13,7 +13,7 @@ from scipy.io import savemat
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from lf_flame import InputError, read_light_field
-from lf_flame._common.memory import LIMIT
+from lf_flame._common.input_files import LIMIT
 from lf_flame.commands.cli import commands
 from lf_flame.formats.reading import find_light_field
 from lf_flame.refocus import find_sharpest_slope

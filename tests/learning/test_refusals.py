@@ -12,7 +12,7 @@ from builders import RUN
 
 from lf_flame import InputError
 from lf_flame._common.config import build
-from lf_flame._common.memory import LIMIT
+from lf_flame._common.input_files import LIMIT
 from lf_flame.datasets.store import split_indices
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.keras_loading import check_keras, load_model

@@ -9,7 +9,7 @@ import pytest
 from sentences import each, refusals
 
 from lf_flame import PAPER_CAMERA, LightField
-from lf_flame._common.memory import LIMIT
+from lf_flame._common.input_files import LIMIT
 from lf_flame.calibration import CameraLaw
 from lf_flame.tomography import (
     AbsorbingOperator,

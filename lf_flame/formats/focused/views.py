@@ -11,7 +11,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from lf_flame._common.arrays import centred
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.focused._kernels import render
 from lf_flame.formats.focused.lenslets import Array, FocusedLenslets, is_raytrix, read_raytrix

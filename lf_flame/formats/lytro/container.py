@@ -12,8 +12,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from lf_flame._common.input_files import check_regular, parse_json, readable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, check_regular, parse_json, readable
 from lf_flame.errors import InputError
 
 START = b"\x89LFP\r\n\x1a\n"

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common.input_files import check_regular
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, check_regular
 from lf_flame.errors import InputError
 from lf_flame.formats.images import CONTAINER_SUFFIXES
 from lf_flame.formats.lytro.container import parse_table, read_bytes, read_container

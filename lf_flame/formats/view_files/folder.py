@@ -14,8 +14,7 @@ import numpy as np
 
 from lf_flame._common import progress
 from lf_flame._common.images import FLOAT, read_shape
-from lf_flame._common.input_files import printable
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory, printable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.view_files.orders import (

@@ -14,7 +14,7 @@ import numpy as np
 import skimage  # its parts load when they are used
 from scipy.ndimage import gaussian_filter
 
-from lf_flame._common.memory import check_memory
+from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
