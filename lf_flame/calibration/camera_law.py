@@ -246,16 +246,15 @@ def _undistorted(light_field: LightField, distortion: float) -> LightField:
     """
     size = light_field.views.shape[2:4]
     down, right = np.meshgrid(*(centred(n) for n in size), indexing="ij")
-    free = np.hypot(down, right)
-    if not 1 + 3 * distortion * float(free.max()) ** 2 > 0.1:
+    bent = distortion * (down**2 + right**2)
+    if not 1 + 3 * bent.min() > 0.1:
         raise InputError(
             f"A distortion of {distortion:g} per pixel squared folds the corners of views of "
             f"{size[0]} x {size[1]} pixels over."
         )
-    seen = free.copy()
+    shrunk = np.ones(size)
     for _ in range(20):  # Newton steps, which converge in fewer
-        seen -= (seen * (1 + distortion * seen**2) - free) / (1 + 3 * distortion * seen**2)
-    shrunk = np.divide(seen, free, out=np.ones_like(free), where=free > 0)
+        shrunk -= (shrunk * (1 + bent * shrunk**2) - 1) / (1 + 3 * bent * shrunk**2)
     at = np.stack([down * shrunk + (size[0] - 1) / 2, right * shrunk + (size[1] - 1) / 2])
     views = light_field.filled.reshape(-1, *size, light_field.channels)
     new = np.empty_like(views)
@@ -314,11 +313,6 @@ def thin_lens(
         Focal length of the main lens, as engraved, which fixes its distances: the exit pupil is
         then where the aperture must be seen for the views to meet where the law says. Default: the
         aperture is in the lens, and its focal length follows.
-
-    Raises
-    ------
-    InputError
-        If no such lens has this law.
 
     Examples
     --------

@@ -131,20 +131,15 @@ def _find_files(path: Path, names: str) -> list[Path]:
     for one, parts in zip(images, split_numbers([one.stem for one in images]), strict=True):
         if len(parts) > 1:
             kinds.setdefault("#".join(map(str, parts[::2])) + one.suffix.lower(), []).append(one)
-    if len(kinds) > 1:
-        several = sorted(kinds, key=lambda kind: -len(kinds[kind]))[:3]
-        raise InputError(
-            f"{path} holds several sets of images, "
-            f"{', '.join(f'{len(kinds[kind])} of {kind}' for kind in several)}: choose the views "
-            f"by --names, such as --names '{several[0].replace('#', '*')}'."
-        )
-    found = next(iter(kinds.values()), [])
-    if len(found) < 2:
-        raise InputError(
-            f"{path} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names are like "
-            f"{names} and differ in numbers only."
-        )
-    return found
+    several = sorted(kinds, key=lambda kind: -len(kinds[kind]))[:3]
+    if len(kinds) == 1 and len(kinds[several[0]]) > 1:
+        return kinds[several[0]]
+    held = ", ".join(f"{len(kinds[kind])} of {kind}" for kind in several) or "none"
+    raise InputError(
+        f"{path} must hold one set of images ({', '.join(IMAGE_SUFFIXES)}) whose names are like "
+        f"{names} and differ in numbers only, got {held}: choose the views by --names, such as "
+        f"--names '{several[0].replace('#', '*') if several else 'view_*.png'}'."
+    )
 
 
 def scan_view_folder(
