@@ -158,7 +158,7 @@ def _reach(camera) -> int:
 
 
 def _squares(camera, pixel, numbers, thrown):
-    """Yield of each lenslet near a pixel share, places on the sensor, centre, and places on it."""
+    """Yield for each lenslet near a pixel: share, places on the sensor, centre, places on it."""
     on_sensor = _on_sensor(camera, pixel, numbers[:, :2])
     if "lenslet" in thrown:  # light that rays take there is thrown to here
         on_sensor = on_sensor - _thrown_on_sensor(camera, numbers[:, 5:7])
