@@ -12,8 +12,7 @@ import pickle
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -214,12 +213,10 @@ def _run(part: Path, group: zarr.Group, job: tuple, paths, workers: int, executo
     """Carry out the tasks that are missing."""
     packed, to_do = pickle.dumps(job), read_array(group, "state", part) == TO_DO
     together = open_array(group, "state").chunks[0]
-    tasks = [
-        Task(packed, str(part.resolve()), start, tuple(paths[start : start + together]))
-        for start in range(0, len(paths), together)
-        if to_do[start : start + together].any()
-    ]
-    before = len(paths) - sum(len(task.paths) for task in tasks)
+    runs = [slice(start, start + together) for start in range(0, len(paths), together)]
+    runs = [run for run in runs if to_do[run].any()]
+    tasks = [partial(_task, packed, str(part.resolve()), run.start, paths[run]) for run in runs]
+    before = len(paths) - sum(len(paths[run]) for run in runs)
     connect = getattr(executor, "get_executor", lambda: executor)  # of a Dask client
     with progress.bar("processing", len(paths), "frame", stays=True, initial=before) as shown:
         for done in carry_out(tasks, workers, connect()):
@@ -244,44 +241,35 @@ def _load(job: bytes) -> tuple[tuple[Step, ...], Callable[[Path], LightField]]:
     return pickle.loads(job)
 
 
-@dataclass(frozen=True)
-class Task:
-    """Frames from number `first` on, for whole chunks of all arrays; steps and reader pickled."""
-
-    job: bytes
-    folder: str
-    first: int
-    paths: tuple[Path | None, ...]
-
-    def __call__(self) -> list[Done]:
-        """Process the frames, one at a time in memory, and write them."""
-        # Chunks of NaN get files as well, so that a file that is lost is noticed.
-        with zarr.config.set({"array.write_empty_chunks": True}):
-            group = zarr.open_group(self.folder, mode="r+")
-            every: list[tuple[str, Any]] = list(group.arrays())
-        # Coordinates, which are whole already, are named after their axis.
-        arrays = {name: one for name, one in every if one.metadata.dimension_names != (name,)}
-        (steps, read), count = _load(self.job), len(self.paths)
-        shape = tuple(dict[str, Any](group.attrs)["shape"])
-        series = {
-            name: np.full((count, *array.shape[1:]), array.fill_value, array.dtype)
-            for name, array in arrays.items()
-            if array.chunks[0] > 1
-        }
-        before, done = dict[str, Any](), []  # each task anew, whatever a worker has done before
-        for frame, path in enumerate(self.paths):
-            state, values, said = _process(path, steps, read, shape, before)
-            for name, array in arrays.items():
-                found = values[name].values if name in values else array.fill_value
-                if name in series:
-                    series[name][frame] = found
-                else:
-                    array[self.first + frame] = found
-            series["state"][frame] = state
-            done.append(Done(self.first + frame, state, said))
-        for name in sorted(series, key="state".__eq__):  # last: a chunk without it is made again
-            arrays[name][self.first : self.first + count] = series[name]
-        return done
+def _task(job: bytes, folder: str, first: int, paths: Sequence[Path | None]) -> list[Done]:
+    """Process frames from number `first` on, one at a time in memory, and write whole chunks."""
+    # Chunks of NaN get files as well, so that a file that is lost is noticed.
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        group = zarr.open_group(folder, mode="r+")
+        every: list[tuple[str, Any]] = list(group.arrays())
+    # Coordinates, which are whole already, are named after their axis.
+    arrays = {name: one for name, one in every if one.metadata.dimension_names != (name,)}
+    (steps, read), count = _load(job), len(paths)
+    shape = tuple(dict[str, Any](group.attrs)["shape"])
+    series = {
+        name: np.full((count, *array.shape[1:]), array.fill_value, array.dtype)
+        for name, array in arrays.items()
+        if array.chunks[0] > 1
+    }
+    before, done = dict[str, Any](), []  # each task anew, whatever a worker has done before
+    for frame, path in enumerate(paths):
+        state, values, said = _process(path, steps, read, shape, before)
+        for name, array in arrays.items():
+            found = values[name].values if name in values else array.fill_value
+            if name in series:
+                series[name][frame] = found
+            else:
+                array[first + frame] = found
+        series["state"][frame] = state
+        done.append(Done(first + frame, state, said))
+    for name in sorted(series, key="state".__eq__):  # last: a chunk without it is made again
+        arrays[name][first : first + count] = series[name]
+    return done
 
 
 def _process(path: Path | None, steps: Sequence[Step], read, shape, before: dict[str, Any]):

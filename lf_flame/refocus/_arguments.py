@@ -123,17 +123,7 @@ def refuse_not_finite(views: np.ndarray) -> None:
 
 
 def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
-    """Weights of views, 1 if none are given, times the light field's own weights.
-
-    Returns
-    -------
-    ndarray of float64, shape (v, u)
-
-    Raises
-    ------
-    InputError
-        If they cannot be used, or all products are 0.
-    """
+    """Weights of views, (v, u), 1 if none are given, times the light field's own; not all 0."""
     shape = as_views(views).shape[:2]
     own = views.weights if isinstance(views, LightField) else None
     stated = (
@@ -153,13 +143,7 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
 
 
 def as_region(region: ArrayLike, size: tuple[int, ...]) -> Region:
-    """Check a region of an image with `size` lenslets (t, s).
-
-    Raises
-    ------
-    InputError
-        If it is not four integers, or is not inside the image.
-    """
+    """Check that a region is four integers, inside an image with `size` lenslets (t, s)."""
     edges = np.asarray(region) if np.shape(region) == (4,) else np.empty(0)
     if edges.dtype.kind in "iu":
         top, bottom, left, right = (int(edge) for edge in edges)
@@ -200,16 +184,7 @@ def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, .
 
 
 def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str) -> None:
-    """Refuse a light field in which a view that is needed has weight 0, as a missing one has.
-
-    Parameters
-    ----------
-    views : LightField or array_like
-    indices : iterable of (int, int)
-        Row and column of each view that is needed.
-    what : str
-        Method that needs them, for the message.
-    """
+    """Refuse a light field in which a view that `what` needs has weight 0, as a missing one has."""
     own = views.weights if isinstance(views, LightField) else None
     for v, u in indices:
         if own is not None and own[v, u] == 0:

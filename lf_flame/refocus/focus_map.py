@@ -211,10 +211,8 @@ class SlopeRange:
         step.
     slope : float
         Median slope of the certain tiles.
-    share : float
-        Share of the image whose slope is certain.
-    searched : float
-        Largest slope that was searched, in both directions.
+    share, searched : float
+        Share of the image whose slope is certain, and largest slope searched, in both directions.
     """
 
     low: float
@@ -230,13 +228,11 @@ class SlopeRange:
 
     def describe(self) -> str:
         """Describe the range in words, and whether it is certain."""
-        words = f"from slope {self.low:+.2f} to {self.high:+.2f}"
-        if self.certain:
-            return words
-        return (
-            f"{words}; not certain: {self.share:.0%} of the image has a clear slope up to "
+        doubt = (
+            f"; not certain: {self.share:.0%} of the image has a clear slope up to "
             f"{self.searched:.3g}; there is too little texture, or its slopes are larger"
         )
+        return f"from slope {self.low:+.2f} to {self.high:+.2f}{'' if self.certain else doubt}"
 
 
 def find_slope_range(light_field: Views) -> SlopeRange:

@@ -276,23 +276,20 @@ class _Curves:
 
     def _no_peak(self, k: int, flat: bool) -> str:
         """Why a curve has no peak; empty if it has one."""
-        curve, whole = self.semblance[:, k], self._gradients.mean_energy
-        if whole > 0 and not curve.any():
+        share = float(self.energy[:, k].max()) / max(self._gradients.mean_energy, 1e-300)
+        if share <= LEAK:
             return (
-                f"there is too little texture or light: the squared gradient is "
-                f"{self.energy[:, k].max() / whole:.1g} of the whole image's mean, and at least "
-                f"{LEAK:g} is needed"
+                f"too little texture or light, a squared gradient {share:.1g} of the image's mean"
             )
         if flat:
             return "all are equally sharp, to the rounding of float32 pixels"
+        curve, noise = self.semblance[:, k], 1 / _effective(self._counts)
         top = int(curve.argmax())
         if 0 < top < len(self.slopes) - 1:
             return ""
-        agree, noise = curve[top], 1 / _effective(self._counts)
         return (
-            f"there is too little texture or light, or its slope is beyond {self.slopes[top]:g}: "
-            f"the views agree best there, at the end of those searched, by {agree:.1%} (noise by "
-            f"{noise:.1%})"
+            f"too little texture or light, or a slope beyond {self.slopes[top]:g}, the end at "
+            f"which the views agree best, by {curve[top]:.1%} (noise by {noise:.1%})"
         )
 
     def _peak(self, k: int) -> float:

@@ -308,13 +308,10 @@ class ReconstructionPlan:
         else:
             dark = replace(even, views=even.views - np.float32(level.mean))
             checks += axis_checks(dark, geometry, known)
+        stated = self._options.noise is not None
+        whole = known if excess is None else known + excess
         checks += data_checks(
-            known if excess is None else known + excess,
-            residual,
-            chi_squared,
-            found,
-            stated=self._options.noise is not None,
-            fitted_background=bool(measured),
+            whole, residual, chi_squared, found, stated=stated, fitted_background=bool(measured)
         )
         return Emission(
             grid=grid,

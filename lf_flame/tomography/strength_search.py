@@ -9,13 +9,9 @@ import numpy as np
 STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
 """Strengths of the regularisation that are tried, from no visible effect to strong smoothing."""
 
-FIRST = 13
-"""Index of the strength that is tried first where none is known to be near: a strong one, as weaker
-fits need a start nearby."""
-
 
 class TriedStrength(NamedTuple):
-    """Misfit of a strength, and that which is expected.
+    """Misfit of a strength, that which is expected, and the state from which a similar fit starts.
 
     The misfit is the squared residual in the operator's range, in units of the noise's part there;
     the expected one is the misfit that noise leaves for a solution with as many degrees of freedom.
@@ -23,6 +19,7 @@ class TriedStrength(NamedTuple):
 
     misfit: float
     expected: float
+    state: np.ndarray | None = None
 
 
 class StrengthSearch:
@@ -33,8 +30,7 @@ class StrengthSearch:
     """
 
     def __init__(self, problem, variance: float, noise_share: np.ndarray, iterations: int):
-        self._tried: dict[float, TriedStrength] = {}
-        self._starts: dict[float, np.ndarray] = {}
+        self._tried: dict[int, TriedStrength] = {}
         self._problem, self._noise_share = problem, noise_share
         self._variance, self._iterations = variance, iterations
 
@@ -51,7 +47,7 @@ class StrengthSearch:
         while self._excess(here) > 0 and self._excess(here - 1) < self._excess(here):
             here -= 1
         # Where none is within the noise, the stronger ones may not have converged.
-        while self._excess(here) > 0 and self._excess_from(here, here + 1) < self._excess(here):
+        while self._excess(here) > 0 and self._excess(here + 1, here) < self._excess(here):
             here += 1
         return STRENGTHS[here]
 
@@ -62,7 +58,7 @@ class StrengthSearch:
         15, 661, 1973; Stein, Ann. Statist. 9, 1135, 1981). Where the model itself cannot follow the
         data, as at an edge, this does not choose weaker strengths that would not help.
         """
-        here = FIRST
+        here = 13  # a strong one, as weaker fits need a start nearby
         while self._risk(here - 1) < self._risk(here):
             here -= 1
         while self._risk(here + 1) < self._risk(here):
@@ -71,47 +67,35 @@ class StrengthSearch:
 
     def nearest(self, strength: float) -> np.ndarray | None:
         """State of the nearest fit that was tried, to start from."""
-        if not self._starts:
+        if not self._tried:
             return None
-        key = min(self._starts, key=lambda tried: abs(math.log(tried / strength)))
-        return self._starts[key]
+        near = min(self._tried, key=lambda index: abs(math.log(STRENGTHS[index] / strength)))
+        return self._tried[near].state
 
-    def attempt(self, strength: float) -> TriedStrength:
-        """Fit with a strength, unless this was done before."""
-        if strength not in self._tried:
-            self._try(strength, self.nearest(strength))
-        return self._tried[strength]
-
-    def _try(self, strength: float, start: np.ndarray | None) -> None:
-        """Fit with a strength from a start, and store the result."""
-        problem = self._problem
-        fit = problem.solve(strength, self._iterations, start)
-        free = problem.count_modes(strength) / problem.modes
-        free *= float(np.sum((fit.cells > 0) * self._noise_share))
-        self._starts[strength] = fit.state
-        misfit = fit.misfit / (self._variance * problem.modes)
-        self._tried[strength] = TriedStrength(misfit, 1 - free)
+    def _try(self, index: int, start: int | None = None) -> TriedStrength:
+        """Fit with a strength, unless this was done before; anew from that of `start`."""
+        if not 0 <= index < len(STRENGTHS):
+            return TriedStrength(math.inf, 0.0)
+        if index not in self._tried or start is not None:
+            problem, strength = self._problem, STRENGTHS[index]
+            state = self.nearest(strength) if start is None else self._tried[start].state
+            fit = problem.solve(strength, self._iterations, state)
+            free = problem.count_modes(strength) / problem.modes
+            free *= float(np.sum((fit.cells > 0) * self._noise_share))
+            misfit = fit.misfit / (self._variance * problem.modes)
+            self._tried[index] = TriedStrength(misfit, 1 - free, fit.state)
+        return self._tried[index]
 
     def _risk(self, index: int) -> float:
-        if not 0 <= index < len(STRENGTHS):
-            return math.inf
-        tried = self.attempt(STRENGTHS[index])
+        tried = self._try(index)
         return tried.misfit + 2 * (1 - tried.expected)
+
+    def _excess(self, index: int, start: int | None = None) -> float:
+        tried = self._try(index, start)
+        return tried.misfit - tried.expected
 
     def _linear_excess(self, index: int) -> float:
         """Excess of a fit that may be negative."""
         problem, modes, strength = self._problem, self._problem.modes, STRENGTHS[index]
         misfit = problem.linear_misfit(strength) / (self._variance * modes)
         return misfit - 1 + problem.count_modes(strength) / modes
-
-    def _excess(self, index: int) -> float:
-        if not 0 <= index < len(STRENGTHS):
-            return math.inf
-        tried = self.attempt(STRENGTHS[index])
-        return tried.misfit - tried.expected
-
-    def _excess_from(self, weaker: int, index: int) -> float:
-        """Excess of a strength that is tried again, from the fit of a weaker one."""
-        if index < len(STRENGTHS):
-            self._try(STRENGTHS[index], self._starts[STRENGTHS[weaker]])
-        return self._excess(index)
