@@ -37,7 +37,7 @@ def clean(flames, camera):
 
 @pytest.fixture(scope="session")
 def grid(camera, flames):
-    return FrustumGrid(camera, flames.depths_mm)
+    return FrustumGrid(camera, [layer.depth_mm for layer in flames.layers])
 
 
 @pytest.fixture(scope="session")
