@@ -69,14 +69,13 @@ class Room(NamedTuple):
     """Arrays to work in, for one micro-image.
 
     Own pixels of each line, and those that continue them, (lines, pixels); light of the parts along
-    each line (u, lines) and of the parts (v, u); sums of light. The own pixels of each line are
-    those from `low` to `high`, and the own lines of each part across those from `first` to `end`,
-    where `high` and `end` are last + 1, or 0 if there are none.
+    each line, (u, lines); sums of light. The own pixels of each line are those from `low` to
+    `high`, and the own lines of each part across those from `first` to `end`, where `high` and
+    `end` are last + 1, or 0 if there are none.
     """
 
     own: np.ndarray
     across: np.ndarray
-    light: np.ndarray
     total: np.ndarray
     low: np.ndarray
     high: np.ndarray
@@ -267,8 +266,8 @@ def find_own_lines(start, drift, part, fewest, room):
 
 
 @uncounted
-def read_micro_image(image, black, gain, lattices, n, y, x, lenslets, room):
-    """Find the light of the parts of one micro-image, room.light[v, u], in one lattice."""
+def read_micro_image(image, black, gain, lattices, n, y, x, lenslets, room, light):
+    """Find the light of the parts of one micro-image, light[v, u], in one lattice."""
     own, across, margin, views = room.own, room.across, lenslets.margin, room.first.size
     lines, pixels = own.shape
     first, end = room.first, room.end
@@ -288,7 +287,7 @@ def read_micro_image(image, black, gain, lattices, n, y, x, lenslets, room):
     # (views - 1) / 2 parts before the centre.
     drift, part = lenslets.sin * lenslets.cos * part, lenslets.part_down
     start = y - top + margin + 0.5 - 0.5 * drift * (views - 1) - 0.5 * views * part
-    integrate(across, views, count, start, part, views, drift, room.total, room.light, 0)
+    integrate(across, views, count, start, part, views, drift, room.total, light, 0)
 
 
 @njit
@@ -298,7 +297,6 @@ def make_room(lenslets, views):
     count = lines + 2 * lenslets.margin
     return Room(
         np.zeros((lines, pixels), np.float32), np.zeros((views + 1, count + LANES), np.float32),
-        np.zeros((views + 1, views + LANES), np.float32),
         np.zeros((max(count, pixels) + 1, LANES), np.float32),
         np.zeros(lines, np.int64), np.zeros(lines, np.int64),
         np.zeros(views, np.int64), np.zeros(views, np.int64),
@@ -306,24 +304,26 @@ def make_room(lenslets, views):
 
 
 @parallel(lambda out: out.shape[2])
-def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, share, out):
+def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, share, known, out):
     """Find the light of all parts of the micro-images in a row of lenslets.
 
     image: (rows, columns, channels). black, gain: float32, of this shape or with one channel;
     empty without dark or white image; gain is 0 where a pixel is dark. lattices: one for each
     channel of `out`. lenslets: in pixels, and in pairs of pixels. rows, columns: those of the
     array. left, share: first column and share of the second in each of `out`, by the row's parity.
-    out: (v, u, row, column, channel).
+    known: (v, u, row, column), False where `out` is 0; empty if it is so nowhere. out: (v, u, row,
+    column, channel).
     """
     views, size, channels = out.shape[0], columns.size, out.shape[4]
     rooms = (make_room(lenslets[0], views), make_room(lenslets[1], views))
-    # So many lenslets at a time, and the one before, stay in the processor's first cache.
-    found = np.zeros((views, views, channels, BLOCK + 2), np.float32)
+    # So many lenslets at a time, and the one before, stay in the processor's caches. Each has a
+    # row and some columns to spare, which `integrate` needs.
+    found = np.zeros((BLOCK + 2, channels, views + 1, views + LANES), np.float32)
     parity, done = rows[r] % 2, 0
     left, share = left[parity], share[parity]
     for begin in range(0, size, BLOCK):
         end = min(begin + BLOCK, size)
-        found[..., 0] = found[..., BLOCK]
+        found[0] = found[BLOCK]
         for n in range(channels):
             step = lattices.step[n]
             own, room = lenslets[step - 1], rooms[step - 1]
@@ -332,17 +332,18 @@ def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, sha
                 along = own.pitch * (columns[c] + offset)
                 y = own.y - lattices.top[n] / step + own.sin * along + own.cos * down
                 x = own.x - lattices.left[n] / step + own.cos * along - own.sin * down
-                read_micro_image(image, black, gain, lattices, n, y, x, own, room)
-                for v in range(views):
-                    for u in range(views):
-                        found[v, u, n, 1 + c - begin] = room.light[v, u]
+                read_micro_image(
+                    image, black, gain, lattices, n, y, x, own, room, found[1 + c - begin, n]
+                )
         first = done
         while done < out.shape[3] and left[done] + (share[done] > 0) < end:
             done += 1
-        for v in range(views):
-            for u in range(views):
-                for c in range(first, done):
+        for v in range(np.uintp(views)):  # unsigned, as above
+            for u in range(np.uintp(views)):
+                for c in range(np.uintp(first), np.uintp(done)):
                     near = np.uintp(left[c] + 1 - begin)
-                    for n in range(channels):
-                        low, high = found[v, u, n, near], found[v, u, n, near + np.uintp(1)]
-                        out[v, u, r, c, n] = low + share[c] * (high - low)
+                    is_known = known.size == 0 or known[v, u, np.uintp(r), c]
+                    for n in range(np.uintp(channels)):
+                        low, high = found[near, n, v, u], found[near + np.uintp(1), n, v, u]
+                        value = low + share[c] * (high - low)
+                        out[v, u, np.uintp(r), c, n] = value if is_known else np.float32(0.0)

@@ -33,9 +33,6 @@ is partly outside the image of the aperture, so that its light comes from its in
 LEAST_LEVEL = 0.05
 """Smallest brightness of a micro-image, relative to the median, that is trusted."""
 
-NONE = np.empty((0, 0, 0), np.float32)
-"""In place of a black level or a white image, where there is none."""
-
 
 class DecodePlan:
     """Plan for decoding the raw images of one camera.
@@ -178,9 +175,9 @@ class DecodePlan:
         if self._is_new:
             self._check(image, saturated)
             self._is_new = False
-        views, valid = self._resample(self._mended(image), self._black, self._gain), self._valid
-        if valid is not None:  # saturated pixels are lower bounds of the light; these are not
-            views[~valid] = 0.0
+        valid = self._valid
+        # What is unknown by the white image is 0; saturated pixels are lower bounds of the light.
+        views = self._resample(self._mended(image), self._black, self._gain, valid)
         if saturated is not None:
             # A hot pixel is as saturated as the neighbours that replace it.
             clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
@@ -201,17 +198,28 @@ class DecodePlan:
         return sensor.mended(image, self._hot, self._step)
 
     def _resample(
-        self, image: np.ndarray, black: np.ndarray | None = None, gain: np.ndarray | None = None
+        self,
+        image: np.ndarray,
+        black: np.ndarray | None = None,
+        gain: np.ndarray | None = None,
+        valid: np.ndarray | None = None,
     ) -> np.ndarray:
         """Resample an upright image, (rows, columns, channels): float32, (v, u, t, s, channel)."""
         channels = image.shape[2] if self.bayer is None else 3
-        size = self.views, self.views, len(self._rows), self._left.shape[1], channels
-        out = np.empty(size, np.float32)
+        size = self.views, self.views, len(self._rows), self._left.shape[1]
+        black, gain = (np.empty((0, 0, 0), np.float32) if x is None else x for x in (black, gain))
+        known = np.empty((0, 0, 0, 0), bool) if valid is None else self._exchanged(valid)
+        out = np.empty((*size, channels), np.float32)
         resample(
-            image, NONE if black is None else black, NONE if gain is None else gain,
-            self._lattices, self._lenslets, self._rows, self._columns, self._left, self._share, out,
+            image, black, gain, self._lattices, self._lenslets, self._rows, self._columns,
+            self._left, self._share, known, out,
         )  # fmt: skip
-        return np.ascontiguousarray(out.transpose(1, 0, 3, 2, 4)) if self.grid.columns else out
+        return self._exchanged(out)
+
+    def _exchanged(self, views: np.ndarray) -> np.ndarray:
+        """Exchange the axes of views of an array in columns, which is decoded transposed."""
+        turned = views.swapaxes(0, 1).swapaxes(2, 3)
+        return np.ascontiguousarray(turned) if self.grid.columns else views
 
     def _use_white(self, white: np.ndarray, pattern: str | None) -> None:
         """Set the factors of the pixels, the lit views, and what is known of their pixels."""
