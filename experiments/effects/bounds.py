@@ -27,6 +27,9 @@ TOLERANCE = 0.05
 RAY_COUNTS = (12, 36, 108)
 """Rays per pixel and axis that are tried where an effect needs rays: few have an error."""
 
+TOLERANCES = (TOLERANCE, TOLERANCE / 10)
+"""Tolerances that are tried where it needs none: images are off by about as much."""
+
 WHOLE = "whole image"
 """Name of the line that compares images at the tolerance and at a tenth of it, as a whole."""
 
@@ -128,7 +131,8 @@ def measure_scene(seed: int, number: int) -> list[dict] | None:
 
 def _rows(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> Iterator[dict]:
     """Compare each effect with its bound, and then the whole image with a finer one."""
-    decided = {effect.name: effect.kept for effect in plan.effects} | dict.fromkeys(STAGES, False)
+    quiet = dict.fromkeys(STAGES, False)
+    decided = {effect.name: effect.kept for effect in plan.effects} | quiet
     for effect in plan.effects:
         statistical = effect.name in ("shot_noise", "read_noise", "quantisation")  # bound a mean
         no_stop = effect.name == "f_number_mismatch" and not decided["round_aperture"]
@@ -137,12 +141,12 @@ def _rows(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> Iterator[d
         off = dict.fromkeys(WITHOUT.get(effect.name, ()), False)
         states = [decided | off | {effect.name: on} for on in (False, True)]
         try:
-            change, error = _largest_change(scene, camera, states, effect.bound)
+            brightest = float(render(scene, camera, TOLERANCE, effects=quiet).views.max())
+            change, error = _largest_change(scene, camera, states, effect.bound, brightest)
         except InputError:  # the forced image is refused
             continue
         bound = float(effect.bound)
         yield {"effect": effect.name, "bound": bound, "change": change, "error": error}
-    quiet = dict.fromkeys(STAGES, False)
     try:
         image, finer = (
             render(scene, camera, tolerance, effects=quiet).views.astype(float)
@@ -154,26 +158,27 @@ def _rows(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> Iterator[d
     yield {"effect": WHOLE, "bound": TOLERANCE, "change": change, "error": 0.0}
 
 
-def _largest_change(scene, camera, states, bound: float) -> tuple[float, float]:
+def _largest_change(scene, camera, states, bound: float, brightest: float) -> tuple[float, float]:
     """Largest change of a pixel between two states, and the error of the rays that showed it.
 
-    Both are relative to the brightest pixel. Where a state needs rays, both images use them: the
-    fewest that show the change to be within the bound and their error, which is how far fewer rays
-    were off in both.
+    Both are relative to the brightest pixel, of these images or of the one as decided. Where a
+    state needs rays, both images use them, and else the exact integrator: with the fewest rays, or
+    the largest tolerance, that show the change to be within the bound and their error, which is how
+    far fewer rays, or the larger tolerance, were off in both.
     """
     plans = [plan_effects(scene, camera, TOLERANCE, state, rays=RAY_COUNTS[0]) for state in states]
     rays = any(plan.traced for plan in plans)
-    if not rays:
-        plans = [plan_effects(scene, camera, TOLERANCE, state) for state in states]
     before: list[np.ndarray] = []
-    for count in RAY_COUNTS if rays else (None,):
+    for step in RAY_COUNTS if rays else TOLERANCES:
+        if not rays:
+            plans = [plan_effects(scene, camera, step, state) for state in states]
         images = [
             render_plan(
-                scene, camera, plan, "rays" if rays else "exact", count, seed=1
+                scene, camera, plan, "rays" if rays else "exact", step if rays else None, seed=1
             ).views.astype(float)
             for plan in plans
         ]
-        peak = max(image.max() for image in images) or 1.0
+        peak = max(brightest, *(image.max() for image in images)) or 1.0
         change = float(np.abs(images[0] - images[1]).max() / peak)
         pairs = zip(images, before, strict=False)
         error = sum(float(np.abs(one - other).max() / peak) for one, other in pairs)

@@ -145,6 +145,26 @@ def share_cut(
     return float(min(1.0, outside.mean() + 4 / GRID))
 
 
+def share_vignetted(camera: PlenopticCamera) -> float:
+    """Share of a pixel's light that the rim cuts; 1 is the light of its own lenslet.
+
+    Light through neighbouring lenslets comes from outside the bundles of the own one: the rim may
+    cut all of it, unless it is wider than all rays from the aperture to the field.
+    """
+    distance_mm, radius_mm = camera.rim_distance_mm, (camera.rim_diameter_mm or math.inf) / 2
+    share, other = share_cut(camera, distance_mm, radius_mm), crosstalk(camera)
+    if not other:
+        return share
+    field_mm = (math.hypot(*camera.lenslets) / 2 + 1 + neighbours(camera)) * (
+        camera.lenslet_in_focus_mm * (1 + abs(camera.lenslet_pitch_error))
+    )
+    apart_mm = camera.focus_distance_mm - camera.aperture_before_lens_mm
+    beyond = abs(distance_mm - camera.aperture_before_lens_mm) / apart_mm
+    before = abs(camera.focus_distance_mm - distance_mm) / apart_mm
+    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) / 2
+    return share + (other if widest * before + field_mm * beyond > radius_mm else 0.0)
+
+
 def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray | None:
     """Weights of views that stops leave: 1 for whole ones of one lenslet, 0 for others.
 

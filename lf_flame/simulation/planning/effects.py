@@ -22,6 +22,7 @@ from lf_flame.simulation.bundle_limits import (
     pitch_shifts_mm,
     rotation_shifts_mm,
     share_cut,
+    share_vignetted,
     true_pitch_mm,
 )
 from lf_flame.simulation.diffraction import (
@@ -71,7 +72,7 @@ def _defocus(bounds: SceneBounds) -> Estimate:
         widest = max(widest, width)
         change += displaced(bounds, layer, axis, width / 4, lenslet)
     words = f"a pixel's patch of the main lens blurs {widest:.3g} mm"
-    return Estimate(bounds.relative(change), words)
+    return Estimate(bounds.relative(bounds.overlap * change), words)
 
 
 def _occlusion(bounds: SceneBounds) -> Estimate:
@@ -81,7 +82,8 @@ def _occlusion(bounds: SceneBounds) -> Estimate:
     if not opaque:
         return Estimate(0.0, "no opaque layer")
     words = f"radiance up to {hidden:.3g} behind" if hidden else "nothing behind"
-    return Estimate(bounds.relative(hidden), f"{words} {len(opaque)} opaque layer(s)")
+    words += f" {len(opaque)} opaque layer(s)"
+    return Estimate(bounds.relative(bounds.overlap * hidden), words)
 
 
 def _self_absorption(bounds: SceneBounds) -> Estimate:
@@ -98,7 +100,7 @@ def _self_absorption(bounds: SceneBounds) -> Estimate:
         change += float((layer.texture * (1 - self_absorbed(tau))).max())
         change += -math.expm1(-tau.max()) * bounds.behind[layer] if tau.any() else 0.0
     words = f"optical thickness up to {thickest:.3g}" if thickest else "no optical thickness"
-    return Estimate(bounds.relative(change), words)
+    return Estimate(bounds.relative(bounds.overlap * change), words)
 
 
 def _thickness(bounds: SceneBounds) -> Estimate:
@@ -117,7 +119,7 @@ def _thickness(bounds: SceneBounds) -> Estimate:
         change += dimmed_inside(bounds, layer)
     thickest = max(layer.depth_extent_mm for layer in layers)
     words = f"{thickest:.3g} mm thick{MEASURED if measured < moved else ''}"
-    return Estimate(bounds.relative(change), words)
+    return Estimate(bounds.relative(bounds.overlap * change), words)
 
 
 def _leaning(bounds: SceneBounds, layer: Layer, axis: int) -> float:
@@ -203,9 +205,9 @@ def _vignetting(bounds: SceneBounds) -> Estimate:
     camera = bounds.camera
     if camera.rim_diameter_mm is None:
         return Estimate(0.0, "no rim_diameter_mm")
-    share = share_cut(camera, camera.rim_distance_mm, camera.rim_diameter_mm / 2)
+    share = share_vignetted(camera)
     words = f"the rim cuts up to {share:.3g} of a pixel's light"
-    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
+    return Estimate(bounds.relative(share * bounds.radiance), words)
 
 
 def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
@@ -267,7 +269,7 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     )
     measured = measured_change(bounds, "chromatic")
     words = f"focal length +-{band_mm / 2:.3g} mm{MEASURED if measured < moved else ''}"
-    return Estimate(bounds.relative(min(moved, measured)), words)
+    return Estimate(bounds.relative(bounds.overlap * min(moved, measured)), words)
 
 
 def _shot_noise(bounds: SceneBounds) -> Estimate:

@@ -77,6 +77,11 @@ class SceneBounds:
     steps: Mapping[tuple[Layer, int], LightSteps]
     defocus: bool = True
 
+    @property
+    def overlap(self) -> float:
+        """Light of a pixel through all lenslets, relative to that through its own, at most."""
+        return 1 + crosstalk(self.camera)
+
     def relative(self, change: float) -> float:
         """Ratio of a change of radiance to the brightest pixel; infinite if that may be dark."""
         if change == 0:

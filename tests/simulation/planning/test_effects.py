@@ -246,3 +246,19 @@ def test_matter_of_a_thick_layer_dims_what_stands_inside_it():
     on, off = ({**matter, "thickness": thick} for thick in (True, False))
     largest, _ = change(scene, small(), on, off, tolerance=0.05, integrator="rays", rays=12)
     assert 0.1 < largest <= planned.bound
+
+
+@pytest.mark.parametrize(
+    ("name", "matter", "stops"),
+    [
+        ("self_absorption", {"optical_thickness": 0.25}, {}),
+        ("vignetting", {}, {"rim_diameter_mm": 1.42 * APERTURE_MM}),
+    ],
+)
+def test_light_through_neighbouring_lenslets_counts_in_bounds(name, matter, stops):
+    """An aperture twice as wide as matched lights each pixel through several lenslets."""
+    camera = small(1, lenslets=(6, 8), aperture_diameter_mm=2 * APERTURE_MM, **stops)
+    scene = Scene([Layer(np.ones((1, 1)), 10.0, (40.0, 40.0), **matter)])
+    states = [{name: on} for on in (False, True)]
+    found, _ = change(scene, camera, *states, peak=max, integrator="rays", rays=12)
+    assert found <= plan_effects(scene, camera)[name].bound <= 4 * found
