@@ -172,6 +172,7 @@ def test_views_of_unlike_brightness_are_written_and_brought_to_one(tmp_path):
     assert law.with_views(1).fall_off == ((1.0,),)
 
 
+@pytest.mark.slow
 def test_the_distortion_of_a_lens_is_undone_in_all_views():
     """Then corners and slopes are those of the lens without it, over the whole image."""
     k, depths = 2e-5, [-20.0, 0.0, 20.0]

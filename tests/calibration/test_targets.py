@@ -61,6 +61,7 @@ def test_radial_distortion_is_found_and_taken_out_of_slope_and_scale():
     assert target.slope_at_centre(2e-5)[0] == pytest.approx(bench.slope(430.0), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_tilted_target_is_measured_at_the_centre_of_the_image():
     """And its slope changes along the row as the distance does."""
     flat = measure_target(BENCH.picture(430.0, 5.0))

@@ -104,6 +104,7 @@ def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
     assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_file_and_a_calibration_say_what_mm_they_give(boards, tmp_path):
     placed, out, _ = boards
     source, law = placed[0].rpartition("@")[0], out / "calibration.toml"

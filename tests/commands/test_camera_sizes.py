@@ -41,6 +41,7 @@ CALLS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", CALLS, ids=[words.split()[0] for words in CALLS])
 def test_the_size_of_the_light_field_counts(call, words):
     said = {}

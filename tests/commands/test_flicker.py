@@ -133,6 +133,7 @@ def test_ordinary_pictures_are_the_default_and_too_few_periods_are_named(tmp_pat
     assert found == pytest.approx(heights, abs=0.2)
 
 
+@pytest.mark.slow
 def test_what_process_wrote_is_read(tmp_path):
     """Two frames are missing, and one is dark; frames are counted."""
     numbers = [*range(20), *range(22, 60)]

@@ -20,6 +20,7 @@ from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.refocus import shift_and_sum
 
 
+@pytest.mark.slow
 def test_a_data_set_has_the_samples_of_its_configuration(tiny, tmp_path):
     make_dataset(tiny, 2, tmp_path / "a.zarr")
     dataset = Dataset(tmp_path / "a.zarr")
@@ -41,6 +42,7 @@ def test_there_are_few_files_and_enough_work_for_all(samples):
     assert files >= min(64, samples / LEAST_TOGETHER)
 
 
+@pytest.mark.slow
 def test_samples_lie_in_shards_each_with_its_checksum(tiny, tmp_path):
     make_dataset(tiny, LEAST_TOGETHER + 3, tmp_path / "a.zarr")
     array = zarr.open_group(tmp_path / "a.zarr", mode="r")["target"]
@@ -63,6 +65,7 @@ def test_bytes_do_not_depend_on_who_does_the_work(tiny, tmp_path, samples_of):
     assert made["workers"] == "ThreadPoolExecutor"
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of, monkeypatch):
     asked = []
 
@@ -114,6 +117,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr", "make.py"]
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
     left = tmp_path / f".a.zarr.part.{'0' * 16}.part"
     left.mkdir()

@@ -126,6 +126,7 @@ def overlap(scene, camera):
     return gap < 0, gap > blur + other_blur
 
 
+@pytest.mark.slow
 def test_occlusion_is_simulated_in_the_samples_that_have_it(opaque, tiny):
     assert tiny.plan_of(tiny.draw(np.random.default_rng(1))[0]) is tiny.plan
     occluded = []

@@ -262,6 +262,7 @@ def test_a_white_image_takes_the_place_of_a_calibration(tmp_path):
     np.testing.assert_allclose(by_white.views[inner], by_xml.views[inner], atol=0.03)
 
 
+@pytest.mark.slow
 def test_each_colour_of_a_mosaic_gives_its_own_views(lenslets_of):
     camera = Camera()
     levels = np.array([0.5, 1.0, 0.7])

@@ -113,6 +113,7 @@ def test_structure_within_the_micro_images_is_told_from_the_array():
         estimate_grid(spots(0.24), pitch=26)
 
 
+@pytest.mark.slow
 @given(
     pitch=st.floats(3, 20),
     row_pitch=st.floats(3, 20),

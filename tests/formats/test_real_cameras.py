@@ -43,6 +43,7 @@ def slope_of(light_field, counted=True, farthest=0.6):
     ).slope
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("breadth", "borders", "options"),
     [
@@ -86,6 +87,7 @@ def test_an_array_in_columns_is_decoded_upright():
     assert (middle[:, -3] > middle[:, 2] + 0.1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pitch", "rotation", "slope", "pattern"),
     [(9.93, -0.0049, 0.12, "bggr"), (9.71, 0.003, -0.2, "grbg"), (10.21, 0.001, 0.07, "rggb")],
@@ -153,6 +155,7 @@ def test_a_lytro_f01_is_decoded_by_its_own_frames(number):
     assert found.weights.sum() >= 49
 
 
+@pytest.mark.slow
 @real("opticstudio_hexagonal")
 def test_a_ray_tracers_raw_image_and_its_calibration():
     """Columns 10.42 pixels apart; two things at depths of their own, and no light beyond them."""
@@ -171,6 +174,7 @@ def test_a_ray_tracers_raw_image_and_its_calibration():
         read_raw(RAW, SPOTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", [pytest.param(RAW, marks=real("opticstudio_hexagonal")), None])
 def test_info_takes_the_images_that_show_the_lenslets(file, tmp_path):
     spots = SPOTS

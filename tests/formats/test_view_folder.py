@@ -331,6 +331,7 @@ def in_a_row(rng, count, axis=1):
     return textured(rng, 0.6, views=shape, shape=(60, 72)).reshape(count, 60, 72)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "axis"), [(4, 0), (9, 1), (25, 1)])
 def test_one_row_of_views_is_no_square(rng, count, axis):
     views = in_a_row(rng, count, axis)

@@ -103,6 +103,7 @@ def test_whole_slopes_do_not_draw_the_peak(slope, rng):
     assert abs(naive - slope) > 0.015
 
 
+@pytest.mark.slow
 def test_regions_smaller_than_the_object(rng):
     light_field = planted(band_limited(rng, (96, 96), 0.1), -1.63, (7, 7))
     for region in ((0, 30, 0, 30), (40, 60, 33, 61), (70, 96, 10, 40)):
@@ -147,6 +148,7 @@ def test_confidence_is_low_in_noise_alone(rng):
     assert 0 <= find_sharpest_slope(views).confidence < 0.35
 
 
+@pytest.mark.slow
 def test_views_count_by_their_weights_in_search_and_map(rng):
     """Light of rim views comes from a tenth nearer to the centre, as where they are partly lit."""
     texture = band_limited(rng, (64, 72), 0.15)
@@ -162,6 +164,7 @@ def test_views_count_by_their_weights_in_search_and_map(rng):
             assert off[0] - 1e-3 <= 1 - slope / 0.6 <= off[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("around", [0.4, 3.0])
 def test_confidence_does_not_depend_on_the_range_of_the_search(around, rng):
     """Of a broad blob, whose curve is still high at the ends of a narrow range, and of two."""

@@ -74,6 +74,7 @@ def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
     assert brightness.max() <= template.brightness[1]
 
 
+@pytest.mark.slow
 def test_shapes_grow_by_one_factor_each_and_keep_their_proportions():
     template = read_config(DATA_GEN / "shapes.toml").template
     mean = template.draw(None)[1]["size_mm"]

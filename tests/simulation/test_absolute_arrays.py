@@ -83,6 +83,7 @@ def test_a_flame_that_leans_is_sharp_at_each_height_where_it_is():
         assert sharpest == pytest.approx(camera.depth_to_slope(depth), abs=0.12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

@@ -73,6 +73,7 @@ def test_even_absorbers_take_the_share_of_the_equation_of_transfer(camera, depth
     assert worst(found, wanted) < 1e-6 * wanted.max()
 
 
+@pytest.mark.slow
 def test_views_that_are_not_fitted_neither_see_nor_count(camera, rng):
     """The operator's views are some of all; the mean transmission is that of these alone."""
     full = FrustumGrid(camera, [8.0, -6.0])

@@ -25,6 +25,7 @@ def apply_by_frequency(gram, cells):
     return gram.gather(torus)
 
 
+@pytest.mark.slow
 def test_it_equals_the_adjoint_of_the_operator_after_the_operator(grid):
     """Of cells whose light no view loses beyond its edge."""
     operator, gram = ProjectionOperator(grid, "float64"), FrequencyGram(grid)

@@ -41,6 +41,7 @@ def test_a_background_is_fitted_where_a_margin_is_empty(background, sd):
     assert any("--background fit" in one for one in plain.warnings)
 
 
+@pytest.mark.slow
 def test_the_error_of_a_background_contains_it_in_any_noise():
     """Picked by the noise that is measured, pixels are too dark, or none is left (one of these)."""
     runs = [

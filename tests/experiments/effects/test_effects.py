@@ -11,6 +11,7 @@ from lf_flame.simulation.planning.effects import EFFECTS
 SMALL = replace(PAPER_CAMERA, views=3, lenslets=(10, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_every_effect_has_a_trial_that_calls_for_it(camera):
     trials = effect_trials(CAMERAS[camera])

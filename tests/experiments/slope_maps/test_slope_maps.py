@@ -56,6 +56,7 @@ def test_the_nearest_surface_is_seen():
     assert aside.sum() == pytest.approx(0.2 * 48 * 64 + 0.6 * 160)
 
 
+@pytest.mark.slow
 def test_a_table_top_moves_by_its_true_slopes(monkeypatch):
     """The right view at p + d(p) shows what the central one shows at p, away from outlines."""
     monkeypatch.setattr(tabletop, "SIZE", (36, 48))

@@ -49,6 +49,7 @@ class Blind(ShiftAndSum):
         raise InputError("Blind sees nothing.")
 
 
+@pytest.mark.slow
 def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
     planes = ["20 mm", "10 mm", "0 mm", "-10 mm"]
     assert {one.name: one.planes for one in sets[:4]} == {

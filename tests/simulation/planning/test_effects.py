@@ -248,6 +248,7 @@ def test_matter_of_a_thick_layer_dims_what_stands_inside_it():
     assert 0.1 < largest <= planned.bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "matter", "stops"),
     [

@@ -57,6 +57,7 @@ def farthest(holds):
     return near
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_card_hides_as_far_out_on_one_side_as_on_the_other(small_camera, axis):
     """The camera is symmetric: bundles reach as far beyond the outermost lenslets everywhere."""
