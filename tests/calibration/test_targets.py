@@ -117,6 +117,7 @@ def test_a_board_with_a_white_margin_has_only_its_inner_corners():
     assert [len(np.unique(column)) for column in indices.T] == [4, 5]
 
 
+@pytest.mark.slow
 def test_the_fall_off_of_the_views_is_measured_from_the_board():
     """A fall towards the corners, by views that each see the board alike but darker."""
     steps = np.hypot(*np.mgrid[-2:3, -2:3])

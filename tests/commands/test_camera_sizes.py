@@ -58,6 +58,7 @@ def test_the_size_of_the_light_field_counts(call, words):
     assert "3 x 3" in str(other.exception)
 
 
+@pytest.mark.slow
 def test_cells_in_mm_are_those_of_the_pitch(call):
     """Size of a lenslet's image in the focal plane, by the lens equation."""
     for camera in ("whole", "own"):

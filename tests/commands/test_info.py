@@ -85,6 +85,7 @@ def test_white_images(told, tmp_path):
         assert f"next: lf-flame refocus PICTURE.lfr --white {source}" in said
 
 
+@pytest.mark.slow
 def test_focused_lenslets_are_not_taken_for_others(told, tmp_path):
     camera = Camera()
     raw = np.rint(40000 * camera.record(3.1, Waves())).astype(np.uint16)

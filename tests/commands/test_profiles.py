@@ -45,6 +45,7 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path, drawn):
     assert (out / "profiles.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_plane_is_read_back_as_one(tmp_path, count):
     """A stack of one plane, or of one draw's plane, is rows and columns alone to a TIFF reader."""

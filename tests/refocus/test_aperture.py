@@ -15,6 +15,7 @@ from lf_flame.refocus.aperture import (
 )
 
 
+@pytest.mark.slow
 @given(
     views=st.tuples(st.integers(1, 16), st.integers(1, 16)),
     width=st.floats(0.05, 2),

@@ -89,6 +89,7 @@ def bare_and_faint(rng):
     return render(Scene(layers), CAMERA, integrator="rays", rays=4).views, slopes
 
 
+@pytest.mark.slow
 def test_beside_outlines_and_without_texture_most_slopes_are_right(rng):
     views, slopes = bare_and_faint(rng)
     found = all_in_focus(views, SLOPES)
@@ -100,6 +101,7 @@ def test_beside_outlines_and_without_texture_most_slopes_are_right(rng):
     assert not wrong[20:40, 46:66].any()  # the card: its outline alone has a slope
 
 
+@pytest.mark.slow
 def test_noise_alone_is_not_certain(rng):
     views = 0.5 + 0.05 * rng.standard_normal((7, 7, 60, 80))
     found = all_in_focus(views.astype(np.float32), SLOPES)

@@ -71,6 +71,7 @@ def seen(texture, slope, views, size):
     return planted(texture, slope, views)[:, :, t : t + size[0], s : s + size[1]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [(3, 3), (4, 6), (9, 9)])
 @pytest.mark.parametrize("kind", TEXTURES)
 def test_planted_slopes_are_found(kind, views, rng):
@@ -81,6 +82,7 @@ def test_planted_slopes_are_found(kind, views, rng):
     assert find_sharpest_slope(light_field).slope == pytest.approx(slope, abs=0.01)
 
 
+@pytest.mark.slow
 def test_light_that_enters_at_the_edges_does_not_move_the_peak(rng):
     """Naive: the gradient energy alone; where fewer views see a lenslet, they blur its image."""
     slope, slopes = 2.2, np.linspace(-3, 3, 241)
@@ -180,6 +182,7 @@ def test_confidence_does_not_depend_on_the_range_of_the_search(around, rng):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.6, 4.5])
 @pytest.mark.parametrize("how", ["beside", "before"])
 def test_confidence_is_low_where_two_slopes_are_sharp(how, apart, rng):

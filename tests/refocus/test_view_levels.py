@@ -116,6 +116,7 @@ def test_unrelated_views_have_no_levels(rng):
     assert matching.ComparedViews(views, SLOPES, np.ones((3, 3))).even
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["corners 20 % darker", "tilt over the views"])
 def test_the_sharpest_slope_of_uneven_views_is_that_of_even_ones(kind):
     picture = photograph(data.coffee(), 100, 100)

@@ -58,6 +58,7 @@ def test_templates_stand_where_the_paper_puts_them(name):
             assert np.abs(layer.cell_edges_mm(axis)).max() < field[axis] / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["shapes", "flames"])
 def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
     template = read_config(DATA_GEN / f"{name}.toml").template

@@ -36,5 +36,7 @@ def without_a_focus():
 @pytest.mark.parametrize("name", without_a_focus())
 def test_search_says_where_nothing_is_in_focus(name):
     views = without_a_focus()[name]
-    with pytest.raises(InputError, match="No slope is sharpest: (.* rounding of float32|too little texture)"):
+    with pytest.raises(
+        InputError, match="No slope is sharpest: (.* rounding of float32|too little texture)"
+    ):
         find_sharpest_slope(views)

@@ -21,6 +21,7 @@ def two_depths():
 REGIONS = [(16, 44, 10, 50), (16, 44, 70, 110)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cross", [False, True])
 def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, cross):
     image, slopes, found = refocus_regions(two_depths, REGIONS, cross=cross)

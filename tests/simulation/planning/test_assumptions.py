@@ -77,6 +77,7 @@ def test_words_of_a_data_sheet(word, field, value):
     assert getattr(assume(CAMERA, [word]), field) == pytest.approx(value)
 
 
+@pytest.mark.slow
 def test_measured_changes_are_those_of_a_closed_form():
     """Of an even field: cos^4 dims it by where pixels look; noise is that of the electrons."""
     found = measure_changes(EVEN, CAMERA, plan_effects(EVEN, CAMERA))
