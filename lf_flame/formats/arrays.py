@@ -1,5 +1,6 @@
 """Light fields in files of arrays: NumPy, HDF5, MATLAB and Zarr; nothing is unpickled."""
 
+from dataclasses import replace
 from math import isqrt
 from pathlib import Path
 
@@ -8,7 +9,6 @@ import numpy as np
 from lf_flame._common.arrays_in_files import ArrayFile, FileOfArrays
 from lf_flame._common.images import FLOAT, to_unit
 from lf_flame.errors import InputError
-from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
 from lf_flame.formats.stacks import cut_views
 from lf_flame.formats.view_files.orders import (
@@ -17,7 +17,9 @@ from lf_flame.formats.view_files.orders import (
     ViewOrder,
     arranged_light_field,
     check_grid,
+    find_order,
     fold,
+    half_turned,
     read_grid,
     stated_order,
 )
@@ -31,6 +33,9 @@ ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX)
 
 VIEWS, TOOLBOX = "views", "LF"
 """Names of the array with the views: this program's, and that of HCI and LFToolbox."""
+
+DEPTH = "GT_DEPTH"
+"""Name of the depths in files of HCI."""
 
 COLOURS = 3
 """Number of colours in an array of LFToolbox, after which its weight comes."""
@@ -100,12 +105,38 @@ def read_array(
         ours, found = fold(ours, path, shape, order)
     elif not of_views:
         ours = cut_views(ours, views, path)
-    elif found is AS_STORED and not is_stated and isinstance(file, Hdf5File) and is_hci(file):
-        found = find_hci_order(file, ours)
+    elif found is AS_STORED and not is_stated and isinstance(file, Hdf5File):
+        found = _find_hci_order(file, ours)
     light_field = LightField(ours, weights=weights, valid=valid)
     light_field = arranged_light_field(light_field, found.order)
     check_grid(shape, light_field.views.shape[:2], path)
     return light_field, found
+
+
+def _find_hci_order(file: Hdf5File, views: np.ndarray) -> ViewOrder:
+    """Find the order of stored views of the old HCI benchmark, and the sign of their slopes.
+
+    In these HDF5 files (Wanner, Meister, Goldluecke 2013) a point at depth z moves to the left by
+    the disparity ``dH focalLength / z - shift`` from one view to the next on the right, and its
+    slope is minus that. One of the two axes of views is stored the other way round, which no
+    parallax shows and the depths do. Without depths, columns run from left to right.
+    """
+    if TOOLBOX not in file.names or not {"dH", "focalLength", "shift"} <= set(file.numbers):
+        return AS_STORED
+    found = find_order(views)
+    if found.slopes is None or DEPTH not in file.names:
+        return found
+    (depth,) = file.read([DEPTH], copies=3 * FLOAT / file.header(DEPTH).dtype.itemsize + 1)
+    depth, numbers = depth[..., ::4, ::4], file.numbers
+    depth = depth[depth > 0]
+    if not depth.size:
+        return found
+    slopes = numbers["shift"] - numbers["dH"] * numbers["focalLength"] / depth
+    true, (low, high) = np.percentile(slopes, (5, 95)), found.slopes
+    reason = f"{found.reason}, with the sign by the depths of {DEPTH}"
+    if np.abs([-high, -low] - true).sum() < np.abs([low, high] - true).sum():
+        return ViewOrder(half_turned(found.order), reason)
+    return replace(found, reason=reason, slopes=None)
 
 
 def _open(path: str | Path) -> FileOfArrays:

@@ -78,12 +78,11 @@ def _defocus(bounds: SceneBounds) -> Estimate:
 def _occlusion(bounds: SceneBounds) -> Estimate:
     """Occlusion of light by opaque layers, if the rays of some pixel meet both."""
     opaque = [layer for layer in bounds.layers if layer.opaque]
-    hidden = sum(bounds.behind[layer] for layer in opaque)
+    hidden = bounds.overlap * sum(bounds.behind[layer] for layer in opaque)
     if not opaque:
         return Estimate(0.0, "no opaque layer")
     words = f"radiance up to {hidden:.3g} behind" if hidden else "nothing behind"
-    words += f" {len(opaque)} opaque layer(s)"
-    return Estimate(bounds.relative(bounds.overlap * hidden), words)
+    return Estimate(bounds.relative(hidden), f"{words} {len(opaque)} opaque layer(s)")
 
 
 def _self_absorption(bounds: SceneBounds) -> Estimate:

@@ -23,7 +23,7 @@ def test_every_effect_has_a_trial_that_calls_for_it(camera):
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [161, 727, 909])
 def test_no_change_exceeds_its_bound(scene, monkeypatch):
-    """Of a thousand scenes, those in which light through neighbouring lenslets broke a bound."""
+    """Scenes, among a thousand, in which a bound seemed to be broken."""
     monkeypatch.setattr(bounds, "RAY_COUNTS", (6, 12))
     rows = bounds.measure_scene(0, scene)
     assert len(rows) >= 3
