@@ -46,7 +46,7 @@ def run(config, tmp_path_factory):
         "title": "test",
         "seed": 1,
         "split": [0.5, 0.25, 0.25],
-        "model": {"backbone_weights": "random", "backbone_depth": "conv3"},
+        "model": {"backbone_weights": "random", "backbone_depth": "none"},
         "presets": {"smoke": {"epochs": 1}},
     }
     training = build(TrainingConfig, values, "here")
