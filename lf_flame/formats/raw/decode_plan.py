@@ -85,7 +85,7 @@ class DecodePlan:
     Attributes
     ----------
     weights : ndarray of bool, shape (views, views)
-        Which views count.
+        Whether each view is used; those left out have weight 0.
 
     Raises
     ------
@@ -176,7 +176,8 @@ class DecodePlan:
             self._check(image, saturated)
             self._is_new = False
         valid = self._valid
-        # What is unknown by the white image is 0; saturated pixels are lower bounds of the light.
+        # Pixels that the white image leaves unknown become 0. Saturated ones keep their value, a
+        # lower bound of the light.
         views = self._resample(self._mended(image), self._black, self._gain, valid)
         if saturated is not None:
             # A hot pixel is as saturated as the neighbours that replace it.

@@ -141,7 +141,7 @@ def check_colours(
 ) -> None:
     """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has.
 
-    Of a mosaic, warn if the pixels that are green by its stated order are the darker ones.
+    For a stated mosaic, warn if its green pixels are the darker ones.
     """
     sums, sign = _pattern(image, grid)
     if not sign or (bayer is not None and (sign > 0) == (bayer[0] == "g")):

@@ -201,12 +201,12 @@ def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
 
 def _vignetting(bounds: SceneBounds) -> Estimate:
     """Light that the rim of a lens element cuts off: rays higher than the radius of the rim."""
-    camera = bounds.camera
-    if camera.rim_diameter_mm is None:
+    if bounds.camera.rim_diameter_mm is None:
         return Estimate(0.0, "no rim_diameter_mm")
-    share = share_vignetted(camera)
+    share = share_vignetted(bounds.camera)
+    diffracted = bounds.brightest_raw - bounds.overlap * bounds.radiance if share else 0.0
     words = f"the rim cuts up to {share:.3g} of a pixel's light"
-    return Estimate(bounds.relative(share * bounds.radiance), words)
+    return Estimate(bounds.relative(share * bounds.radiance + max(diffracted, 0.0)), words)
 
 
 def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
