@@ -133,6 +133,10 @@ def _rows(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> Iterator[d
     """Compare each effect with its bound, and then the whole image with a finer one."""
     quiet = dict.fromkeys(STAGES, False)
     decided = {effect.name: effect.kept for effect in plan.effects} | quiet
+    try:
+        image = render(scene, camera, TOLERANCE, effects=quiet).views.astype(float)
+    except InputError:
+        return
     for effect in plan.effects:
         statistical = effect.name in ("shot_noise", "read_noise", "quantisation")  # bound a mean
         no_stop = effect.name == "f_number_mismatch" and not decided["round_aperture"]
@@ -141,17 +145,13 @@ def _rows(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> Iterator[d
         off = dict.fromkeys(WITHOUT.get(effect.name, ()), False)
         states = [decided | off | {effect.name: on} for on in (False, True)]
         try:
-            brightest = float(render(scene, camera, TOLERANCE, effects=quiet).views.max())
-            change, error = _largest_change(scene, camera, states, effect.bound, brightest)
+            change, error = _largest_change(scene, camera, states, effect.bound, image.max())
         except InputError:  # the forced image is refused
             continue
         bound = float(effect.bound)
         yield {"effect": effect.name, "bound": bound, "change": change, "error": error}
     try:
-        image, finer = (
-            render(scene, camera, tolerance, effects=quiet).views.astype(float)
-            for tolerance in (TOLERANCE, TOLERANCE / 10)
-        )
+        finer = render(scene, camera, TOLERANCE / 10, effects=quiet).views.astype(float)
     except InputError:
         return
     change = float(np.sqrt(np.mean((image - finer) ** 2)) / (finer.max() or 1.0))

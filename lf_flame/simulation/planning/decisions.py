@@ -168,8 +168,8 @@ def find_counts(
     if chromatic:
         many = MOST["colours"]
         colours = refine(lambda n: image(colours=n), 1, many, share, "colours", weights)
-    if counted and (thick or chromatic):
-        few = count_rays(max(few or 1, FEWEST_RAYS))
+    if counted and (thick or chromatic):  # from half of what was enough without them
+        few = count_rays(max((few or 1) // 2, FEWEST_RAYS))
     if diffracts:
 
         def diffracted(n: int) -> np.ndarray:
