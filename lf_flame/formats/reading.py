@@ -207,7 +207,10 @@ def _read_raw(path: Path, **options: Any) -> Found:
             "The rotation and the position of the array were not searched for: that needs a white "
             "image (--white) or the lenslets' centres (--lenslets)"
         )
-    notes.append("" if is_lytro(path) else note_on_depth(image))
+    if not is_lytro(path):
+        notes.append(note_on_depth(image))
+        if "dark" not in options:
+            notes.append("Black is taken as level 0, as no dark image is given (--dark)")
     again = lambda one: plan.decode(read_frame(one))  # noqa: E731
     return Found(plan.decode(image), AS_DECODED, list(filter(None, notes)), again)
 

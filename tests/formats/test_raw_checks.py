@@ -1,6 +1,5 @@
 """White and dark images that fit a raw one, and others, by geometry of their own."""
 
-import logging
 from functools import partial
 
 import numpy as np
@@ -9,7 +8,7 @@ from micro_images import nearest_lenslet
 from scipy import ndimage
 
 from lf_flame import InputError
-from lf_flame.formats import DecodePlan, LensletGrid, decode_raw, estimate_grid
+from lf_flame.formats import DecodePlan, estimate_grid
 
 SHAPE, PITCH = (260, 310), 11.4
 TEXTURE = 0.45 + 0.3 * ndimage.zoom(np.random.default_rng(5).uniform(-1, 1, (30, 30)), 5, order=1)
@@ -101,7 +100,7 @@ def test_pairs_that_fit_are_taken_in_silence_and_others_are_not(raw, white, said
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pattern", ["rggb", "gbrg"])
-def test_mosaics_of_strong_colours_fit_and_moved_ones_do_not(pattern, caplog):
+def test_mosaics_of_strong_colours_fit_and_moved_ones_do_not(pattern):
     """Pixels under a lenslet of an even pitch have the same colour in every micro-image."""
 
     def coloured(image, levels):
@@ -115,11 +114,6 @@ def test_mosaics_of_strong_colours_fit_and_moved_ones_do_not(pattern, caplog):
         assert said_of(raw, white, pattern) == "nothing"
         moved = coloured(sensor(pitch=12.0, moved=5), (0.5, 1.0, 0.6))
         assert said_of(raw, moved, pattern) != "nothing"
-    other = {"rggb": "gbrg", "gbrg": "rggb"}[pattern]
-    decode_raw(0.5 * white, estimate_grid(white), white=white, bayer=pattern)
-    assert "unless its light is reddish" not in caplog.text
-    decode_raw(0.5 * white, estimate_grid(white), white=white, bayer=other)
-    assert f"green by --bayer {other}" in caplog.text
 
 
 def levels_of(scene=textured, black=0.01, noise=0.002, bits=16):
@@ -158,36 +152,3 @@ def test_a_saturated_white_image_is_said(share, is_said, caplog):
     white = np.minimum(white, np.uint16(top))
     DecodePlan(estimate_grid(white), shape=SHAPE, white=white).decode(raw)
     assert (f"{share:.0%} of the white image's pixels" in caplog.text) == is_said
-
-
-def levels_of_bars(radius, black, evenly, layout="rectangular"):
-    """Round micro-images of a scene of bars, in levels of 10 bits with noise; and their grid."""
-    grid = LensletGrid(7.0, 7.0, 15.0, layout=layout)
-    y, x = np.indices(SHAPE).astype(float)
-    _, place, *way = nearest_lenslet(y - 7, x - 7, 15.0, hexagonal=layout == "hexagonal")
-    bright = 500 if evenly else 60 + 800 * (np.floor(place) // 3 % 2)
-    levels = black + bright * np.clip((radius - np.hypot(*way)) / 2 + 0.5, 0, 1)
-    return np.rint(noisy(levels, 1.5).clip(0, 1023)).astype(np.uint16), grid
-
-
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
-def test_a_black_level_without_a_dark_image_is_said_once(caplog, layout):
-    raw, grid = levels_of_bars(6.0, 64, evenly=False, layout=layout)
-    plan = DecodePlan(grid, shape=SHAPE)
-    plan.decode(raw), plan.decode(raw)
-    (said,) = (one.message for one in caplog.records if one.levelno == logging.WARNING)
-    assert "The gaps between the micro-images are evenly at 6" in said
-    assert "--dark" in said
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("radius", "black", "evenly"),
-    [(6.0, 0, False), (20.0, 0, False), (20.0, 0, True), (6.0, 64, False)],
-    ids=["no black level", "touching", "touching and alike", "subtracted"],
-)
-def test_gaps_that_are_black_or_lit_raise_no_alarm(caplog, radius, black, evenly):
-    raw, grid = levels_of_bars(radius, black, evenly)
-    dark = np.full(SHAPE, black) if black else None
-    DecodePlan(grid, shape=SHAPE, dark=dark).decode(raw)
-    assert not [one for one in caplog.records if "gaps" in one.message]

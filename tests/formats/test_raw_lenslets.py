@@ -1,6 +1,5 @@
 """Raw lenslet images: grids found to a small part of a pixel, light and slopes kept."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -381,17 +380,15 @@ def test_a_real_raw_image_of_round_micro_images_has_a_map(caplog):
 
 
 @pytest.mark.parametrize(("layout", "bayer"), [("rectangular", "gbrg"), ("hexagonal", None)])
-def test_hot_pixels_are_replaced_and_dead_ones_unknown(layout, bayer, rng, caplog):
+def test_stuck_pixels_are_unknown(layout, bayer, rng):
     """What is known is as by the same sensor without them, and hardly anything else is unknown."""
     grid, shape = LensletGrid(33.4, 41.2, 14.3, 0.01, layout), (220, 240)
     white = 3000 * white_image(grid, shape, rng, falloff=0.6, gap=0.02)
     scene = 1 + 0.3 * ndimage.gaussian_filter(rng.standard_normal(shape), 3) / 0.1
     raw, dark = 0.5 * white * scene, 64 + 2 * rng.standard_normal(shape)
-    caplog.set_level("INFO")
     if bayer:  # so that a neighbour of another colour would not do
         raw = as_mosaic(raw, ORDERS[1])
     whole = decode_raw(raw + dark, grid, white=white + dark, dark=dark, bayer=bayer)
-    assert "hot pixels" not in caplog.text
     inside = ndimage.minimum_filter(white, 9) > 500  # off the rims
     bad = rng.permutation(np.argwhere(inside))[:40]
     hot, dead = bad[:20].T, bad[20:].T
@@ -399,11 +396,10 @@ def test_hot_pixels_are_replaced_and_dead_ones_unknown(layout, bayer, rng, caplo
     for image in (lit, flat, black):
         image[*hot], image[*dead] = 9000.0, 64.0  # stuck
     counts, known = whole.weights > 0, whole.valid
-    for images, most in (((lit, flat, black), 0.03), ((lit - dark, flat - dark, None), 0.09)):
+    for images in ((lit, flat, black), (lit - dark, flat - dark, None)):
         found = decode_raw(images[0], grid, white=images[1], dark=images[2], bayer=bayer)
         away = np.abs(found.views - whole.views) > 0.1 * whole.views.mean()
         away = away.any(axis=4) if bayer else away
         assert away[counts[..., None, None] & known & found.valid].mean() < 3e-4
         lost = known & ~found.valid
-        assert 0 < lost[counts].mean() < most
-    assert 17 <= int(re.search(r"(\d+) hot pixels", caplog.text)[1]) <= 20
+        assert 0 < lost[counts].mean() < 0.09

@@ -197,9 +197,7 @@ RAW = [
     (lambda: estimate_grid(white()[:30, :60]), "No regular array of micro-images"),
     *each(
         estimate_grid,
-        ((FLAT, 2.0), "pitch must lie between 4 pixels and .* got 2.0"),
-        ((FLAT, 10, "square"), "layout must be one of rectangular, hexagonal"),
-        ((FLAT[:8],), "at least 16 pixels high and wide, got 8 x 50"),
+        ((FLAT[:1, :1],), "No regular array of micro-images"),
         ((FLAT[0],), r"shape \(50,\)"),
         ((FLAT * NAN,), "must be finite, got 2500 NaN"),
     ),

@@ -1,6 +1,6 @@
-"""White images of a Lytro camera: the one that fits a picture, from a folder or an archive.
+"""Images that fit a picture of a Lytro camera: a white, a dark one, one that shows the lenslets.
 
-A camera comes with white images for many positions of its zoom and focus: ``MOD_0000.RAW``,
+The camera comes with white images for many positions of its zoom and focus: ``MOD_0000.RAW``,
 packed pixels, and ``MOD_0000.TXT``, their metadata, and so on, in a folder or in an archive
 ``caldata-SERIAL.tar``.
 """
@@ -15,11 +15,16 @@ from math import inf
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
+import numpy as np
+
 from lf_flame._common.input_files import check_regular, printable, readable
 from lf_flame.errors import InputError
+from lf_flame.formats.images import is_lytro, read_image
 from lf_flame.formats.lytro.container import check_table_size, parse_table, read_bytes
 from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
-from lf_flame.formats.lytro.picture import LytroPicture
+from lf_flame.formats.lytro.picture import LytroPicture, read_lytro
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.lenslet_search import estimate_grid
 
 LOGGER = logging.getLogger(__name__)
 
@@ -41,6 +46,61 @@ class WhiteFile(NamedTuple):
     name: str
     metadata: LytroMetadata
     pixels: PackedFile
+
+
+def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np.ndarray | None:
+    """White, dark or lenslet image for a picture, linear in radiance; None if there is none.
+
+    From a raw file of the camera; but for a dark one, also from an image in any unit, or from the
+    camera's folder or archive of white images. Default for a white one: that in the picture's file.
+    """
+    metadata = picture.metadata
+    if path is None:
+        own = picture.white_image if name == "white" else None
+        return None if own is None else own.radiance
+    if name != "dark" and (Path(path).is_dir() or Path(path).suffix.lower() == ".tar"):
+        return find_white(picture, path).radiance
+    if is_lytro(path):
+        other = read_lytro(path)
+        image, bayer, serial = other.radiance, other.metadata.bayer, other.metadata.serial
+        if serial and metadata.serial and serial.upper() != metadata.serial.upper():
+            LOGGER.warning(
+                f"The {name} image {printable(path)} is of camera {printable(serial, 40)}, the "
+                f"picture of {printable(metadata.serial, 40)}: lenslets and vignetting may not fit."
+            )
+    elif name != "dark":
+        image, bayer = read_image(path), metadata.bayer
+    else:
+        raise InputError(
+            f"The dark image of {picture.source} must be a raw file of the camera, got {path}."
+        )
+    if (*image.shape, bayer) != (*metadata.shape, metadata.bayer):
+        raise InputError(
+            f"The {name} image {path} must be a mosaic like {picture.source}, {metadata.bayer} of "
+            f"shape {metadata.shape}, got {bayer} of shape {image.shape}."
+        )
+    return image
+
+
+def find_lenslets(picture: LytroPicture) -> LensletGrid:
+    """Find the lenslets in a picture itself, or where its metadata place them, with a warning."""
+    stated, origin = picture.metadata.grid, "the picture shows them"
+    if stated is None:
+        raise InputError(
+            f"The metadata of {picture.source} do not say where the lenslets are: give a white "
+            f"image of the camera."
+        )
+    try:
+        grid = estimate_grid(picture.radiance, stated.pitch, stated.layout)
+    except InputError:
+        grid, origin = stated, "the metadata place them, as the picture shows none"
+    LOGGER.warning(
+        f"{printable(picture.source)}: vignetting is not corrected, and outer views are too dark, "
+        f"as no white image is given (--white with a MOD_*.RAW, its folder or caldata-"
+        f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); the lenslets are where "
+        f"{origin}."
+    )
+    return grid
 
 
 def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:

@@ -51,8 +51,7 @@ class DecodePlan:
     interpolation along each row: slopes are in row distances per view, 2 / sqrt(3) times those in
     pitches per view. An array in straight columns is decoded with rows and columns exchanged.
 
-    A hot pixel, which is far brighter in the dark image than all around it, is replaced by its
-    neighbours of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than
+    A pixel of a view is unknown (`LightField.valid`) if more than
     2 % of it come from saturated pixels; or, in the views that count, if it is too dark in the
     white image, or bad pixels change its light there by 2 % (it then holds 0). Views that are
     mostly dark in the white image get weight 0, and in a hexagonal array those whose parts reach
@@ -132,15 +131,14 @@ class DecodePlan:
         self._rows, self._columns = self._grid.block(size)
         self._left, self._share = _join(self._grid, len(self._columns))
         self._saturation, self._is_new = saturation, True
+        # From the dark image; and from the white one, whose mean micro-images are `_flat`.
         self._black: np.ndarray | None = None
-        self._hot: tuple[np.ndarray, ...] | None = None
         self._gain: np.ndarray | None = None
         self._valid: np.ndarray | None = None
-        self._flat: np.ndarray | None = None  # its mean micro-images
+        self._flat: np.ndarray | None = None
         if dark is not None:
-            black = self._upright(sensor.fitting(dark, "dark", self.shape)).astype(np.float32)
-            self._hot = sensor.find_hot_pixels(black, self._step)
-            self._black = self._mended(black)
+            black = self._upright(sensor.fitting(dark, "dark", self.shape))
+            self._black = black.astype(np.float32, copy=False)
         self.weights = _own_views(grid, self.views)
         if white is not None:
             self._use_white(self._upright(sensor.fitting(white, "white", self.shape)), pattern)
@@ -178,11 +176,9 @@ class DecodePlan:
         valid = self._valid
         # Pixels that the white image leaves unknown become 0. Saturated ones keep their value, a
         # lower bound of the light.
-        views = self._resample(self._mended(image), self._black, self._gain, valid)
+        views = self._resample(image, self._black, self._gain, valid)
         if saturated is not None:
-            # A hot pixel is as saturated as the neighbours that replace it.
-            clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
-            share = self._resample(clipped)
+            share = self._resample(np.any(saturated, axis=2)[..., None].astype(np.float32))
             known = np.abs(share, out=share).max(axis=4) <= TOUCHED
             known[~self.weights] = True
             valid = known if valid is None else known & valid
@@ -194,9 +190,6 @@ class DecodePlan:
 
     def _upright(self, image: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(image.swapaxes(0, 1)) if self.grid.columns else image
-
-    def _mended(self, image: np.ndarray) -> np.ndarray:
-        return sensor.mended(image, self._hot, self._step)
 
     def _resample(
         self,
@@ -225,9 +218,10 @@ class DecodePlan:
     def _use_white(self, white: np.ndarray, pattern: str | None) -> None:
         """Set the factors of the pixels, the lit views, and what is known of their pixels."""
         sensor.warn_of_saturation(white)
-        light = self._mended(white if self._black is None else white - self._black)
+        light = white if self._black is None else white - self._black
         light = np.ascontiguousarray(light, np.float32)
-        sensor.check_colours(light, self._grid, "white", self.bayer)
+        if self.bayer is None:
+            sensor.check_colours(light, self._grid, "white")
         self._flat = sensor.mean_micro_images(light, self._grid, self._step)
         parts = self._resample(light)
         middle = parts[self.views // 2, self.views // 2]
@@ -275,9 +269,7 @@ class DecodePlan:
         if self.bayer is None:
             sensor.check_colours(light, self._grid, "raw")
         means = sensor.mean_micro_images(light, self._grid, self._step)
-        if self._black is None:
-            sensor.warn_of_black(means)
-        else:
+        if self._black is not None:
             black = sensor.mean_micro_images(self._black, self._grid, self._step)
             sensor.check_dark(black, means, means if self._flat is None else self._flat)
         if self._flat is not None:
@@ -306,8 +298,8 @@ def _own_views(grid: LensletGrid, views: int) -> np.ndarray:
     """Find the views whose parts lie in the round micro-images of a hexagonal array: bool."""
     if grid.layout == "rectangular":
         return np.ones((views, views), bool)
-    farthest = math.hypot((views - 1) / 2, 0.0 if views % 2 else 0.5)  # in the middle of a side
-    return np.hypot(*np.meshgrid(centred(views), centred(views))) <= farthest + 1e-9
+    from_middle = np.hypot(*np.meshgrid(centred(views), centred(views)))
+    return from_middle <= from_middle[0, views // 2] + 1e-9  # in the middle of a side
 
 
 def _lattices(pattern: str | None, channels: int) -> Lattices:

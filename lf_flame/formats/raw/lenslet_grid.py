@@ -63,7 +63,8 @@ class LensletGrid:
     columns: bool = False
 
     def __post_init__(self):
-        check_layout(self.layout)
+        if self.layout not in LAYOUTS:
+            raise InputError(f"layout must be one of {', '.join(LAYOUTS)}, got {self.layout!r}.")
         if self.row_pitch is None:
             rows = math.sqrt(3) / 2 if self.layout == "hexagonal" else 1.0
             object.__setattr__(self, "row_pitch", rows * self.pitch)
@@ -164,12 +165,6 @@ class LensletGrid:
             for i in (down / self.row_pitch, along / self.pitch)
         )
         return rows, columns
-
-
-def check_layout(layout: str) -> None:
-    """Refuse unknown layouts."""
-    if layout not in LAYOUTS:
-        raise InputError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}.")
 
 
 def _largest_block(first: np.ndarray, last: np.ndarray) -> tuple[int, int, int, int]:

@@ -16,13 +16,9 @@ import scipy  # its parts load when they are used
 from numpy.typing import ArrayLike
 from scipy import fft, ndimage
 
-from lf_flame._common import progress
 from lf_flame.errors import InputError
-from lf_flame.formats.raw.lenslet_grid import LensletGrid, check_layout
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.sensor_images import as_image
-
-SMALLEST_PITCH = 4.0
-"""Smallest pitch in pixels; a smaller micro-image has no shape that could be found."""
 
 FIRST_REACH = 4
 """Number of lenslets around the central one with which the first guess is refined."""
@@ -77,22 +73,16 @@ def estimate_grid(
     >>> round(grid.pitch, 2), grid.layout
     (10.0, 'rectangular')
     """
-    white = _as_white(white)
-    if layout is not None:
-        check_layout(layout)
-    if pitch is not None and not SMALLEST_PITCH <= pitch <= min(white.shape) / 3:
-        raise InputError(
-            f"pitch must lie between {SMALLEST_PITCH:g} pixels and a third of the white image's "
-            f"shorter side, {min(white.shape) / 3:.4g}, got {pitch}."
-        )
-    with progress.stage("Looking for the micro-images in the white image"):
-        grid = _guess(white, pitch)
-        # Rows of an array in straight columns would be 30 degrees off.
-        if grid.layout == "hexagonal" and abs(grid.rotation) > math.pi / 12:
-            grid = _refined(_guess(white.T, pitch), white.T)
-            grid = replace(grid, x0=grid.y0, y0=grid.x0, columns=True)
-        else:
-            grid = _refined(grid, white)
+    image = as_image(white, "white").mean(axis=2, dtype=np.float64)
+    for i, j in np.ndindex(*np.minimum(image.shape, 2).tolist()):  # colours of a mosaic, alike
+        image[i::2, j::2] /= image[i::2, j::2].mean() or 1.0
+    grid = _guess(image, pitch)
+    # Rows of an array in straight columns would be 30 degrees off.
+    if grid.layout == "hexagonal" and abs(grid.rotation) > math.pi / 12:
+        grid = _refined(_guess(image.T, pitch), image.T)
+        grid = replace(grid, x0=grid.y0, y0=grid.x0, columns=True)
+    else:
+        grid = _refined(grid, image)
     if layout not in (None, grid.layout):
         raise InputError(
             f"layout must be {grid.layout}, which the white image shows, or left out, "
@@ -106,19 +96,6 @@ def _no_grid(reason: str) -> InputError:
         f"No regular array of micro-images was found in the white image: {reason}; it must show "
         f"bright micro-images on darker gaps."
     )
-
-
-def _as_white(white: ArrayLike) -> np.ndarray:
-    """Check an image, and give it as (rows, columns) with the mean of each colour the same."""
-    image = as_image(white, "white").mean(axis=2, dtype=np.float64)
-    if min(image.shape) < 4 * SMALLEST_PITCH:
-        raise InputError(
-            f"A white image must be at least {4 * SMALLEST_PITCH:g} pixels high and wide, "
-            f"got {image.shape[0]} x {image.shape[1]}."
-        )
-    for at in (np.s_[i::2, j::2] for i, j in np.ndindex(2, 2)):  # pixels of a mosaic
-        image[at] /= image[at].mean() or 1.0
-    return image
 
 
 def flattened(image: np.ndarray, width: float) -> np.ndarray:
@@ -142,11 +119,9 @@ def _guess(white: np.ndarray, pitch: float | None) -> LensletGrid:
     along = max(ahead, key=lambda v: v.real / abs(v))
     area = abs((one.conjugate() * other).imag)
     y, x = ((n - 1) / 2 for n in white.shape)
-    rotation, layout = (
-        math.atan2(along.imag, along.real),
-        "rectangular" if is_square else "hexagonal",
-    )
-    return LensletGrid(x, y, abs(along), rotation, layout, area / abs(along))
+    layout = "rectangular" if is_square else "hexagonal"
+    turn = math.atan2(along.imag, along.real)
+    return LensletGrid(x, y, abs(along), turn, layout, area / abs(along))
 
 
 def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, complex]:
@@ -156,7 +131,7 @@ def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, 
     y, x = np.nonzero((correlation == ndimage.maximum_filter(correlation, 3))[1:-1, 1:-1])
     height = correlation[y + 1, x + 1]
     lag = (x + 1 - reach) + 1j * (y + 1 - reach)
-    height[np.abs(lag) < SMALLEST_PITCH] = 0
+    height[np.abs(lag) < 4] = 0  # a smaller micro-image has no shape that could be found
     # A lag is one of the array's from half of the highest correlation; one that is shorter than a
     # stated pitch may be structure inside micro-images, and must be as high as others.
     needed = np.where(np.abs(lag) < 0.7 * (pitch or 0), 0.9, 0.5) * height.max(initial=0)
@@ -378,11 +353,5 @@ def _least_squares(grid: LensletGrid, row, column, y, x) -> LensletGrid:
     turn /= abs(turn)
     pitch, row_pitch = (pitch / turn).real, (row_pitch / turn).real
     z0 = np.mean(z - turn * (pitch * along + 1j * row_pitch * row))
-    return replace(
-        grid,
-        x0=float(z0.real),
-        y0=float(z0.imag),
-        pitch=float(pitch),
-        rotation=float(np.angle(turn)),
-        row_pitch=float(row_pitch),
-    )
+    turn = np.angle(turn)
+    return replace(grid, x0=z0.real, y0=z0.imag, pitch=pitch, rotation=turn, row_pitch=row_pitch)

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro, read_image
-from lf_flame.formats.lytro.decoding import plan_lytro
 from lf_flame.formats.lytro.picture import read_lytro
+from lf_flame.formats.lytro.white import find_lenslets, mosaic_like
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
@@ -137,28 +137,41 @@ def read_frame(path: str | Path) -> np.ndarray:
 
 
 def plan_raw(
-    path: str | Path, *, white=None, lenslets=None, dark=None, pitch=None, layout=None, **options
+    path: str | Path,
+    *,
+    white=None,
+    lenslets=None,
+    dark=None,
+    pitch=None,
+    layout=None,
+    bayer=None,
+    views=None,
 ) -> tuple[DecodePlan, np.ndarray]:
     """Read a raw image, and plan its decoding and that of others; arguments as in `read_raw`."""
-    if is_lytro(path):
-        if not (pitch is layout is options.pop("bayer", None) is None):
+    files = {"white": white, "dark": dark, "lenslet": lenslets}
+    picture = read_lytro(path) if is_lytro(path) else None
+    if picture is None:
+        image, saturation = read_image(path), None
+        others = {name: one if one is None else read_image(one) for name, one in files.items()}
+    else:
+        if not (pitch is layout is bayer is None):
             raise InputError(
                 f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
                 f"its own."
             )
-        return plan_lytro(path, white, lenslets=lenslets, dark=dark, **options)
-    image = read_image(path)
-    flat, black, shown = (
-        None if one is None else read_image(one) for one in (white, dark, lenslets)
-    )
-    if shown is not None and shown.shape[:2] != image.shape[:2]:
-        raise InputError(
-            f"The image of the lenslets, {lenslets}, must have the raw image's {image.shape[0]} x "
-            f"{image.shape[1]} pixels, got {shown.shape[0]} x {shown.shape[1]}."
-        )
-    shown = flat if shown is None else shown
+        image, bayer, saturation = picture.radiance, picture.metadata.bayer, 1.0
+        others = {name: mosaic_like(picture, one, name) for name, one in files.items()}
+    flat, black = others["white"], others["dark"]
+    shown = flat if others["lenslet"] is None else others["lenslet"]
     if shown is not None:
+        if shown.shape[:2] != image.shape[:2]:
+            raise InputError(
+                f"The image of the lenslets must have the raw image's {image.shape[0]} x "
+                f"{image.shape[1]} pixels, got {shown.shape[0]} x {shown.shape[1]}."
+            )
         grid = estimate_grid(less_dark(shown, black, "white"), pitch, layout)
+    elif picture is not None:
+        grid = find_lenslets(picture)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout or "rectangular")
     else:
@@ -166,4 +179,8 @@ def plan_raw(
             f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
             f"must be given."
         )
-    return DecodePlan(grid, shape=image.shape, white=flat, dark=black, **options), image
+    plan = DecodePlan(
+        grid, shape=image.shape, views=views, white=flat, dark=black, bayer=bayer,
+        saturation=saturation,
+    )  # fmt: skip
+    return plan, image

@@ -1,8 +1,8 @@
-"""Images of a sensor under lenslets: what they must be, hot and saturated pixels, and which fit.
+"""Images of a sensor under lenslets: what they must be, saturated pixels, and which fit.
 
 Light comes to a pixel through its lenslet, so that a raw image is the white image times the
-scene's light: dark between micro-images, whatever the scene. Black level, mosaic and a wrong white
-or dark image show in the light at the centres of micro-images and in the gaps between them.
+scene's light: dark between micro-images, whatever the scene. A mosaic and a wrong white or dark
+image show in the light at the centres of micro-images and in the gaps between them.
 """
 
 import logging
@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from lf_flame.errors import InputError
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
@@ -71,48 +70,6 @@ def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray
     return image - fitting(dark, "dark", image.shape).astype(np.float32)
 
 
-# Hot and saturated pixels -------------------------------------------------------------------------
-
-
-def find_hot_pixels(dark: np.ndarray, step: int) -> tuple[np.ndarray, ...] | None:
-    """Rows and columns of the pixels of a dark image that are far brighter than all around.
-
-    By ten standard deviations of the noise, than the eight neighbours of the colour, which are
-    `step` pixels away. None if there are none.
-    """
-    some = dark.ravel()[:: max(1, dark.size // 100_003)]
-    noise = 1.4826 * float(np.median(np.abs(some - np.median(some)))) or float(some.std())
-    around = np.full((3, 3), True)
-    around[1, 1] = False
-    is_hot = np.zeros(dark.shape[:2], bool)
-    for top, left in np.ndindex(step, step):
-        pixels = dark[top::step, left::step].max(axis=2)
-        brightest = ndimage.maximum_filter(pixels, footprint=around, mode="mirror")
-        is_hot[top::step, left::step] = pixels > brightest + max(10 * noise, 1e-30)
-    hot = np.nonzero(is_hot)
-    if not hot[0].size:
-        return None
-    LOGGER.info(
-        f"{len(hot[0])} hot pixels of the sensor are replaced by their neighbours of the same "
-        f"colour."
-    )
-    return hot
-
-
-def mended(image: np.ndarray, hot: tuple[np.ndarray, ...] | None, step: int) -> np.ndarray:
-    """Copy an image with the means of the four neighbours of the colour in place of hot pixels."""
-    if hot is None:
-        return image
-    out, near = image.copy(), []
-    for down, right in ((-step, 0), (step, 0), (0, -step), (0, step)):
-        y, x = hot[0] + down, hot[1] + right
-        y = np.where((y < 0) | (y >= image.shape[0]), hot[0] - down, y)  # beyond the border
-        x = np.where((x < 0) | (x >= image.shape[1]), hot[1] - right, x)
-        near.append(image[y, x])
-    out[hot] = np.mean(near, axis=0, dtype=np.float32)
-    return out
-
-
 def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray | None:
     """Find the pixels at a level or above, or at the largest level of a sensor of 8 to 16 bits.
 
@@ -136,43 +93,16 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
 # Checks, which refuse or warn ---------------------------------------------------------------------
 
 
-def check_colours(
-    image: np.ndarray, grid: LensletGrid, name: str, bayer: str | None = None
-) -> None:
+def check_colours(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has.
-
-    For a stated mosaic, warn if its green pixels are the darker ones.
-    """
-    sums, sign = _pattern(image, grid)
-    if not sign or (bayer is not None and (sign > 0) == (bayer[0] == "g")):
-        return
-    if bayer is not None:
-        LOGGER.warning(
-            f"The {name} image is darker in the pixels that are green by --bayer {bayer} than in "
-            f"the others: unless its light is reddish, the order of the colours is another."
-        )
-        return
-    levels = sums / sums.max()
-    brighter = [one for one in PATTERNS if (one[0] == "g") == (sign > 0)]
-    raise InputError(
-        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
-        f"have mean levels in the ratio {', '.join(f'{level:.2f}' for level in levels.flat)}; "
-        f"decode it as a raw image and state the colours of the upper left four pixels, row by "
-        f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
-        f"diagonal is green in most light."
-    )
-
-
-def _pattern(image: np.ndarray, grid: LensletGrid) -> tuple[np.ndarray, int]:
-    """Light of the pixels of each 2 x 2, and which diagonal is brighter: 1, -1, or 0 for neither.
 
     image: (rows, columns[, channels]), without its black level; one in colour is no mosaic. The
     pattern is that of the light around the centres of eight groups of lenslets, whose mean must
     exceed 8 standard errors: texture is then not taken for colour.
     """
-    image, none = np.atleast_3d(image), (np.zeros((2, 2)), 0)
+    image = np.atleast_3d(image)
     if image.shape[2] != 1 or min(image.shape[:2]) < 2 * grid.pitch:
-        return none
+        return
     centres = grid.centres(image.shape).reshape(-1, 2)
     y, x = np.rint(centres).astype(int).T
     inside = (y >= 2) & (y < image.shape[0] - 2) & (x >= 2) & (x < image.shape[1] - 2)
@@ -184,16 +114,24 @@ def _pattern(image: np.ndarray, grid: LensletGrid) -> tuple[np.ndarray, int]:
         light = weight * image[y + dy - 2, x + dx - 2, 0].astype(np.float64)
         np.add.at(sums, (group, (y + dy) % 2, (x + dx) % 2), light)
     if not np.all(sums > 0):  # too few lenslets, or no light
-        return none
+        return
     logs = np.log(sums)
     contrast = logs[:, 0, 0] + logs[:, 1, 1] - logs[:, 0, 1] - logs[:, 1, 0]
     # Log of red blue / green^2: 1.4 in daylight, 0.9 in lamp light. Where the centres lie evenly on
     # the four pixels, amplifiers alone reach 0.03; round grey micro-images reach 0.54 elsewhere.
     is_even = abs(np.exp(1j * math.pi * centres.sum(axis=1)).mean()) < 0.01
-    least = 0.03 if is_even else 0.6
-    if abs(contrast.mean()) < max(least, 8 * contrast.std(ddof=1) / math.sqrt(8)):
-        return none
-    return sums.sum(axis=0), int(np.sign(contrast.mean()))
+    least = max(0.03 if is_even else 0.6, 8 * contrast.std(ddof=1) / math.sqrt(8))
+    if abs(contrast.mean()) < least:
+        return
+    levels = sums.sum(axis=0) / sums.sum(axis=0).max()
+    brighter = [one for one in PATTERNS if (one[0] == "g") == (contrast.mean() > 0)]
+    raise InputError(
+        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
+        f"have mean levels in the ratio {', '.join(f'{level:.2f}' for level in levels.flat)}; "
+        f"decode it as a raw image and state the colours of the upper left four pixels, row by "
+        f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
+        f"diagonal is green in most light."
+    )
 
 
 def refuse_spots(lit: np.ndarray) -> None:
@@ -229,7 +167,8 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
     """
     gaps = raw[np.arange(len(raw)), :, raw.mean(axis=1).argmin(axis=1)]
     # The least of some hundred means of noise is 1.3 of these standard deviations too small.
-    error = max(0.05 * abs(_levels(lit)[1]), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
+    bright = np.percentile(lit.mean(axis=1).max(axis=1), 95)
+    error = max(0.05 * abs(bright), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
     low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))
     wrong = f"less it, the raw image's gaps between micro-images are at {low:.3g}, below 0"
     if shown > error:
@@ -241,44 +180,22 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
         )
 
 
-def warn_of_black(means: np.ndarray) -> None:
-    """Warn, without a dark image, if the gaps between micro-images are even and far above 0.
-
-    means: `mean_micro_images` of the raw image. Light in the gaps, of micro-images that touch,
-    differs as these do.
-    """
-    dim, bright = _levels(means)
-    low, level, high = np.percentile(means.mean(axis=1).min(axis=1), (5, 50, 95))
-    uneven = bright - dim
-    if level >= 0.02 * bright and uneven > 0.2 * bright and high - low <= 0.05 * uneven:
-        LOGGER.warning(
-            f"The gaps between the micro-images are evenly at {level:.3g}, {level / bright:.0%} of "
-            f"the bright micro-images: black is probably not 0 here, and all brightness is wrong; "
-            f"give a dark image, taken with the lens covered (--dark)."
-        )
-
-
-def _levels(means: np.ndarray) -> np.ndarray:
-    """Levels of dim and of bright micro-images."""
-    return np.percentile(means.mean(axis=1).max(axis=1), (5, 95))
-
-
 def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> None:
     """Refuse a white image between whose micro-images the raw image is bright.
 
-    flat, light: `mean_micro_images` of the white and the raw image; blocks of lenslets in which one
-    shows no dark gaps are left out. lit: views that the white image lights.
+    flat, light: `mean_micro_images` of the white and the raw image; blocks of lenslets are left out
+    where the raw image shows noise alone, or either no dark gaps. lit: views that the white image
+    lights.
     """
-    shown = np.ones(len(flat), bool)
-    for halves, darkest in ((flat, 0.3), (light, 0.5)):
-        mean, contrast = halves.mean(axis=1), halves - halves.mean(axis=2, keepdims=True)
-        power = np.sqrt((contrast**2).sum(axis=2).prod(axis=1))
-        shown &= contrast.prod(axis=1).sum(axis=1) > 0.7 * power  # it is 0 for noise alone
-        shown &= mean.min(axis=1) < darkest * mean.max(axis=1)
+    one, other = (light - light.mean(axis=2, keepdims=True)).swapaxes(0, 1)
+    power = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
+    shown = (one * other).sum(axis=1) > 0.7 * power  # it is 0 for noise alone
+    flat, light = flat.mean(axis=1), light.mean(axis=1)
+    for means, darkest in ((flat, 0.3), (light, 0.5)):
+        shown &= means.min(axis=1) < darkest * means.max(axis=1)
     if np.count_nonzero(shown) < 4:
         return
-    flat, light = (one[shown].mean(axis=1) for one in (flat, light))
-    flat, light = (one - one.min(axis=1, keepdims=True) for one in (flat, light))
+    flat, light = (x[shown] - x[shown].min(axis=1, keepdims=True) for x in (flat, light))
     level = flat / flat.max(axis=1, keepdims=True)
     between, within = (
         (np.sum(light * at, axis=1) / np.count_nonzero(at, axis=1)).sum()
