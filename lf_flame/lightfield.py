@@ -283,14 +283,20 @@ class LightField:
         return np.einsum("vu,vu...->...", weights, self.filled).astype(np.float32)
 
     @property
+    def counted(self) -> np.ndarray:
+        """Values of known pixels in views that count."""
+        some = slice(None) if self.weights is None else self.weights > 0
+        return self.views[some] if self.valid is None else self.views[some][self.valid[some]]
+
+    @property
     def uncounted(self) -> str:
         """Sentence on the number of views with weight 0; empty if there are none."""
         if self.weights is None or self.weights.all():
             return ""
         lost = int(np.count_nonzero(self.weights == 0))
         return (
-            f"{lost} of the {self.weights.size} views do not count: they are missing, hold light "
-            f"of neighbouring lenslets, or are mostly dark"
+            f"{lost} of the {self.weights.size} views do not count: outermost ones, mostly dark or "
+            f"lit through neighbouring lenslets, or missing ones"
         )
 
     @property
@@ -301,8 +307,7 @@ class LightField:
         lost = int(np.count_nonzero(~self.valid))
         return (
             f"{lost} of the {self.valid.size} pixels of the views ({lost / self.valid.size:.2g}) "
-            f"are unknown: saturated, bad, or of lenslets that are too dark; they are left out, or "
-            f"filled from around"
+            f"are unknown: saturated, bad, or of dark lenslets (left out, or filled from around)"
         )
 
 

@@ -331,7 +331,7 @@ class _Job:
             both = zip(names, totals, strict=True)
             thick = ", ".join(f"{name} {total:.2g}" for name, total in both)
             click.echo(f"optical thickness of the soot, at most: {thick}")
-        click.echo(f"{', '.join(names)} are in {printable(self.out)}")
+        click.echo(f"{', '.join(names)} written to {printable(self.out)}")
 
     def _write(self, found, light_field, folder, more, word: str = "Warning") -> None:
         from lf_flame._common.output_folders import recorded_path

@@ -225,7 +225,7 @@ def tell_all(kind: str, sentences: Iterable[str]) -> None:
 
 def say_files(folder: "OutputFolder", before: str = "") -> None:
     """Print which files were written, after what was found."""
-    click.echo(f"{before}{', '.join(folder.files)} are in {printable(folder.folder)}")
+    click.echo(f"{before}{', '.join(folder.files)} written to {printable(folder.folder)}")
 
 
 START_S = 30

@@ -144,6 +144,8 @@ class Reading:
         from lf_flame.formats.coding import note_on_coding
         from lf_flame.formats.reading import find_light_field
 
+        if source.resolve() in [path.resolve() for path in self.files]:
+            raise InputError(f"An image cannot be decoded by itself, got {source} twice.")
         with progress.stage(f"Reading {printable(source)}"):
             found = find_light_field(source, **self.stated)
         for line in found.notes:

@@ -67,7 +67,7 @@ SLOPES = cloup.option_group(
         multiple=True,
         metavar="T0 T1 S0 S1",
     ),
-    option("--background", "Slope outside the regions (default: a blur of 8 pixels).", float,
+    option("--background", "Slope outside the regions (default: blurred by 8 pixels).", float,
            rare=True),
     camera_option(),
     option(

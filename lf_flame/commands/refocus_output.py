@@ -8,12 +8,13 @@ from typing import Any
 
 import click
 import numpy as np
+from scipy.signal import find_peaks
 from tqdm import tqdm
 
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_levels, white_level, write_image, write_movie
+from lf_flame.formats.images import to_levels, white_of, write_image, write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import all_in_focus, farthest_slope, find_sharpest_slope, refocus
@@ -52,7 +53,7 @@ class RefocusJob:
     @cached_property
     def white(self) -> float:
         """Radiance shown as white."""
-        return white_level(self.light_field.views)
+        return white_of(self.light_field)
 
     @property
     def views_to_white(self) -> LightField:
@@ -143,9 +144,11 @@ def write_search(job: RefocusJob, out: OutputFolder) -> float:
     named = job.named(found.slope)
     click.echo(f"sharpest at slope {named}, confidence {found.confidence:.2f}")
     if found.confidence < UNSURE:
+        tops, _ = find_peaks(found.sharpness, prominence=0.1 * np.ptp(found.sharpness))
+        peaks = ", ".join(f"{slope:+.2f}" for slope in found.slopes[tops]) or "one peak only"
         click.echo(
-            f"The slope is not certain: {found.doubt}. See which by --map auto, or by "
-            f"lf-flame view.",
+            f"The slope is not certain: {found.doubt} ({peaks}). Find the slope of a part by "
+            f"--region, or of each pixel by --map auto.",
             err=True,
         )
     return found.slope
@@ -186,9 +189,12 @@ def write_slope_map(
         depth = job.camera.slope_to_real_depth(found.slope)
         write_image(out.path("depth_map.tif"), depth.astype(np.float32))
         out.facts["slope_map_mm"] = job.depths(ends)
-    share = float(np.mean(found.confidence >= TRUSTED))
-    span = " to ".join(map(job.named, ends))
-    click.echo(f"slope map from {span}: {share:.0%} of the pixels are certain")
+    certain = found.slope[found.confidence >= TRUSTED]
+    share, span = certain.size / found.slope.size, " to ".join(map(job.named, ends))
+    click.echo(f"slope map, searched from {span}: {share:.0%} of the pixels are certain")
+    if share:
+        most = " to ".join(map(job.named, np.percentile(certain, (5, 95))))
+        click.echo(f"nine tenths of them have slopes from {most}")
     apart = distinct_by(as_weights(job.options["weights"], job.light_field))
     if not share and ends[1] - ends[0] <= apart:
         click.echo(
@@ -232,7 +238,7 @@ def write_regions(
          "confidence": one.confidence}
         for one, depth in zip(found, depths, strict=True)
     ]  # fmt: skip
-    out.facts["views_used"] = "a cross of 17" if job.network else "all"
+    out.facts["views_used"] = "a cross of 17" if job.network else "all that count"
     out.facts["radiance_of_white_in_png"] = job.white
     for one in found:
         click.echo(

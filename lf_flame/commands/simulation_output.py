@@ -10,7 +10,7 @@ from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.formats import write_focal_stack
-from lf_flame.formats.images import to_preview, white_level, write_image
+from lf_flame.formats.images import to_preview, white_of, write_image
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum
@@ -27,7 +27,7 @@ def write_simulation(
     depths = np.array(sorted({layer.depth_mm for layer in scene.layers}, reverse=True))
     slopes = camera.depth_to_slope(depths)
     stack, raw = shift_and_sum(light_field, slopes), light_field.to_raw()
-    white = white_level(light_field.views)
+    white = white_of(light_field)
     write_image(out.path("raw.tif"), raw)
     write_image(out.path("raw.png"), to_preview(raw, white), linear=True)
     write_focal_stack(stack, slopes, out.path("refocused.tif"))

@@ -11,6 +11,7 @@ from PIL import Image, PngImagePlugin
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.images import TIFF_SUFFIXES, read_pixels, to_unit
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
 """File endings of images, in lower or upper case."""
@@ -83,6 +84,11 @@ def white_level(pixels: np.ndarray) -> float:
     """Radiance that is shown as white: 1, or the brightest pixel if it is above 1 or below 0.1."""
     brightest = max(float(pixels.max()), float(np.finfo(np.float32).tiny))
     return max(brightest, 1.0) if brightest > 0.1 else brightest
+
+
+def white_of(light_field: LightField) -> float:
+    """Radiance of a light field that is shown as white: `white_level` of its `counted` pixels."""
+    return white_level(light_field.counted)
 
 
 def to_preview(image: np.ndarray, white: float) -> np.ndarray:

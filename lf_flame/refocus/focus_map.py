@@ -270,7 +270,8 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     margin = max(MARGIN, BEYOND * distinct_by(weights))
     low, high = float(sure.min()) - margin, float(sure.max()) + margin
     ends, share = (max(low, -limit), min(high, limit)), sure.size / slopes.size
-    return SlopeRange(*ends, float(np.median(sure)), share, searched)
+    middle = float(np.percentile(sure, 50, method="lower"))  # not between two planes
+    return SlopeRange(*ends, middle, share, searched)
 
 
 def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:

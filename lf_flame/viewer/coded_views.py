@@ -7,7 +7,7 @@ import numpy as np
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.formats.images import white_level
+from lf_flame.formats.images import white_of
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_weights
 
@@ -51,7 +51,7 @@ def check_channels(light_field: LightField) -> None:
 
 def shown_white(light_field: LightField) -> float:
     """Radiance that is shown as white, above 0."""
-    return max(white_level(light_field.views), DARKEST)
+    return max(white_of(light_field), DARKEST)
 
 
 def encode_views(

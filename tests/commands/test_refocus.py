@@ -120,13 +120,18 @@ def test_sweep_and_map(folder, camera, tmp_path, drawn):
 
 
 def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
+    """A view that does not count may be brighter by far."""
+    weights = np.ones((5, 5))
+    weights[0, 0] = 0
     for brightness in (1e-3, 50.0):
-        np.save(tmp_path / "views.npy", light_field.views * np.float32(brightness))
-        run(tmp_path / "views.npy", "--slope", 0.5, "--out", tmp_path / "out", "--overwrite")
+        views = light_field.views * np.float32(brightness)
+        views[0, 0, 3, 4] = 1e3 * brightness
+        write_light_field(LightField(views, weights=weights), tmp_path / "views.npz")
+        run(tmp_path / "views.npz", "--slope", 0.5, "--out", tmp_path / "out", "--overwrite")
         assert imread(tmp_path / "out" / "refocused_1_slope+0.500.png").max() > 120
         written = json.loads((tmp_path / "out" / "refocus.json").read_text())
         white = written["radiance_of_white_in_png"]
-        assert white == pytest.approx(light_field.views.max() * brightness)
+        assert white == pytest.approx(light_field.views[weights > 0].max() * brightness)
 
 
 @pytest.fixture
@@ -140,6 +145,12 @@ def leaves(tmp_path):
     views = 3 * np.concatenate([left[..., :60], right[..., 60:]], axis=-1)
     np.save(tmp_path / "leaves.npy", views)
     return tmp_path / "leaves.npy"
+
+
+def test_two_sharp_slopes_are_named(leaves, tmp_path):
+    said = run(leaves, "--out", tmp_path / "out").output
+    peaks = re.search(r"several slopes are sharp \((.*), (.*)\)", said).groups()
+    assert [float(peak) for peak in peaks] == pytest.approx([-0.6, 0.8], abs=0.03)
 
 
 @pytest.mark.slow
@@ -185,7 +196,7 @@ def test_calls_for_other_slopes_get_other_folders_by_default(folder, tmp_path, m
     monkeypatch.chdir(tmp_path)
     for words in ([], ["--slope", 0.5, "--slope", -1], ["--sweep", 0, 1], ["--map", "auto"]):
         said = run(folder, *words).output
-    assert "are in refocused/views_map" in said
+    assert "written to refocused/views_map" in said
     names = ["views", "views_map", "views_slope+0.5-1", "views_sweep+0+1"]
     assert sorted(path.name for path in (tmp_path / "refocused").iterdir()) == names
     with pytest.raises(InputError, match="refocused/views exists; .* replace it with --overwrite"):
@@ -256,7 +267,8 @@ def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path, drawn):
     assert (tmp_path / "o" / f"refocused_1_slope{slope:+.3f}_{depth:+.4g}mm.png").exists()
     assert f"sharpest at slope {slope:+.3f} ({depth:+.4g} mm)" in result.output
     ends = [depth_of(-1), depth_of(2)]
-    assert f"slope map from -1.000 ({ends[0]:+.4g} mm) to +2.000 ({ends[1]:+.4g}" in result.output
+    searched = f"slope map, searched from -1.000 ({ends[0]:+.4g} mm) to +2.000 ({ends[1]:+.4g}"
+    assert searched in result.output
     assert written["slope_map_mm"] == written["sweep_mm"] == pytest.approx(ends)
     slopes, depths = (imread(tmp_path / "o" / f"{name}_map.tif") for name in ("slope", "depth"))
     np.testing.assert_allclose(depths, depth_of(slopes.astype(float)), rtol=1e-4, atol=1e-4)

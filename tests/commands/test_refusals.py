@@ -189,6 +189,7 @@ REFUSED = [
         ("--region 10 40 10 500", "inside the 48 x 60 lenslets"),
     ),
     ("refocus none", "no such file or folder"),
+    ("refocus ball.npy --white ball.npy", "cannot be decoded by itself"),
     *each(
         "temperature",
         (

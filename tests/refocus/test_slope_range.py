@@ -63,6 +63,18 @@ def test_where_nothing_tells_slopes_apart_it_is_not_certain(rng, scene):
     assert found.low < found.slope < found.high
 
 
+def test_its_slope_is_one_of_the_scenes(rng):
+    """As many tiles on either of two planes; nothing is sharp halfway between."""
+    halves = [LEAVES.draw((9, 9), (64, 64), rng).views for _ in range(2)]
+    at = np.arange(9) - 4
+    views = np.empty((9, 9, 64, 128))
+    for v, u in np.ndindex(9, 9):
+        for half, sign in ((0, 1), (1, -1)):
+            moved = np.roll(halves[half][4, 4], (sign * at[v], sign * at[u]), (0, 1))
+            views[v, u, :, 64 * half : 64 * half + 64] = moved
+    assert abs(find_slope_range(views).slope) == pytest.approx(1, abs=0.1)
+
+
 def test_a_small_image_limits_it():
     found = find_slope_range(LightField(np.ones((9, 9, 6, 6))))
     assert (found.low, found.high) == (-1.5, 1.5)
