@@ -20,13 +20,13 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
-from lf_flame._common.input_files import readable
+from lf_flame._common.config import build
 from lf_flame._common.workers import carry_out
-from lf_flame._common.zarr_files import open_array
 from lf_flame.datasets.config import DatasetConfig, config_to_json
 from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
-from lf_flame.datasets.store import METADATA, Attributes, check_arrays, read_attributes
+from lf_flame.datasets.store import Attributes, check_file
 from lf_flame.errors import InputError
+from lf_flame.formats.zarr_arrays import ZarrFile
 
 LEAST_TOGETHER, MOST_SHARDS = 16, 1000
 """Smallest number of samples in a shard, and largest number of shards in an array: a million
@@ -84,9 +84,7 @@ def make_dataset(
         started = time.perf_counter()
         if not part.exists():
             _begin(part, config, samples)
-        begun = _check_begun(part, config, samples)
-        group = zarr.open_group(part, mode="r+")
-        shards = _open_shards(part, group)
+        begun, shards = _open_begun(part, config, samples)
         missing = sum(map(len, shards))
         make = partial(_make_shard, config, begun.slopes, begun.rays, part.resolve())
         tasks = [partial(make, indices) for indices in shards]
@@ -101,6 +99,7 @@ def make_dataset(
             "wall_s": round(time.perf_counter() - started, 2),
             "samples_this_run": missing,
         }
+        group = zarr.open_group(part, mode="r+")
         group.update_attributes({"provenance": {**provenance.environment(), **run}})
         part.rename(path)
 
@@ -146,29 +145,23 @@ def _add_arrays(group: zarr.Group, config: DatasetConfig, samples: int) -> None:
     add("complete", (), "uint8", 0, sharded=False)
 
 
-def _check_begun(part: Path, config: DatasetConfig, samples: int) -> Attributes:
-    """Refuse a folder without a data set, or with one of another configuration or size."""
-    if not (part / METADATA).exists():
+def _open_begun(part: Path, config: DatasetConfig, samples: int) -> tuple[Attributes, list[range]]:
+    """Attributes of a begun data set, and samples of each incomplete shard; refuse another one."""
+    if not (part / "zarr.json").exists():
         raise InputError(
             f"{part} is in the way: a data set is built under that name, but this is not one; "
             f"move it or choose another folder."
         )
-    begun = read_attributes(part)
-    if begun.config != config_to_json(config) or check_arrays(part, config) != samples:
+    file = ZarrFile(part)
+    begun = build(Attributes, file.attributes, file.metadata)
+    if begun.config != config_to_json(config) or check_file(file, config) != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; remove it or "
             f"choose another folder."
         )
-    return begun
-
-
-def _open_shards(part: Path, group: zarr.Group) -> list[range]:
-    """List the samples of each incomplete shard."""
-    with readable(part / METADATA, "a sample is"):
-        complete = open_array(group, "complete")
-        done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
+    done, count = file.read_begun("complete") == 1, file.arrays["complete"].chunks[0]
     shards = [range(k, min(k + count, done.size)) for k in range(0, done.size, count)]
-    return [indices for indices in shards if not done[indices].all()]
+    return begun, [indices for indices in shards if not done[indices].all()]
 
 
 def _make_shard(
@@ -176,10 +169,10 @@ def _make_shard(
 ) -> range:
     """Simulate the samples of a shard, write them all at once, and return their indices."""
     made = [simulate_sample(config, slopes, index, rays) for index in indices]
-    group = zarr.open_group(folder, mode="r+")
 
     def write(name: str, values: Sequence[Any]) -> None:
-        open_array(group, name)[indices.start : indices.stop] = np.stack(values)
+        array = zarr.open_array(folder, path=name, mode="r+")
+        array[indices.start : indices.stop] = np.stack(values)
 
     write("input", [sample["input"] for sample in made])
     write("target", [sample["target"] for sample in made])

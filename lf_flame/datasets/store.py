@@ -13,21 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
-from lf_flame._common import zarr_files
 from lf_flame._common.config import build
-from lf_flame._common.input_files import check_memory, check_regular, readable
-from lf_flame._common.zarr_files import array_names, open_array, read_array_shape
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.errors import InputError
-
-METADATA = zarr_files.METADATA_3
+from lf_flame.formats.zarr_arrays import ZarrFile
 
 
 @dataclass(frozen=True)
 class Attributes:
-    """Attributes of a data set's group that are read again; others describe its origin."""
+    """Attributes of a data set that are read again, `build` from them; others say its origin."""
 
     config: dict[str, Any]  # from `config_to_json`
     slopes: list[float]  # of the targets
@@ -35,37 +30,25 @@ class Attributes:
     rays: int | None  # number per pixel along each axis, if the route traces rays
 
 
-def read_attributes(path: Path) -> Attributes:
-    """Read the attributes of a data set's group."""
-    return build(Attributes, zarr_files.read_attributes(path), path / METADATA)
-
-
-def check_arrays(path: Path, config: DatasetConfig) -> int:
-    """Check a data set's files and metadata before Zarr reads them; return the number of samples.
-
-    No file may be a device, a pipe, or larger than the memory limit, because Zarr reads whole
-    files; no array may be missing or of another shape than the configuration's.
-    """
-    for file in path.rglob("*"):
-        if not file.is_dir():
-            check_memory(check_regular(file), file)
+def check_file(file: ZarrFile, config: DatasetConfig) -> int:
+    """Refuse a data set without arrays of the configuration's shapes; number of its samples."""
     known = {
         "complete": (),
         "input": config.input.shape(config.image),
         "target": (len(config.depths_mm), *config.image),
     }
-    counts = set()
-    for name in sorted({*known, *array_names(path)}):
-        count, *shape = read_array_shape(path / name)
-        counts.add(count)
-        if name in known and tuple(shape) != known[name]:
+    shapes = {name: header.shape for name, header in file.headers.items()}
+    for name, shape in known.items():
+        found = shapes.get(name)
+        if not found or found[1:] != shape:
             raise InputError(
-                f"{path / name} is damaged: a sample must have the shape {known[name]}, got "
-                f"{tuple(shape[:6])}."
+                f"{file.path} is damaged: a sample of its array {name} must have the shape "
+                f"{shape}, got {found and found[1:6]}."
             )
+    counts = {shape[0] for shape in shapes.values() if shape}
     if len(counts) > 1 or max(counts) > MOST_SAMPLES:
         raise InputError(
-            f"{path} is damaged: its arrays must have the same number of samples, at most "
+            f"{file.path} is damaged: its arrays must have the same number of samples, at most "
             f"{MOST_SAMPLES}, got {', '.join(map(str, sorted(counts)))}."
         )
     return counts.pop()
@@ -87,23 +70,22 @@ class Dataset:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        if not (self.path / METADATA).exists():
+        if not (self.path / "zarr.json").exists():
             part = self.path.with_name(self.path.name + ".part")
             hint = " (it was begun, but is not finished)" if part.exists() else ""
             raise InputError(
                 f"There is no data set at {path}{hint}; make it with `lf-flame dataset`."
             )
-        found = read_attributes(self.path)
+        self._file = ZarrFile(path)
+        self.attrs = self._file.attributes
+        found = build(Attributes, self.attrs, self._file.metadata)
         self.config = config_from_json(found.config, self.path)
-        self._count = check_arrays(self.path, self.config)
+        self._count = check_file(self._file, self.config)
         if not len(found.slopes) == len(found.objects) == len(self.config.depths_mm):
             raise InputError(
                 f"{path} is damaged: there must be one slope and one name for each object."
             )
-        with readable(self.path / METADATA):
-            self._group = zarr.open_group(self.path, mode="r")
-            self.attrs: dict[str, Any] = dict(self._group.attrs)
-            complete = np.asarray(open_array(self._group, "complete")[:])
+        complete = self._file.read_begun("complete")
         if not np.all(complete == 1):
             missing = np.flatnonzero(complete != 1)[0]
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
@@ -126,11 +108,7 @@ class Dataset:
         return self._read(f"parameters/{name}")
 
     def _read(self, name: str) -> np.ndarray:
-        array = open_array(self._group, name)
-        check_memory(array.nbytes, self.path / name)
-        zarr_files.refuse_missing_chunks(array, self.path)
-        with readable(self.path / name / METADATA, "a sample is"):
-            samples = np.asarray(array[:])
+        (samples,) = self._file.read([name])
         finite = [bool(np.isfinite(sample).all()) for sample in samples]
         if not all(finite):
             raise InputError(

@@ -175,19 +175,19 @@ def write_flicker(
     Writes the table, the figure and the facts of the record; gives a sentence on the flicker, empty
     if too few frames have a height, and warnings, each with the number of its frames.
     """
-    group = processing.open_video(video)
-    if "height" not in group:
+    done = processing.open_video(video)
+    if "height" not in done.names:
         raise InputError(f"{video} holds no heights: process it with the step height.")
-    if processing.count_frames(group, video).counts["to_do"]:  # refuses lost files, too
+    if processing.count_frames(done).counts["to_do"]:  # refuses lost files, too
         raise InputError(f"{video} is not finished: repeat the command that makes it.")
     names = (*MEASURES, "state", "doubts", "time")
-    *columns, state, bits, times = (processing.read_array(group, name, video) for name in names)
-    counted = group["time"].attrs.get("units") != "s"
+    *columns, state, bits, times = done.read(names)
+    counted = done.arrays["time"].attrs.get("units") != "s"
     if counted != (frames_per_second is not None):
         said = "counts frames: state" if counted else "holds the times of its frames: leave out"
         raise InputError(f"{video} {said} --frames-per-second.")
     times, heights = times / (frames_per_second or 1.0), columns[0]
-    paths, options = dict[str, Any](group.attrs)["frames"], dict[str, Any](group["height"].attrs)
+    paths, options = done.attributes["frames"], dict[str, Any](done.arrays["height"].attrs)
     sources = [name or f"frame {number}" for number, name in enumerate(paths)]
     pixel_mm, level = options.get("pixel_mm"), options["level"]
     unit = "px" if pixel_mm is None else "mm"

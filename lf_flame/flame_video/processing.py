@@ -23,18 +23,11 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
-from lf_flame._common.input_files import check_memory, readable
 from lf_flame._common.workers import carry_out
-from lf_flame._common.zarr_files import (
-    array_names,
-    open_array,
-    read_array_shape,
-    read_attributes,
-    refuse_missing_chunks,
-)
 from lf_flame.errors import InputError
 from lf_flame.flame_video.steps import Frame, Step, Values
 from lf_flame.formats.reading import read_light_field
+from lf_flame.formats.zarr_arrays import ZarrFile
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 
@@ -156,25 +149,25 @@ def process_frames(
         if not place.exists():
             when = Values(times, ("time",), {"units": time_unit})
             _begin(part, request, when, read(first), steps, camera)
-        group = _open_same(place, request, times)
+        video = _open_same(place, request, times)
         if place == part:
-            _run(part, group, (steps, read), paths, workers, executor, tell)
+            _run(part, video, (steps, read), paths, workers, executor, tell)
             _finish(part, out)
-            group = open_video(out)
-        return count_frames(group, out)
+            video = open_video(out)
+        return count_frames(video)
 
 
-def _open_same(place: Path, request: dict, times: np.ndarray) -> zarr.Group:
+def _open_same(place: Path, request: dict, times: np.ndarray) -> ZarrFile:
     """Open the group of a request; refuse that of other frames, times, steps or options."""
-    group = open_video(place)
-    other = [name for name, value in request.items() if group.attrs.get(name) != value]
-    if not np.array_equal(read_array(group, "time", place), times):
+    video = open_video(place)
+    other = [name for name, value in request.items() if video.attributes.get(name) != value]
+    if not np.array_equal(video.read_begun("time"), times):
         other.append("times")
     if other:
         raise InputError(
             f"{place} was made with other {', '.join(other)}; remove it, or choose another folder."
         )
-    return group
+    return video
 
 
 def _begin(part: Path, request: dict, when: Values, light_field: LightField, steps, camera) -> None:
@@ -209,10 +202,10 @@ def _begin(part: Path, request: dict, when: Values, light_field: LightField, ste
         group.update_attributes({**request, "shape": list(light_field.shape), "kind": KIND})
 
 
-def _run(part: Path, group: zarr.Group, job: tuple, paths, workers: int, executor, tell) -> None:
+def _run(part: Path, video: ZarrFile, job: tuple, paths, workers: int, executor, tell) -> None:
     """Carry out the tasks that are missing."""
-    packed, to_do = pickle.dumps(job), read_array(group, "state", part) == TO_DO
-    together = open_array(group, "state").chunks[0]
+    packed, to_do = pickle.dumps(job), video.read_begun("state") == TO_DO
+    together = video.arrays["state"].chunks[0]
     runs = [slice(start, start + together) for start in range(0, len(paths), together)]
     runs = [run for run in runs if to_do[run].any()]
     tasks = [partial(_task, packed, str(part.resolve()), run.start, paths[run]) for run in runs]
@@ -229,9 +222,9 @@ def _finish(part: Path, out: Path) -> None:
     """Record what became of the frames, and give the group its final name."""
     for left in part.rglob("*.partial"):  # of a write of Zarr's that was killed
         left.unlink(missing_ok=True)
+    facts = {"counts": count_frames(open_video(part)).counts}
     group = zarr.open_group(part, mode="r+")
-    counts = count_frames(group, part).counts
-    group.update_attributes({"counts": counts, "provenance": provenance.environment()})
+    group.update_attributes({**facts, "provenance": provenance.environment()})
     part.rename(out)
 
 
@@ -287,34 +280,24 @@ def _process(path: Path | None, steps: Sequence[Step], read, shape, before: dict
     return WHOLE, values, tuple(f"{path.name}: {said}" for said in frame.warnings)
 
 
-def open_video(path: Path) -> zarr.Group:
-    """Open the group of a processed video, finished or not, after checks of its metadata."""
-    if read_attributes(path).get("kind") != KIND:
+def open_video(path: Path) -> ZarrFile:
+    """Open the group of a processed video, finished or not."""
+    video = ZarrFile(path)
+    if video.attributes.get("kind") != KIND:
         raise InputError(f"{path} is no {KIND}.")
-    for name in array_names(path):
-        shape = read_array_shape(path / name)
-        if len(shape) == 1:
-            check_memory(8 * shape[0], path / name)
-    with readable(path / "zarr.json"):
-        return zarr.open_group(path, mode="r")
+    return video
 
 
 def is_video(path: Path) -> bool:
     """Whether a folder is the group of a processed video that is finished."""
-    return (path / "zarr.json").is_file() and read_attributes(path).get("kind") == KIND
+    return (path / "zarr.json").is_file() and ZarrFile(path).attributes.get("kind") == KIND
 
 
-def read_array(group: zarr.Group, name: str, path: Path) -> np.ndarray:
-    """Read an array, naming the folder if Zarr raises an error."""
-    with readable(path / "zarr.json", "a frame is"):
-        return np.asarray(open_array(group, name)[:])
-
-
-def count_frames(group: zarr.Group, path: Path) -> Progress:
+def count_frames(video: ZarrFile) -> Progress:
     """Count the frames in each state; refuse a finished group of which a file is lost."""
-    states = read_array(group, "state", path)
+    states = video.read_begun("state")
     if states.all():  # finished
-        for name in array_names(path):
-            refuse_missing_chunks(open_array(group, name), path)
+        for name in video.names:
+            video.refuse_missing_files(name)
     counts = np.bincount(states, minlength=len(STATES))
     return Progress({name: int(n) for name, n in zip(STATES, counts, strict=True)})

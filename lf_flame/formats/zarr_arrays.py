@@ -1,5 +1,6 @@
-"""Arrays of light fields in Zarr folders of any program; nothing is unpickled."""
+"""Arrays of numbers in Zarr folders of any program; nothing is unpickled."""
 
+import warnings
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -7,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
-from lf_flame._common.input_files import check_memory, readable
-from lf_flame._common.zarr_files import METADATA_3, refuse_missing_chunks
+from lf_flame._common.input_files import check_memory, check_regular, readable
 from lf_flame.errors import InputError
 
-METADATA = (METADATA_3, ".zarray", ".zgroup")
+METADATA = ("zarr.json", ".zarray", ".zgroup")
 """Names of the metadata of formats 3 and 2, one of which every Zarr folder holds."""
 
 SAFE_CODECS = ("blosc", "zstd", "lz4", "zlib", "gzip", "bz2", "lzma")
@@ -19,7 +19,7 @@ SAFE_CODECS = ("blosc", "zstd", "lz4", "zlib", "gzip", "bz2", "lzma")
 
 EVERY_CHUNK = {"write_empty_chunks": True}
 """Configuration of arrays that we write: also chunks of zeros get files, so that a missing file is
-noticed when the array is read, see `refuse_missing_chunks`."""
+noticed when the array is read, see `ZarrFile`."""
 
 MOST_ARRAYS = 1000
 """Largest number of arrays of a group among which views are searched for."""
@@ -31,24 +31,32 @@ def is_zarr(path: str | Path) -> bool:
 
 
 class ZarrFile(FileOfArrays):
-    """Arrays of numbers in a Zarr folder; a folder that is one array has the name "" alone."""
+    """Arrays of numbers in a Zarr folder and in its groups; a folder that is one array names it "".
+
+    No file may be a device, a pipe, or larger than the memory limit: Zarr reads whole files.
+    """
 
     def __init__(self, path: str | Path):
         self.path, zarr = Path(path), import_zarr()
         if not is_zarr(path):
             raise InputError(f"{path} is no Zarr folder: it holds none of {', '.join(METADATA)}.")
+        for file in self.path.rglob("*"):
+            if not file.is_dir():
+                check_memory(check_regular(file), file)
         self.metadata = next(self.path / x for x in METADATA if (self.path / x).is_file())
-        with readable(self.metadata):
+        # Zarr warns of folders in it that are no arrays.
+        with readable(self.metadata), warnings.catch_warnings(action="ignore"):
             found = zarr.open(str(self.path), mode="r")
-            arrays = {"": found} if isinstance(found, zarr.Array) else dict(found.arrays())
-        some = list(arrays.items())[:MOST_ARRAYS]
-        self._arrays = {name: array for name, array in some if array.dtype.kind in "biuf"}
-        self.names = list(self._arrays)
-        self.headers = {name: ArrayHeader(x.shape, x.dtype) for name, x in self._arrays.items()}
+            self.attributes = dict[str, Any](found.attrs)
+            members = [("", found)] if isinstance(found, zarr.Array) else found.members(max_depth=1)
+        arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)][:MOST_ARRAYS]
+        self.arrays = {name: x for name, x in arrays if x.dtype.kind in "biuf"}
+        self.names = list(self.arrays)
+        self.headers = {name: ArrayHeader(x.shape, x.dtype) for name, x in self.arrays.items()}
 
     def _read(self, name: str) -> np.ndarray:
         """Read an array; refuse codecs that could run code, too large chunks, missing files."""
-        array = self._arrays[name]
+        array = self.arrays[name]
         record = array.metadata.to_dict()
         if record["zarr_format"] == 2:
             codecs = filter(None, [*(record["filters"] or ()), record["compressor"]])
@@ -59,9 +67,26 @@ class ZarrFile(FileOfArrays):
                     f"store it with one of {', '.join(SAFE_CODECS)}."
                 )
         check_memory(prod(array.chunks) * array.dtype.itemsize, self.path)
-        refuse_missing_chunks(array, Path(self.path))
-        with readable(self.metadata):
-            return np.asarray(array[...])
+        self.refuse_missing_files(name)
+        return self.read_begun(name)
+
+    def read_begun(self, name: str) -> np.ndarray:
+        """Read an array of which some files need not be written: they hold the fill value."""
+        with readable(self.metadata, f"its array {name} is"):
+            return np.asarray(self.arrays[name][...])
+
+    def refuse_missing_files(self, name: str) -> None:
+        """Refuse an array without all of its files: Zarr reads a missing one as the fill value."""
+        array = self.arrays[name]
+        together = array.shards or array.chunks
+        files = prod(-(-size // step) for size, step in zip(array.shape, together, strict=True))
+        missing = files - array.nchunks_initialized * prod(array.chunks) // prod(together)
+        if missing:
+            raise InputError(
+                f"{Path(self.path, name)} cannot be read: {missing} of its {files} chunk files are "
+                f"missing; if they were left out as they hold zeros, write the array with "
+                f"write_empty_chunks=True."
+            )
 
 
 def import_zarr() -> Any:

@@ -169,7 +169,7 @@ def test_an_array_that_is_damaged_or_lost_is_named(made):
     chunk = made / "height" / "c" / "0"
     content = chunk.read_bytes()
     chunk.write_bytes(content[:-3] + bytes([content[-3] ^ 4]) + content[-2:])
-    with pytest.raises(InputError, match="made/zarr.json cannot be read: it is damaged, or a fram"):
+    with pytest.raises(InputError, match="made/zarr.json cannot be read: .*or its array height is"):
         write_flicker(made, None)
     chunk.unlink()
     with pytest.raises(InputError, match="height cannot be read: 1 of its 1 chunk files"):
