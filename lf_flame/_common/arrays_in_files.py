@@ -9,11 +9,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
-from zipfile import ZipFile, is_zipfile
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, is_zipfile
 
 import numpy as np
 
-from lf_flame._common.input_files import check_member, check_memory, readable
+from lf_flame._common.input_files import check_memory, readable
 from lf_flame.errors import InputError
 
 
@@ -94,5 +94,7 @@ class ArrayFile(FileOfArrays):
         if not self._archive:
             return Path(self.path).open("rb")
         with readable(self.path):
-            check_member(self._archive.getinfo(f"{name}.npy"), self.path)
+            packing = self._archive.getinfo(f"{name}.npy").compress_type
+            if packing not in (ZIP_STORED, ZIP_DEFLATED):  # zipfile unpacks others without a bound
+                raise InputError(f"{self.path}: {name} is packed by method {packing}, not DEFLATE.")
             return self._archive.open(f"{name}.npy")

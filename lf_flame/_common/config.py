@@ -22,15 +22,9 @@ T = TypeVar("T")
 
 Class = TypeVar("Class", bound=type)
 
-Place = tuple[int | str, ...]
-"""Place of a value: the keys, and numbers in lists, that lead to it."""
-
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 MISSING = ("missing", "missing_argument", "missing_keyword_only_argument")
 """Pydantic's error types for a key that is unknown, or missing."""
-
-MOST_NAMED = 12
-"""Largest number of unknown and missing keys that a message names."""
 
 
 def strict(cls: Class) -> Class:
@@ -64,8 +58,7 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
     odd = [one for kinds in (UNKNOWN, MISSING) for one in problems if one["type"] in kinds]
     if odd:
-        more = [f"and {len(odd) - MOST_NAMED} more"] * (len(odd) > MOST_NAMED)
-        return "; ".join([_odd_key(one, kind) for one in odd[:MOST_NAMED]] + more) + "."
+        return "; ".join(_odd_key(one, kind) for one in odd) + "."
     problem = problems[0]
     key = _shown(problem["loc"])
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
@@ -74,7 +67,7 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     return f"{key}{': ' * bool(key)}{text}, got {reprlib.repr(problem['input'])}."
 
 
-def _shown(place: Place) -> str:
+def _shown(place: tuple[int | str, ...]) -> str:
     """Name a place: keys joined by dots, entries of a list counted from 1 as "layers #1"."""
     parts = [f" #{x + 1}" if isinstance(x, int) else f".{reprlib.repr(x)[1:-1]}" for x in place]
     return "".join(parts).removeprefix(".")
@@ -91,7 +84,7 @@ def _odd_key(problem: Any, kind: type) -> str:
     return f"{name} is not a known key" + (f" ({hint})" if known else "")
 
 
-def _known_keys(kind: Any, place: Place) -> list[str]:
+def _known_keys(kind: Any, place: tuple[int | str, ...]) -> list[str]:
     """Names of the fields of a dataclass, or of the dataclass nested at `place`."""
     if typing.get_origin(kind) is not None:  # an optional, a list or a dict
         inner = [one for one in typing.get_args(kind) if one not in (type(None), str, ...)]

@@ -116,15 +116,9 @@ def open_image(path: str | Path) -> Iterator[ImageFile.ImageFile]:
 
 
 def _check_picture(image: ImageFile.ImageFile, path: str | Path) -> None:
-    """Refuse inks, films, and 16-bit colours of Netpbm, of which Pillow would keep 8."""
-    if image.mode in ("CMYK", "LAB", "HSV"):
-        raise InputError(
-            f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
-            f"printer's profile)."
-        )
-    frames = getattr(image, "n_frames", 1)
-    if frames > 1 and image.format in ("PNG", "WEBP"):  # others in a JPEG file are previews
-        raise InputError(f"{path} holds {frames} pictures that follow each other: store one.")
+    """Refuse inks, and 16-bit colours of Netpbm, of which Pillow would keep 8."""
+    if image.mode == "CMYK":
+        raise InputError(f"{path} holds no light but inks: convert it, by the printer's profile.")
     if image.format == "PPM" and image.mode == "RGB" and netpbm_top(image) > 255:
         raise InputError(f"{path} holds colours of 16 bits, which are read from PNG and TIFF.")
 

@@ -1,28 +1,23 @@
 """Input files: regular ones only, of bounded size in memory; TOML and JSON; text to be shown."""
 
 import os
-import re
 import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipInfo
 
 from lf_flame.errors import InputError
 
 LARGEST_TOML = 1 << 20
-"""Largest size of a TOML file, in bytes; parsing it takes about a second."""
+"""Largest size of a TOML file, in bytes."""
 
 LARGEST_RECORD = 1 << 26
 """Largest size of a JSON record, in bytes: the history of half a million epochs."""
 
 LIMIT = "LF_FLAME_MEMORY_GB"
 """Environment variable that sets another limit of memory than half, in gigabytes (1e9 bytes)."""
-
-MOST_PARTS = 64
-"""Largest number of parts of a name in a TOML file; its parser copies it once for each of them."""
 
 
 def check_regular(path: str | Path) -> int:
@@ -80,8 +75,6 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Parse a TOML file of bounded size and depth."""
     text = read_text(path, LARGEST_TOML)
-    if _has_long_name(text):
-        raise InputError(f"{path} cannot be read: a name in it has over {MOST_PARTS} parts.")
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # an impossible date, too, or deep nesting
@@ -110,15 +103,6 @@ def parse_json(text: str, source: str | Path) -> Any:
     return values
 
 
-def _has_long_name(text: str) -> bool:
-    for piece in re.split(r"[=,{}\[\]\n]", text):
-        before = piece.partition("#")[0]
-        quoted = '"' in before or "'" in before  # the # may be part of a text
-        if (piece if quoted else before).count(".") > MOST_PARTS:
-            return True
-    return False
-
-
 def _check_values(values: Any, source: str | Path) -> None:
     """Refuse null bytes, which no file name can hold, and integers beyond 64 bits."""
     left = [values]
@@ -132,15 +116,6 @@ def _check_values(values: Any, source: str | Path) -> None:
             raise InputError(f"{source} cannot be used: a text in it holds a null byte.")
         elif isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise InputError(f"{source} cannot be used: it holds a whole number beyond 64 bits.")
-
-
-def check_member(member: ZipInfo, path: str | Path) -> None:
-    """Refuse packing that is not read, or that zipfile would unpack without a bound."""
-    if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-        raise InputError(
-            f"{path} cannot be read: {member.filename} in it is packed by method "
-            f"{member.compress_type}; only stored files and DEFLATE are read."
-        )
 
 
 def memory_limit() -> float:

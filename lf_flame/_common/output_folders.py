@@ -10,6 +10,7 @@ from typing import Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers, write_json
+from lf_flame._common.config import build
 from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 
@@ -83,15 +84,12 @@ def refuse_folder(folder: str | Path, record: str, *, overwrite: bool = False) -
     if not names:
         return names
     try:
-        found = read_record(folder / record)
+        listed = build(list[str], read_record(folder / record).get("files"), f"{record}, files")
     except InputError as error:
         raise InputError(f"{folder} is not replaced, as it is no result: {error}") from None
-    listed = found.get("files")
-    if not isinstance(listed, list) or not isinstance(found.get("versions"), dict):
-        raise InputError(f"{folder} is not replaced: {record} in it lists no files of a result.")
     for name in names:
-        is_folder = (folder / name).is_dir() and not (folder / name).is_symlink()
-        if is_folder or (name != record and name not in listed):
+        path = folder / name
+        if name not in (record, *listed) or (path.is_dir() and not path.is_symlink()):
             raise InputError(
                 f"{folder} is not replaced: {record} does not list {name} in it; move that away, "
                 f"or name another folder."

@@ -5,9 +5,8 @@ takes longer than `PATIENCE`, and go when it ends: bars of quick work would hide
 """
 
 import logging
-import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from threading import Timer
 from typing import Any, TypeVar
 
@@ -18,7 +17,8 @@ T = TypeVar("T")
 PATIENCE = 0.5
 """Time in seconds after which a bar or a line appears."""
 
-LOGGER = logging.getLogger(__name__)
+tell = logging.getLogger(__name__).info
+"""Log a line, which programs print on standard error, above the bars."""
 
 _program = {"shows": False}
 
@@ -55,17 +55,9 @@ def steps(
             shown.update()
 
 
-def tell(line: str) -> None:
-    """Print a line above the bars on standard error, if progress is shown."""
-    if _program["shows"]:
-        tqdm.write(line, file=sys.stderr)
-
-
-@contextmanager
-def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> Iterator[None]:
+def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> AbstractContextManager[None]:
     """Log what is being done if it takes longer than `PATIENCE` and `only_if` then holds."""
-    with _after(lambda: LOGGER.info(f"{what} ...") if only_if() else None):
-        yield
+    return _after(lambda: tell(f"{what} ...") if only_if() else None)
 
 
 @contextmanager

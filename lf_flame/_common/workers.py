@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from multiprocessing.connection import wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import RLock, Thread
@@ -82,24 +82,18 @@ def carry_out(
 
     A single worker is this process, on all threads; an `executor` replaces own processes.
     """
-    if executor is not None:
-        yield from _submit(tasks, executor)
-    elif workers == 1:
+    if executor is None and workers == 1:
         for task in tasks:
             yield from task()
-    else:
-        with worker_pool(workers) as pool:
-            yield from _submit(tasks, pool)
-
-
-def _submit(tasks: Sequence[Callable[[], Iterable[T]]], executor: Executor) -> Iterator[T]:
-    jobs = [executor.submit(_alone, task) for task in tasks]
-    try:
-        for job in as_completed(jobs):
-            yield from job.result()
-    finally:
-        for job in jobs:
-            job.cancel()
+        return
+    with nullcontext(executor) if executor is not None else worker_pool(workers) as pool:
+        jobs = [pool.submit(_alone, task) for task in tasks]
+        try:
+            for job in as_completed(jobs):
+                yield from job.result()
+        finally:
+            for job in jobs:
+                job.cancel()
 
 
 def _alone(task: Callable[[], T]) -> T:

@@ -54,6 +54,14 @@ def test_members_that_are_no_arrays_are_named(tmp_path, arrays):
         file.header("none")
 
 
+def test_packings_that_zipfile_unpacks_without_a_bound_are_refused(tmp_path, arrays):
+    np.save(tmp_path / "a.npy", arrays["a"])
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_BZIP2) as archive:
+        archive.write(tmp_path / "a.npy", "a.npy")
+    with pytest.raises(InputError, match="a is packed by method 12, not DEFLATE"):
+        read_all(tmp_path / "a.npz")
+
+
 @pytest.mark.parametrize(
     "values", [np.array([{}]), np.array(["text"]), np.zeros(3, [("x", "f4"), ("y", "i2")])]
 )

@@ -67,8 +67,6 @@ def test_odd_records_are_one_sentence(tmp_path, text, words):
     ("text", "words"),
     [
         ("a = " + "[" * 2000 + "]" * 2000, "is not a TOML file: maximum recursion depth"),
-        (".".join(["a"] * 50_000) + " = 1", "has over 64 parts"),  # minutes, in the parser
-        ('"#".' + ".".join(["'a'"] * 50_000) + " = 1", "has over 64 parts"),
         ("a = " + "{b = " * 2000 + "1" + "}" * 2000, "is not a TOML file: maximum recursion depth"),
         ("#" * (LARGEST_TOML + 1), "1,048,577 bytes, and 1,048,576 are the most"),
         ("a = 1\na = 2", "is not a TOML file"),
