@@ -3,10 +3,8 @@
 Nothing is unpickled. Files of arrays of all kinds have the interface of `FileOfArrays`.
 """
 
-import math
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, is_zipfile
@@ -17,17 +15,9 @@ from lf_flame._common.input_files import check_memory, readable
 from lf_flame.errors import InputError
 
 
-@dataclass(frozen=True)
-class ArrayHeader:
-    """Shape and type of a stored array, from its header."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype
-
-    @property
-    def nbytes(self) -> int:
-        """Number of bytes of the array in memory."""
-        return math.prod(self.shape) * self.dtype.itemsize
+def header_of(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """Array of a stored array's shape and type, and its nbytes, which takes no memory itself."""
+    return np.broadcast_to(np.empty((), dtype), shape)
 
 
 class FileOfArrays:
@@ -38,9 +28,9 @@ class FileOfArrays:
 
     path: str | Path
     names: list[str]
-    headers: dict[str, ArrayHeader]
+    headers: dict[str, np.ndarray]
 
-    def header(self, name: str) -> ArrayHeader:
+    def header(self, name: str) -> np.ndarray:
         """Shape and type of an array."""
         return self.headers[name]
 
@@ -73,7 +63,7 @@ class ArrayFile(FileOfArrays):
         if not self._archive:
             self.header("")  # refuses a file that is not an array
 
-    def header(self, name: str) -> ArrayHeader:
+    def header(self, name: str) -> np.ndarray:
         """Read shape and type of an array; refuse what is no array of numbers."""
         with (
             self._open(name) as file,
@@ -81,10 +71,10 @@ class ArrayFile(FileOfArrays):
             warnings.catch_warnings(action="ignore"),  # of headers that Python 2 may have written
         ):
             shape, _, dtype = NUMPY_HEADERS[np.lib.format.read_magic(file)](file)
-        if dtype.kind not in "biufc" or min(shape, default=0) < 0:
-            what = name or "what it holds"
-            raise InputError(f"{self.path} cannot be read: {what} is no plain array of numbers.")
-        return ArrayHeader(shape, dtype)
+            if dtype.kind in "biufc":
+                return header_of(shape, dtype)
+        what = name or "what it holds"
+        raise InputError(f"{self.path} cannot be read: {what} is no plain array of numbers.")
 
     def _read(self, name: str) -> np.ndarray:
         with self._open(name) as file, readable(self.path):

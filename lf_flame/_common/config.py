@@ -22,9 +22,8 @@ T = TypeVar("T")
 
 Class = TypeVar("Class", bound=type)
 
-UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
-MISSING = ("missing", "missing_argument", "missing_keyword_only_argument")
-"""Pydantic's error types for a key that is unknown, or missing."""
+UNKNOWN, MISSING = "unexpected_keyword_argument", "missing"
+"""Pydantic's error types for a key of a dataclass that is unknown, or missing."""
 
 
 def strict(cls: Class) -> Class:
@@ -56,7 +55,7 @@ def to_json(config: "DataclassInstance") -> dict[str, Any]:
 
 def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
-    odd = [one for kinds in (UNKNOWN, MISSING) for one in problems if one["type"] in kinds]
+    odd = [one for kind_of in (UNKNOWN, MISSING) for one in problems if one["type"] == kind_of]
     if odd:
         return "; ".join(_odd_key(one, kind) for one in odd) + "."
     problem = problems[0]
@@ -76,7 +75,7 @@ def _shown(place: tuple[int | str, ...]) -> str:
 def _odd_key(problem: Any, kind: type) -> str:
     """Say that a key is missing, or unknown, with the similar known ones."""
     place, name = problem["loc"], _shown(problem["loc"])
-    if problem["type"] in MISSING:
+    if problem["type"] == MISSING:
         return f"{name} is missing"
     known = _known_keys(kind, place[:-1])
     near = difflib.get_close_matches(str(place[-1])[:100], known, n=2)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
+from lf_flame._common.arrays_in_files import FileOfArrays, header_of
 from lf_flame._common.input_files import check_memory, check_regular, memory_limit, readable
 from lf_flame.errors import InputError
 
@@ -58,7 +58,7 @@ class Hdf5File(FileOfArrays):
             shape, dtype = one.shape, one.dtype
             if shape is not None and dtype.kind in "biuf":
                 shape = shape[::-1] if self._reversed else shape
-                self.headers[name] = ArrayHeader(shape, dtype)
+                self.headers[name] = header_of(shape, dtype)
         return len(self.headers) >= MOST_ARRAYS or None
 
     def _read(self, name: str) -> np.ndarray:
@@ -172,7 +172,7 @@ class MatlabFile(FileOfArrays):
             return numbers.reshape(header.shape, order="F").astype(header.dtype)
 
 
-def _read_head(head: bytes, order: str) -> tuple[str, ArrayHeader | None, int, str]:
+def _read_head(head: bytes, order: str) -> tuple[str, np.ndarray | None, int, str]:
     """Name, header, and place and type of the numbers; no header without real numbers."""
     parts, at = [], 0
     for _ in range(4):  # flags, sizes, name, numbers
@@ -190,4 +190,4 @@ def _read_head(head: bytes, order: str) -> tuple[str, ArrayHeader | None, int, s
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
     if min(shape) < 0 or length != math.prod(shape) * np.dtype(stored).itemsize:
         raise ValueError("the numbers of an array do not fit its sizes")
-    return name, ArrayHeader(shape, np.dtype(dtype)), first, stored
+    return name, header_of(shape, np.dtype(dtype)), first, stored

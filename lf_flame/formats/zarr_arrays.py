@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common.arrays_in_files import ArrayHeader, FileOfArrays
+from lf_flame._common.arrays_in_files import FileOfArrays, header_of
 from lf_flame._common.input_files import check_memory, check_regular, readable
 from lf_flame.errors import InputError
 
@@ -49,10 +49,10 @@ class ZarrFile(FileOfArrays):
             found = zarr.open(str(self.path), mode="r")
             self.attributes = dict[str, Any](found.attrs)
             members = [("", found)] if isinstance(found, zarr.Array) else found.members(max_depth=1)
-        arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)][:MOST_ARRAYS]
-        self.arrays = {name: x for name, x in arrays if x.dtype.kind in "biuf"}
-        self.names = list(self.arrays)
-        self.headers = {name: ArrayHeader(x.shape, x.dtype) for name, x in self.arrays.items()}
+            arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)][:MOST_ARRAYS]
+            self.arrays = {name: x for name, x in arrays if x.dtype.kind in "biuf"}
+            self.headers = {name: header_of(x.shape, x.dtype) for name, x in self.arrays.items()}
+        self.names = list(self.headers)
 
     def _read(self, name: str) -> np.ndarray:
         """Read an array; refuse codecs that could run code, too large chunks, missing files."""
