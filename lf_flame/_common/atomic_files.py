@@ -10,7 +10,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -91,13 +91,14 @@ def write_json(path: str | Path, record: dict) -> None:
 def exclusive(output: str | Path) -> Iterator[None]:
     """Keep other processes from writing the same output during the block.
 
-    The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made. The system
-    frees it when the process ends for any reason. An output that another process is writing is
-    refused.
+    The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made, and removed
+    if they are empty at the end. The system frees it when the process ends for any reason.
+    An output that another process is writing is refused.
     """
     path = Path(output).resolve()
     if not path.name:
         raise InputError(f"{output} is the root of all folders; choose another place.")
+    made = [folder for folder in path.parents if not folder.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     file = path.with_name(f".{path.name}.lock")
     lock = FileLock(file)
@@ -113,3 +114,6 @@ def exclusive(output: str | Path) -> Iterator[None]:
         # Removed while held: a process that opened it before finds it gone, and makes another.
         file.unlink(missing_ok=True)
         lock.release()
+        with suppress(OSError):  # one holds something
+            for folder in made:
+                folder.rmdir()

@@ -98,7 +98,7 @@ def test_a_call_that_fails_changes_nothing(tmp_path, error):
             write_text(out.path("a.txt"), "new")
             raise error
 
-    for folder in ("out", "new"):
+    for folder in ("out", "new/deep"):
         with pytest.raises(type(error)):
             fail(tmp_path / folder, folder == "out")
     assert contents(tmp_path / "out") == {"a.txt": "old", "b.txt": "old"}
