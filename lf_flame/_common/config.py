@@ -20,13 +20,11 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-Class = TypeVar("Class", bound=type)
-
 UNKNOWN, MISSING = "unexpected_keyword_argument", "missing"
 """Pydantic's error types for a key of a dataclass that is unknown, or missing."""
 
 
-def strict(cls: Class) -> Class:
+def strict(cls: type[T]) -> type[T]:
     """Make `build` refuse unknown keys of a configuration dataclass."""
     cls.__pydantic_config__ = {"extra": "forbid"}  # type: ignore[attr-defined]
     return cls

@@ -21,9 +21,6 @@ from lf_flame.errors import InputError
 
 TIFF_SUFFIXES = (".tif", ".tiff")
 
-TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-"""First bytes of TIFF files, which Pillow alone does not read completely."""
-
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
 """Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
 start Ghostscript; other formats are not needed."""
@@ -142,9 +139,9 @@ class _Apart(io.FileIO):
 
 
 def is_tiff(path: str | Path) -> bool:
-    """Whether a file is TIFF, by its first bytes."""
+    """Whether a file is TIFF, which Pillow alone does not read completely, by its first bytes."""
     with readable(path), Path(path).open("rb") as file:
-        return file.read(4) in TIFF_STARTS
+        return file.read(4) in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 @contextmanager

@@ -24,8 +24,6 @@ def check_regular(path: str | Path) -> int:
     """Size of a regular file in bytes; any other is refused, because a pipe may block for ever."""
     try:
         found = os.stat(path)  # noqa: PTH116 - for text and paths alike
-    except FileNotFoundError:
-        raise InputError(f"{path} cannot be read: there is no such file.") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", "no file has such a name")
         raise InputError(f"{path} cannot be read: {reason}.") from None
@@ -122,8 +120,8 @@ def memory_limit() -> float:
     """Largest number of bytes that one input may take."""
     stated = os.environ.get(LIMIT)
     if stated is None:
-        half = 0.5  # so that a light field and its copy fit
-        return half * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        # Half of the machine's, so that a light field and its copy fit.
+        return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
         limit = float(stated)
     except ValueError:
@@ -134,10 +132,7 @@ def memory_limit() -> float:
 
 
 def check_memory(needed: int, source: object) -> None:
-    """Refuse an input that needs too many bytes, before they are allocated.
-
-    `source` is the name of the input, for the message.
-    """
+    """Refuse an input, named by its `source`, that needs too many bytes, before it gets them."""
     limit = memory_limit()
     if needed > limit:
         raise InputError(

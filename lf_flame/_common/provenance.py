@@ -20,11 +20,15 @@ def environment() -> dict:
 
     The revision is None outside a git checkout, and ends with "+" if tracked files differ from it.
     """
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        with suppress(metadata.PackageNotFoundError):
+            versions[name] = metadata.version(name)
     return {
         "command": " ".join([_program(), *sys.argv[1:]]),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "git_revision": _git_revision(),
-        "versions": {"python": platform.python_version(), **_versions()},
+        "versions": versions,
         "machine": f"{platform.system()} {platform.machine()}, {cpu_count()} cores",
     }
 
@@ -40,14 +44,6 @@ def _program() -> str:
     if spec is None:
         return Path(sys.argv[0]).name
     return f"python -m {spec.name.removesuffix('.__main__')}"
-
-
-def _versions() -> dict[str, str]:
-    found = {}
-    for name in PACKAGES:
-        with suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
 
 
 def _git_revision() -> str | None:

@@ -7,8 +7,7 @@ import numpy as np
 from tabulate import tabulate
 
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import write_text
-from lf_flame._common.output_folders import OutputFolder
+from lf_flame._common.atomic_files import OutputFolder, write_text
 from lf_flame.calibration.camera_law import toml_table
 from lf_flame.calibration.fit import LawFit
 from lf_flame.calibration.targets import Target

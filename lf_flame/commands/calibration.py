@@ -73,7 +73,7 @@ def calibrate(
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 
-    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.calibration import fit_targets, measure_target, output, thin_lens
     from lf_flame.calibration.fit import refuse_few_depths
 
@@ -183,7 +183,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     their errors, and the responses. The table and colours.png show how far each picture is from the
     fit; the responses must distinguish temperatures from 1,000 K on.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.tomography import soot_output as output
     from lf_flame.tomography.colour_calibration import MOST_UNEVEN, measure_source
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours

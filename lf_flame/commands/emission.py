@@ -259,7 +259,7 @@ class _Job:
     @classmethod
     def begun(cls, source: Path, folder: Path, options: dict[str, Any]) -> "_Job":
         """Check the options and folders, as reading and compiling are slow."""
-        from lf_flame._common.output_folders import refuse_folder
+        from lf_flame._common.atomic_files import refuse_folder
         from lf_flame.tomography.colour_calibration import read_colours
         from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.fit import FitOptions, check_bootstrap
@@ -284,7 +284,7 @@ class _Job:
 
     def find(self, light_field: "LightField", grid: "FrustumGrid | AxisymmetricGrid") -> None:
         """Find the emission, write its folder or one for each colour, and say what was found."""
-        from lf_flame._common.output_folders import output_folder
+        from lf_flame._common.atomic_files import output_folder
         from lf_flame.tomography import AxisymmetricGrid, ReconstructionPlan
         from lf_flame.tomography.emission_folder import RECORD
 
@@ -310,7 +310,7 @@ class _Job:
 
         All records hold the same random `call`, as a call that is killed may leave colours of two.
         """
-        from lf_flame._common.output_folders import output_folder
+        from lf_flame._common.atomic_files import output_folder
         from lf_flame.tomography import reconstruct_soot
         from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.soot import split_colours
@@ -334,7 +334,7 @@ class _Job:
         click.echo(f"{', '.join(names)} written to {printable(self.out)}")
 
     def _write(self, found, light_field, folder, more, word: str = "Warning") -> None:
-        from lf_flame._common.output_folders import recorded_path
+        from lf_flame._common.atomic_files import recorded_path
         from lf_flame.tomography import write_emission
 
         write_emission(found, light_field, folder)

@@ -148,7 +148,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     \b
       lf-flame predict photograph.png --model runs/paper/flames
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import refuse_folder
+    from lf_flame._common.atomic_files import refuse_folder
 
     folders = [out / (image.resolve().name if image.is_dir() else image.stem) for image in images]
     for image, folder in zip(images, folders, strict=True):

@@ -22,7 +22,7 @@ from lf_flame._common.provenance import cpu_count
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
-    from lf_flame._common.output_folders import OutputFolder
+    from lf_flame._common.atomic_files import OutputFolder
     from lf_flame.optics.lens import Lens
 
 

@@ -283,7 +283,7 @@ def refocus(source, camera, out, overwrite, **options):
     emission by depth. --network refocuses by nine of the views; with --region it is a run of
     `train-system volumetric`, which uses a cross of 17.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.commands import refocus_output as output
 
     focus, look, reading = (pick(kind, options) for kind in (Focus, Appearance, Reading))

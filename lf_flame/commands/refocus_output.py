@@ -12,7 +12,7 @@ from scipy.signal import find_peaks
 from tqdm import tqdm
 
 from lf_flame._common import figures
-from lf_flame._common.output_folders import OutputFolder
+from lf_flame._common.atomic_files import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, white_of, write_image, write_movie
 from lf_flame.formats.stacks import write_focal_stack

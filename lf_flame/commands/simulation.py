@@ -126,7 +126,7 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
       size_mm = [3.0, 3.0]
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common import progress
-    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.atomic_files import output_folder
     from lf_flame.commands.simulation_output import write_simulation
     from lf_flame.simulation.planning.decisions import plan_effects
     from lf_flame.simulation.rendering import render_plan

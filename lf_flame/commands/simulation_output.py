@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import write_text
+from lf_flame._common.atomic_files import OutputFolder, write_text
 from lf_flame._common.config import to_json
-from lf_flame._common.output_folders import OutputFolder
 from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, white_of, write_image
 from lf_flame.lightfield import LightField

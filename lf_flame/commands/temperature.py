@@ -54,7 +54,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
     the bands include noise, penalty and the bias of the draws; for flames behind each other, nearer
     than the blur in depth, they do not include all of the exchange of light between planes.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.tomography import EmissionFolder
     from lf_flame.tomography.profiles import RECORD, take_profiles, write_profiles
 
@@ -116,7 +116,7 @@ def temperature(
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
-    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.tomography import soot_output as output
     from lf_flame.tomography.emission_folder import read_colours_of
     from lf_flame.tomography.pyrometry import soot_temperature

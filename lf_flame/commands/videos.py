@@ -102,7 +102,7 @@ def flicker(
     its resolution (1 / duration) and the probability that noise alone has such a peak; if it is
     above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder, recorded_path
+    from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.flame_video import find_steps
     from lf_flame.flame_video.flicker import LEAST_FRAMES
     from lf_flame.flame_video.frames import RECORD, find_frames, write_flicker

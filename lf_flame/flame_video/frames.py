@@ -12,8 +12,8 @@ import numpy as np
 
 from lf_flame._common import figures
 from lf_flame._common.arrays_in_files import ArrayFile
+from lf_flame._common.atomic_files import OutputFolder
 from lf_flame._common.images import TIFF_SUFFIXES
-from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.flame_video import processing
 from lf_flame.flame_video.flame_shape import DOUBTS, row_error

@@ -10,7 +10,7 @@ import numpy as np
 from skimage.color import rgb2gray
 from skimage.transform import resize
 
-from lf_flame._common.output_folders import output_folder, recorded_path
+from lf_flame._common.atomic_files import output_folder, recorded_path
 from lf_flame.datasets.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack

@@ -14,8 +14,8 @@ import keras
 import numpy as np
 
 from lf_flame._common import progress
+from lf_flame._common.atomic_files import recorded_path
 from lf_flame._common.input_files import check_memory
-from lf_flame._common.output_folders import recorded_path
 from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.backbone import NO_BACKBONE, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50

@@ -12,11 +12,10 @@ import numpy as np
 import tifffile
 from pydantic import Field
 
-from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.atomic_files import OutputFolder, atomic_write, output_folder
 from lf_flame._common.config import build, to_json
 from lf_flame._common.images import read_pixels
 from lf_flame._common.input_files import read_record
-from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid

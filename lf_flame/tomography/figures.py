@@ -10,8 +10,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 
 from lf_flame._common import figures
+from lf_flame._common.atomic_files import OutputFolder
 from lf_flame._common.figures import subplots
-from lf_flame._common.output_folders import OutputFolder
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid

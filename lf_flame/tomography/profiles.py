@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common import figures
 from lf_flame._common.arrays import centred
-from lf_flame._common.output_folders import OutputFolder
+from lf_flame._common.atomic_files import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.tomography.emission import bar_times, scatter
 from lf_flame.tomography.emission_folder import EmissionFolder, write_table

@@ -28,7 +28,7 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path):
             ("socket", "is a device, a pipe or a socket"),
             ("", "is a folder"),
             ("/dev/zero", "is a device, a pipe"),
-            ("none", "there is no such file"),
+            ("none", "no such file"),
             ("loop", "symbolic links"),
             ("a\0b", "no file has such a name"),
             ("n" * 300, "name too long"),

@@ -12,8 +12,13 @@ from contextlib import suppress
 
 import pytest
 
-from lf_flame._common.atomic_files import exclusive, write_json, write_text
-from lf_flame._common.output_folders import output_folder, recorded_path
+from lf_flame._common.atomic_files import (
+    exclusive,
+    output_folder,
+    recorded_path,
+    write_json,
+    write_text,
+)
 from lf_flame.errors import InputError
 
 RECORD = "work.json"
@@ -59,7 +64,7 @@ REFUSED = {
     "it exists": (lambda folder: None, False, "out exists; .* replace it with --overwrite"),
     "a file is added": (lambda folder: (folder / "mine").touch(), True, "does not list mine"),
     "a file became a folder": (folder_for_a_file, True, "does not list a.txt"),
-    "no record": (lambda folder: (folder / RECORD).unlink(), True, "no result: .* no such file"),
+    "no record": (lambda folder: (folder / RECORD).unlink(), True, "no result: .* No such file"),
     "no list of files": (lambda folder: write_json(folder / RECORD, {}), True, "work.json, files"),
 }
 
@@ -152,7 +157,7 @@ def test_never_two_at_once(tmp_path):
 FOR_EVER = """
 import itertools, sys
 from lf_flame._common.atomic_files import write_text
-from lf_flame._common.output_folders import output_folder
+from lf_flame._common.atomic_files import output_folder
 print("ready", flush=True)
 for k in itertools.count():
     with output_folder(sys.argv[1], "work.json", overwrite=True) as out:
