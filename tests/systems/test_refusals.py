@@ -74,7 +74,7 @@ def test_bad_input_is_refused_in_one_sentence(call, words):
 
 
 WEIGHTS = {
-    "there is no such file": lambda path: None,
+    "No such file": lambda path: None,
     "w1 and b1 must have shapes .* got missing and": lambda path: np.savez(path, b1=zeros(64)),
     r"got \(3, 3, 3, 64\)": lambda path: np.savez(path, w1=zeros(3, 3, 3, 64), b1=zeros(64)),
 }
