@@ -32,7 +32,7 @@ ARRAYS = (".npy", ".npz", ".zarr")
 @click.argument("source", type=PATH)
 @option("--white", "White image of a raw image; info says if it fits.", PATH)
 @option("--lenslets", "Image that shows the lenslets' centres.", PATH)
-@option("--dark", "Dark image; needs --white or --lenslets.", PATH)
+@option("--dark", "Dark image, which is subtracted.", PATH)
 @option("--bayer", "Bayer pattern of the sensor.", metavar="rggb")
 @camera_option("; adds facts in mm")
 def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> None:
@@ -55,7 +55,7 @@ def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> Non
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
     lens = open_lens(camera)
-    found = describe(source, white, lenslets, dark, bayer)
+    found = describe(source, white=white, lenslets=lenslets, dark=dark, bayer=bayer)
     if lens is not None and camera is not None:
         if found.shape:
             lens.check_views(found.shape)

@@ -127,7 +127,7 @@ class Reading:
 
         A camera whose views do not fill the micro-images, as decoded views do, is refused.
         """
-        from lf_flame.formats.reading import takes
+        from lf_flame.formats.reading import kind_of
         from lf_flame.optics.camera import PlenopticCamera
 
         simulated = (source.parent / "simulation.json").is_file()  # by this very camera
@@ -135,9 +135,10 @@ class Reading:
             self.is_raw or (self.views is None and not simulated)
         ):
             _check_gaps(lens, self.is_raw)
-        if lens is None or self.views is not None or not takes(source, "views", **self.stated):
+        if lens is None or self.views is not None:
             return self
-        return replace(self, views=lens.views)
+        takes = kind_of(source, self.stated)[2].split()
+        return replace(self, views=lens.views) if "views" in takes else self
 
     def find(self, source: Path) -> "Found":
         """Read a light field of any kind, and print what was found."""
@@ -159,19 +160,12 @@ class Reading:
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found and what is doubtful."""
-        from lf_flame.formats.coding import note_on_depth
-        from lf_flame.formats.reading import note_on_order
-
         found = self.find(source)
-        light_field = found.light_field
-        v, u, t, s = light_field.views.shape[:4]
+        v, u, t, s = found.light_field.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
-        doubt = note_on_order(light_field, found.order, source)
-        depth = note_on_depth(light_field.views.reshape(-1, *light_field.views.shape[2:]))
-        for note in (light_field.uncounted, light_field.unknown, doubt, depth):
-            if note:
-                tell(note)
-        return light_field
+        for note in found.doubts(source):
+            tell(note)
+        return found.light_field
 
     def read_of_camera(self, source: Path, lens: "Lens | None") -> "tuple[LightField, Lens | None]":
         """Read a light field and give its camera the light field's own size.

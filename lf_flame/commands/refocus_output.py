@@ -8,13 +8,14 @@ from typing import Any
 
 import click
 import numpy as np
+from PIL import Image
 from scipy.signal import find_peaks
 from tqdm import tqdm
 
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import OutputFolder
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_levels, white_of, write_image, write_movie
+from lf_flame.formats.images import to_levels, white_of, write_image
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import all_in_focus, farthest_slope, find_sharpest_slope, refocus
@@ -159,12 +160,13 @@ def write_sweep(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -
     slopes = np.linspace(*ends, SWEEP_FRAMES)
     # Slopes refocused in one call share one reading, or one transform, of the views.
     count = 1 if job.options["interpolation"] == "sinc" else SWEEP_FRAMES // 8
-    frames = [
-        job.preview(image)
+    first, *others = (
+        Image.fromarray(job.preview(image))
         for some in tqdm(np.array_split(slopes, count), "sweeping", unit="stack")
         for image in job.refocus(some)
-    ]
-    write_movie(out.path("sweep.gif"), np.stack(frames + frames[-2:0:-1]))
+    )
+    back = [*others, *others[-2::-1]]
+    first.save(out.path("sweep.gif"), save_all=True, append_images=back, duration=83, loop=0)
     out.facts["sweep"] = list(ends)
     if job.camera is not None:
         out.facts["sweep_mm"] = job.depths(ends)

@@ -1,4 +1,3 @@
-from .images import write_movie as write_movie
 from .images import write_picture as write_picture
 from .lytro.metadata import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture

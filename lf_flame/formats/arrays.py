@@ -15,12 +15,9 @@ from lf_flame.formats.view_files.orders import (
     AS_STORED,
     Grid,
     ViewOrder,
-    arranged_light_field,
-    check_grid,
     find_order,
     fold,
     half_turned,
-    read_grid,
     stated_order,
 )
 from lf_flame.formats.zarr_arrays import ZarrFile
@@ -31,11 +28,8 @@ HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
 ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX)
 """File endings of arrays."""
 
-VIEWS, TOOLBOX = "views", "LF"
-"""Names of the array with the views: this program's, and that of HCI and LFToolbox."""
-
-DEPTH = "GT_DEPTH"
-"""Name of the depths in files of HCI."""
+TOOLBOX, DEPTH = "LF", "GT_DEPTH"
+"""Names of the views in files of HCI and LFToolbox, and of the depths in those of HCI."""
 
 COLOURS = 3
 """Number of colours in an array of LFToolbox, after which its weight comes."""
@@ -44,6 +38,7 @@ DEFAULT_AXES = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}
 """Axes of an array for which none are stated, by their number; the first two are raw arrays."""
 
 OTHER_AXES = {
+    2: (),
     3: ("nts", "tsn", "cts"),
     4: ("tsvu", "ntsc", "ncts", "cnts", "vtus"),
     5: ("vucts", "cvuts", "tsvuc", "cstuv"),
@@ -56,7 +51,7 @@ def read_array(
     *,
     views: int | None = None,
     axes: str | None = None,
-    grid: Grid | str | None = None,
+    grid: Grid | None = None,
     array: str | None = None,
     order: str | None = None,
 ) -> tuple[LightField, ViewOrder]:
@@ -70,7 +65,8 @@ def read_array(
     Returns
     -------
     LightField
-        Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
+        Views as stored; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they
+        are.
     ViewOrder
         Order that was stated; for views with a running number and files of the HCI data set that
         which was found, and for others as stored.
@@ -87,10 +83,7 @@ def read_array(
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
         held, weights, valid = _without_weight(held, path)
     is_stated = axes is not None
-    if axes is None:
-        _check_shape(held.shape, path)
-        axes = DEFAULT_AXES[held.ndim]
-    axes, shape = axes.lower(), None if grid is None else read_grid(grid)
+    axes = axes.lower() if axes is not None else _default_axes(held.shape, path)
     of_views = "n" if "n" in axes else "vu" if set(axes) & set("vu") else ""
     wanted = of_views + "ts" + ("c" if "c" in axes else "")
     if sorted(axes) != sorted(wanted) or len(axes) != held.ndim:
@@ -102,15 +95,12 @@ def read_array(
     found = stated_order(order)
     ours = to_unit(held, path).transpose([axes.index(letter) for letter in wanted])
     if of_views == "n":
-        ours, found = fold(ours, path, shape, order)
+        ours, found = fold(ours, path, grid, order)
     elif not of_views:
         ours = cut_views(ours, views, path)
     elif found is AS_STORED and not is_stated and isinstance(file, Hdf5File):
         found = _find_hci_order(file, ours)
-    light_field = LightField(ours, weights=weights, valid=valid)
-    light_field = arranged_light_field(light_field, found.order)
-    check_grid(shape, light_field.views.shape[:2], path)
-    return light_field, found
+    return LightField(ours, weights=weights, valid=valid), found
 
 
 def _find_hci_order(file: Hdf5File, views: np.ndarray) -> ViewOrder:
@@ -151,26 +141,23 @@ def _open(path: str | Path) -> FileOfArrays:
 
 def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:
     """Choose the array that holds the views, by its name or its number of axes."""
-    usual = (VIEWS,) if isinstance(file, ArrayFile) else (VIEWS, TOOLBOX)
     if stated is None and len(file.names) == 1:
         return file.names[0]
-    named = [name for name in ((stated,) if stated is not None else usual) if name in file.names]
-    if named:
-        return named[0]
+    for name in ("views", TOOLBOX) if stated is None else (stated,):
+        if name in file.names:
+            return name
     headers = {name: file.header(name) for name in file.names[:1000]}
-    some = [f"{name} {header.shape}" for name, header in list(headers.items())[:5]]
-    held = ", ".join(some) or "none"
-    if stated is not None:
-        raise InputError(f"{file.path} has no array {stated!r} of numbers; it has {held}.")
     ranks = (4, 5) if axes is None else (len(axes),)
-    fitting = [name for name, header in headers.items() if len(header.shape) in ranks]
+    fitting = [name for name, one in headers.items() if len(one.shape) in ranks]
     fitting = [name for name in fitting if name != "valid"] or fitting
-    if len(fitting) == 1:
+    if stated is None and len(fitting) == 1:
         return fitting[0]
+    wanted = f"views, or only one of {' or '.join(map(str, ranks))} axes"
+    held = [f"{name} {one.shape}" for name, one in headers.items()]
     raise InputError(
-        f"{file.path} must hold one array named views, or only one of "
-        f"{' or '.join(map(str, ranks))} axes, got {held}{' ...' if len(headers) > 5 else ''}; "
-        f"name one by `lf-flame convert --array` (in Python array=...)."
+        f"{file.path} must hold an array of numbers named {wanted if stated is None else stated}, "
+        f"got {', '.join(held[:5]) or 'none'}{' ...' if len(held) > 5 else ''}; name one by "
+        f"`lf-flame convert --array` (in Python array=...)."
     )
 
 
@@ -196,22 +183,22 @@ def _without_weight(
     return array[..., :COLOURS], None if np.all(weights == 1) else weights, valid
 
 
-def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
-    """Refuse an array that does not look like views[v, u, t, s]; say what it looks like."""
+def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
+    """Axes of an array for which none are stated; refuse a shape that looks like others."""
     if len(shape) not in DEFAULT_AXES or 0 in shape:
         raise InputError(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
             f"raw lenslet array, got shape {shape}."
         )
     axes = DEFAULT_AXES[len(shape)]
-    others = OTHER_AXES.get(len(shape), ())
+    others = OTHER_AXES[len(shape)]
     if Path(path).suffix.lower() in HDF5_SUFFIXES:
         others = (axes[::-1], *others)  # as MATLAB writes them
-    likely = [one for one in others if _is_likely(shape, one)]
-    spectral = not likely and axes == "vutsc" and _is_likely(shape[:-1], axes[:-1])
-    if _is_likely(shape, axes) or spectral:
-        return
-    best = min(likely, key=lambda one: _oddness(shape, one), default="")
+    counts = {one: count for one in others if (count := _count_views(shape, one))}
+    is_spectral = not counts and axes == "vutsc" and _count_views(shape[:-1], axes[:-1])
+    if _count_views(shape, axes) or is_spectral:
+        return axes
+    best = min(counts, key=lambda one: counts[one], default="")
     looks = f", but looks like {best}" if best else ""
     raise InputError(
         f"{path} holds an array of shape {shape}, which can hardly be {axes}{looks}: state its "
@@ -220,24 +207,14 @@ def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
     )
 
 
-def _is_likely(shape: tuple[int, ...], axes: str) -> bool:
-    """Whether a shape suits axes: fewer views than pixels, and at most four channels.
+def _count_views(shape: tuple[int, ...], axes: str) -> int:
+    """Count views, if a shape suits axes: fewer views than pixels, and at most four channels.
 
     A square number of views beside 3 or 4 others is a running number beside colours.
     """
     size = dict(zip(axes, shape, strict=True))
     few, many = sorted((size.get("v", 1), size.get("u", 1)))
-    coloured = few in (3, 4) and many >= 25 and _is_square(many)
-    fewer = few * many * size.get("n", 1) < max(2, size["t"] * size["s"])
-    return size.get("c", 1) <= 4 and fewer and not coloured
-
-
-def _oddness(shape: tuple[int, ...], axes: str) -> tuple:
-    """Rank likely axes: square numbers of views first, then even rows and columns, then few."""
-    size = dict(zip(axes, shape, strict=True))
-    n, v, u = (size.get(letter, 1) for letter in "nvu")
-    return not _is_square(n), max(v, u) / min(v, u), size.get("c", 1), n
-
-
-def _is_square(count: int) -> bool:
-    return isqrt(count) ** 2 == count
+    is_coloured = few in (3, 4) and many >= 25 and isqrt(many) ** 2 == many
+    count = few * many * size.get("n", 1)
+    fits = size.get("c", 1) <= 4 and count < max(2, size["t"] * size["s"]) and not is_coloured
+    return count if fits else 0

@@ -6,6 +6,8 @@ No other file is opened and no filter is loaded.
 import math
 import struct
 import zlib
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
 """Numbers of the filters that are part of the HDF5 library itself."""
 
 MOST_ARRAYS = 1000
-"""Largest number of arrays among which views are searched for."""
+"""Largest number of arrays of a file among which views are searched for."""
 
 
 class Hdf5File(FileOfArrays):
@@ -29,7 +31,7 @@ class Hdf5File(FileOfArrays):
     that the library would load as programs. Only arrays that lie in the file itself, plain or
     packed by DEFLATE, are listed, with their groups (``scene/views``); the library is not given any
     other. MATLAB stores axes in reverse; headers and arrays have the order of axes that it shows.
-    `numbers` are the attributes of the file itself that are one number.
+    `numbers` are the attributes by which files of HCI say how their cameras stand.
     """
 
     def __init__(self, path: str | Path):
@@ -45,9 +47,8 @@ class Hdf5File(FileOfArrays):
             file.visititems(self._note)  # follows hard links only, to each object once
             self.numbers = {
                 name: float(np.ravel(file.attrs[name])[0])
-                for name in list(file.attrs)[:MOST_ARRAYS]
-                if (kind := file.attrs.get_id(name)).dtype.kind in "iuf"
-                and math.prod(kind.shape) == 1
+                for name in ("dH", "focalLength", "shift")
+                if name in file.attrs
             }
         self.names = list(self.headers)
 
@@ -104,12 +105,13 @@ def is_matlab_hdf5(path: str | Path) -> bool:
         return file.read(10) == b"MATLAB 7.3"
 
 
-START, TAG, LARGEST_HEAD = 128, 8, 4096
-"""Number of bytes before the first element of a file, of the type and length of an element, and in
-which flags, sizes and name of an array are looked for."""
+# MATLAB 5 -----------------------------------------------------------------------------------------
 
-MATRIX, COMPRESSED = 14, 15
+MATRIX, PACKED = 14, 15
 """Types of the elements that a file consists of."""
+
+HEAD = 4096
+"""Number of bytes in which the kind, sizes and name of an array are looked for."""
 
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
           13: "u8"}  # fmt: skip
@@ -126,68 +128,75 @@ LOGICAL, COMPLEX = 0x200, 0x800
 class MatlabFile(FileOfArrays):
     """Real arrays of numbers in a MATLAB file of version 5 (before 7.3).
 
-    scipy's reader ends the program where the type of stored numbers makes no sense, and unpacks
-    any amount. The numbers of an array are one block, which NumPy reads (MAT-File Format,
-    MathWorks, 1999-2024, chapter 1).
+    scipy's reader takes any type of stored numbers for a place in its memory, which ends the
+    program, and unpacks any amount. The numbers of an array are one block, which NumPy reads
+    (MAT-File Format, MathWorks, 1999-2024, chapter 1).
     """
 
     def __init__(self, path: str | Path):
-        self.path, size = Path(path), check_regular(path)
+        self.path = Path(path)
+        check_memory(check_regular(path), path)
         self.headers = {}
-        self._places: dict[str, tuple[int, int, bool, int, str]] = {}
-        with readable(path), self.path.open("rb") as file:
-            order = {b"IM": "<", b"MI": ">"}.get(file.read(START)[126:])
+        self._elements: dict[str, tuple[int, memoryview, np.dtype]] = {}
+        with readable(path):
+            data = memoryview(self.path.read_bytes())
+            order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
             if order is None:
                 raise InputError(
                     f"{path} is no MATLAB file of version 5 or 7.3: save the light field in MATLAB "
                     f"by save(..., '-v7.3')."
                 )
-            while (place := file.tell() + TAG) < size + TAG:
-                kind, stored = struct.unpack(f"{order}II", file.read(TAG))
-                if place + stored > size:
+            self._order = order
+            for kind, length, element in _elements(data[128:], order):
+                if len(element) < length:
                     raise ValueError("its end is missing")
-                head, packed = file.read(min(stored, LARGEST_HEAD)), kind == COMPRESSED
-                if packed:
-                    head = zlib.decompressobj().decompress(head, LARGEST_HEAD)
-                    (kind,), head = struct.unpack_from(f"{order}I", head), head[TAG:]
-                if kind == MATRIX:
-                    name, header, first, dtype = _read_head(head, order)
-                    if header is not None and name not in self.headers:
-                        self.headers[name] = header
-                        self._places[name] = place, stored, packed, first, dtype
-                file.seek(place + stored)
+                found = self._parse(kind, element, HEAD)
+                if found is not None and found[0] not in self.headers:
+                    name, self.headers[name], stored, _ = found
+                    self._elements[name] = kind, element, stored
         self.names = list(self.headers)
 
-    def _read(self, name: str) -> np.ndarray:
-        header, (place, stored, packed, first, dtype) = self.headers[name], self._places[name]
-        count = math.prod(header.shape)
-        check_memory(stored + 3 * header.nbytes, self.path)  # as stored, unpacked and as it is
-        with readable(self.path), Path(self.path).open("rb") as file:
-            file.seek(place)
-            data = file.read(stored)
-            if packed:
-                most = TAG + first + count * np.dtype(dtype).itemsize
-                data = zlib.decompressobj().decompress(data, most)[TAG:]
-            numbers = np.frombuffer(data, dtype, count, first)
-            return numbers.reshape(header.shape, order="F").astype(header.dtype)
+    def _parse(
+        self, kind: int, element: memoryview, most: int
+    ) -> tuple[str, np.ndarray, np.dtype, memoryview] | None:
+        """Name and header of an array, type and bytes of its numbers; None without real numbers.
 
-
-def _read_head(head: bytes, order: str) -> tuple[str, np.ndarray | None, int, str]:
-    """Name, header, and place and type of the numbers; no header without real numbers."""
-    parts, at = [], 0
-    for _ in range(4):  # flags, sizes, name, numbers
-        kind, length = struct.unpack_from(f"{order}II", head, at)
-        first, after = at + TAG, at + TAG + length + -length % TAG
-        if kind >> 16:  # four bytes or fewer follow their type and length directly
-            kind, length, first, after = kind & 0xFFFF, kind >> 16, at + 4, at + TAG
-        parts.append(head[first : first + length])
-        at = after
-        flags = struct.unpack_from(f"{order}I", parts[0])[0]
+        Packed arrays are unpacked to `most` bytes.
+        """
+        if kind == PACKED:
+            unpacked = memoryview(zlib.decompressobj().decompress(element, most))
+            kind, _, element = next(_elements(unpacked, self._order))
+        if kind != MATRIX:
+            return None
+        parts = _elements(element, self._order)
+        flags = struct.unpack_from(f"{self._order}I", next(parts)[2])[0]
         dtype = "?" if flags & LOGICAL else CLASSES.get(flags & 0xFF)
         if dtype is None or flags & COMPLEX:
-            return "", None, 0, ""
-    sizes, name, stored = parts[1], parts[2].decode("latin1"), order + STORED[kind]
-    shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-    if min(shape) < 0 or length != math.prod(shape) * np.dtype(stored).itemsize:
-        raise ValueError("the numbers of an array do not fit its sizes")
-    return name, header_of(shape, np.dtype(dtype)), first, stored
+            return None
+        (_, _, sizes), (_, _, name), (stored, _, numbers) = islice(parts, 3)
+        shape = struct.unpack(f"{self._order}{len(sizes) // 4}I", sizes)
+        header = header_of(shape, np.dtype(dtype))
+        return bytes(name).decode("latin1"), header, np.dtype(self._order + STORED[stored]), numbers
+
+    def _read(self, name: str) -> np.ndarray:
+        header, (kind, element, stored) = self.headers[name], self._elements[name]
+        count = math.prod(header.shape)
+        most = HEAD + count * stored.itemsize
+        check_memory(most + 2 * header.nbytes, self.path)  # as stored, and as it is
+        with readable(self.path):
+            *_, numbers = self._parse(kind, element, most)  # type: ignore[misc]  # found before
+            array = np.frombuffer(numbers, stored, count).reshape(header.shape, order="F")
+            return array.astype(header.dtype)
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, int, memoryview]]:
+    """Type, length and content of each element; the last content may be cut off."""
+    at = 0
+    while at < len(data):
+        kind, length = struct.unpack_from(f"{order}II", data, at)
+        if kind >> 16:  # four bytes or fewer follow their type and length directly
+            yield kind & 0xFFFF, kind >> 16, data[at + 4 : at + 4 + (kind >> 16)]
+            at += 8
+        else:
+            yield kind, length, data[at + 8 : at + 8 + length]
+            at += 8 + length + (-length % 8 if kind != PACKED else 0)

@@ -22,9 +22,6 @@ CONTAINER_SUFFIXES = (".lfp", ".lfr", ".lfx")
 LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")
 """File endings of pictures of these cameras."""
 
-LINEAR_CURVE = (301, "H", 256, [257 * level for level in range(256)], True)
-"""TIFF 6.0, TransferFunction: the light of each of 256 levels, from 0 to 65535."""
-
 
 def is_lytro(path: str | Path) -> bool:
     """Whether a file is a picture of a Lytro camera by its ending."""
@@ -141,8 +138,8 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
     path : str or Path
     levels : ndarray of uint8 or uint16 (`to_levels`); for TIFF of float32 as well
     linear : bool, optional
-        Whether an image of 8 bits states that its levels are linear in radiance (gAMA in PNG,
-        TransferFunction in TIFF); without it, such files count as gamma-coded.
+        Whether a PNG of 8 bits states that its levels are linear in radiance (gAMA); without it,
+        such files count as gamma-coded.
 
     Raises
     ------
@@ -162,10 +159,7 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
     with atomic_write(path) as aside:
         if suffix in TIFF_SUFFIXES:
             photometric = "rgb" if levels.ndim == 3 else "minisblack"
-            tags = [LINEAR_CURVE] if linear and levels.dtype == np.uint8 else []
-            tifffile.imwrite(
-                aside, levels, photometric=photometric, compression="zlib", extratags=tags
-            )
+            tifffile.imwrite(aside, levels, photometric=photometric, compression="zlib")
         elif levels.ndim == 3 and levels.dtype == np.uint16:  # Pillow cannot write these
             aside.write_bytes(imagecodecs.png_encode(np.ascontiguousarray(levels)))
         else:
@@ -173,30 +167,3 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
             if linear and levels.dtype == np.uint8:
                 says.add(b"gAMA", struct.pack(">I", 100_000))
             Image.fromarray(levels).save(aside, pnginfo=says)
-
-
-def write_movie(path: str | Path, frames: np.ndarray) -> None:
-    """Write frames as a looping GIF, at 12 frames per second.
-
-    Parameters
-    ----------
-    path : str or Path
-        Output file, ending in .gif.
-    frames : ndarray of uint8, shape (n, h, w) or (n, h, w, 3)
-
-    Raises
-    ------
-    InputError
-        If the ending is another, or it cannot be written.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lf_flame.formats import write_movie
-    >>> write_movie("sweep.gif", np.zeros((4, 20, 30), np.uint8))
-    """
-    if Path(path).suffix.lower() != ".gif":
-        raise InputError(f"A movie is written as .gif, got {path}.")
-    with atomic_write(path) as aside:
-        first, *others = (Image.fromarray(frame) for frame in frames)
-        first.save(aside, save_all=True, append_images=others, duration=1000 // 12, loop=0)

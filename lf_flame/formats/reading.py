@@ -1,16 +1,15 @@
 """One function for reading all kinds of light-field files."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import ARRAY_SUFFIXES, MATLAB_SUFFIX, read_array
-from lf_flame.formats.coding import note_on_depth
+from lf_flame.formats.arrays import ARRAY_SUFFIXES, read_array
 from lf_flame.formats.focused.views import plan_focused
 from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro
 from lf_flame.formats.raw.reading import plan_raw, read_frame
@@ -20,7 +19,10 @@ from lf_flame.formats.view_files.orders import (
     AS_STORED,
     Grid,
     ViewOrder,
+    arranged,
+    check_grid,
     find_order,
+    read_grid,
 )
 from lf_flame.lightfield import LightField
 
@@ -122,7 +124,8 @@ def read_light_field(
     return find_light_field(options.pop("path"), **options).light_field
 
 
-class Found(NamedTuple):
+@dataclass(frozen=True)
+class Found:
     """A light field that was read, and how.
 
     `order` is that in which the views are stored. `notes` are sentences for the user. `again` reads
@@ -134,13 +137,25 @@ class Found(NamedTuple):
     notes: list[str]
     again: Callable[[Path], LightField]
 
+    def doubts(self, path: Path) -> list[str]:
+        """Sentences on what is excluded or unknown, and on an order that parallax contradicts."""
+        notes = [self.light_field.uncounted, self.light_field.unknown]
+        seen = find_order(self.light_field.views) if self.order is AS_STORED else self.order
+        if self.order is AS_STORED and seen.order != AS_STORED.order:
+            notes.append(
+                f"The views of {path} do not move as those of rows and columns [v, u, t, s]: "
+                f"{seen.reason}, they are stored as {seen.order}. Slopes are wrong unless "
+                f"--order={seen.order}, or other --axes of an array, says so"
+            )
+        return list(filter(None, notes))
+
 
 def find_light_field(path: str | Path, **options: Any) -> Found:
     """Read a light field; arguments and errors are those of `read_light_field`."""
     path, options = Path(path), {name: x for name, x in options.items() if x is not None}
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
-    kind, read, takes = _kind(path, options)
+    kind, read, takes = kind_of(path, options)
     for name in options:
         if name not in takes.split():
             raise InputError(
@@ -150,20 +165,15 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
     found = read(path, **options)
     if dark is None:
         return found
-    again = found.again
-    black = again(Path(dark))  # without light there is no parallax that shows its order
-    return found._replace(
+    black = found.again(Path(dark))  # without light there is no parallax that shows its order
+    return replace(
+        found,
         light_field=_subtract(found.light_field, black, dark),
-        again=lambda other: _subtract(again(other), black, dark),
+        again=lambda other: _subtract(found.again(other), black, dark),
     )
 
 
-def takes(path: str | Path, option: str, **options: Any) -> bool:
-    """Whether an option applies to a file that is read with other options."""
-    return option in _kind(Path(path), options)[2].split()
-
-
-def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found], str]:
+def kind_of(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found], str]:
     """Name of the kind of a file, its reader, and the options that apply to it."""
     suffix = path.suffix.lower()
     if is_lytro(path):
@@ -171,7 +181,7 @@ def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found
     if is_view_folder(path):
         return "a folder of views", _read_folder, "order grid names first dark"
     if suffix in ARRAY_SUFFIXES:
-        return "an array", _read_array, "axes array views order grid dark"
+        return "an array", _read_ordered(read_array), "axes array views order grid dark"
     if suffix not in IMAGE_SUFFIXES:
         raise InputError(
             f"{path} is no light field: it must be a folder of views (unpacked), an "
@@ -179,7 +189,7 @@ def _kind(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found
             f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
         )
     if "focused" in options:
-        takes = "focused virtual_depth views white dark bayer"
+        takes = "focused virtual_depth views white bayer dark"
         return "a raw image of focused lenslets", _read_focused, takes
     if {"white", "lenslets", "pitch"} & set(options):
         return "a raw image", _read_raw, "white lenslets pitch layout bayer views dark"
@@ -207,12 +217,9 @@ def _read_raw(path: Path, **options: Any) -> Found:
             "The rotation and the position of the array were not searched for: that needs a white "
             "image (--white) or the lenslets' centres (--lenslets)"
         )
-    if not is_lytro(path):
-        notes.append(note_on_depth(image))
-        if "dark" not in options:
-            notes.append("Black is taken as level 0, as no dark image is given (--dark)")
-    again = lambda one: plan.decode(read_frame(one))  # noqa: E731
-    return Found(plan.decode(image), AS_DECODED, list(filter(None, notes)), again)
+    if not is_lytro(path) and "dark" not in options:
+        notes.append("Black is taken as level 0, as no dark image is given (--dark)")
+    return Found(plan.decode(image), AS_DECODED, notes, lambda one: plan.decode(read_frame(one)))
 
 
 def _read_focused(path: Path, **options: Any) -> Found:
@@ -230,37 +237,22 @@ def _read_folder(path: Path, **options: Any) -> Found:
 
 
 def _read_ordered(read: Callable) -> Callable[..., Found]:
-    """Reader of files whose views `read` brings into the order that it finds or is stated."""
+    """Reader of files whose views `read` gives as stored, with their order."""
 
-    def reader(path: Path, **options: Any) -> Found:
-        light_field, order = read(path, **options)
-        again = lambda one: read(one, **options | {"order": order.order})[0]  # noqa: E731
-        notes = order.describe() if light_field.shape[:2] != (1, 1) else []
-        return Found(light_field, order, notes, again)
+    def reader(path: Path, *, grid: Grid | str | None = None, **options: Any) -> Found:
+        if grid is not None:
+            options["grid"] = grid = read_grid(grid)
+        light_field, found = read(path, **options)
+        if found.order != AS_STORED.order:
+            names = ("views", "weights", "valid")
+            given = {x: y for x in names if (y := getattr(light_field, x)) is not None}
+            light_field = LightField(**{x: arranged(y, found.order) for x, y in given.items()})
+        check_grid(grid, light_field.shape[:2], path)
+        again = lambda one: reader(one, **options | {"order": found.order}).light_field  # noqa: E731
+        notes = found.describe() if light_field.shape[:2] != (1, 1) else []
+        return Found(light_field, found, notes, again)
 
     return reader
-
-
-def _read_array(path: Path, **options: Any) -> Found:
-    found = _read_ordered(read_array)(path, **options)
-    if path.suffix.lower() == MATLAB_SUFFIX and found.light_field.weights is not None:
-        found.notes.append(
-            "The fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
-            "pixels of weight 0 are unknown, other weights of single pixels are not used"
-        )
-    return found
-
-
-def note_on_order(light_field: LightField, order: ViewOrder, path: Path) -> str:
-    """Say where the parallax contradicts views that are taken as stored, or nothing."""
-    found = find_order(light_field.views) if order is AS_STORED else AS_STORED
-    if found.order == "row,col":
-        return ""
-    return (
-        f"The views of {path} do not move as those of rows and columns [v, u, t, s]: "
-        f"{found.reason}, they are stored as {found.order}. Slopes are wrong unless "
-        f"--order={found.order}, or other --axes of an array, says so"
-    )
 
 
 def _subtract(light_field: LightField, black: LightField, dark: object) -> LightField:

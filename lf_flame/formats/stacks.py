@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build
 from lf_flame._common.images import find_axes, open_tiff, pictures, read_tiff, to_unit
-from lf_flame._common.input_files import check_memory, parse_json
+from lf_flame._common.input_files import parse_json
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
@@ -22,8 +22,6 @@ from lf_flame.formats.raw.sensor_images import check_colours
 from lf_flame.formats.view_files.orders import (
     Grid,
     ViewOrder,
-    arranged_light_field,
-    check_grid,
     find_order,
     fold,
     read_grid,
@@ -31,16 +29,12 @@ from lf_flame.formats.view_files.orders import (
 )
 from lf_flame.lightfield import LightField
 
-LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
-"""Largest size in bytes that ImageJ opens: classic TIFF, with offsets of 32 bits."""
-
 
 def read_lenslets(
     path: str | Path, *, views: int | None = None, order: str | None = None
 ) -> tuple[LightField, ViewOrder]:
     """Read a rectified lenslet image (ESLF of the Lytro cameras), N x N pixels to a lenslet."""
-    found, light_field = stated_order(order), LightField(cut_views(read_image(path), views, path))
-    return arranged_light_field(light_field, found.order), found
+    return LightField(cut_views(read_image(path), views, path)), stated_order(order)
 
 
 def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndarray:
@@ -48,16 +42,11 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
         common = math.gcd(*raw.shape[:2])
         fit = [str(n) for n in range(2, min(common, 64) + 1) if common % n == 0]
-        size = f"the {raw.shape[0]} x {raw.shape[1]} pixels of {source}"
-        if views is None:
-            raise InputError(
-                f"To read {source} as a lenslet image, state the pixels under a lenslet (views), "
-                f"which divide {size} ({', '.join(fit) or 'only 1 does'}); to decode a raw image, "
-                f"give a white image or the pitch."
-            )
         raise InputError(
-            f"The pixels under a lenslet (views) must divide {size}, got {views}; "
-            f"{', '.join(fit) or 'only 1'} would."
+            f"To read {source} as a lenslet image, state the pixels under a lenslet (views), which "
+            f"divide its {raw.shape[0]} x {raw.shape[1]} pixels "
+            f"({', '.join(fit) or 'only 1 does'}), got {views}; to decode a raw image, give a "
+            f"white image, the lenslets or the pitch."
         )
     if raw.ndim == 2 and views >= 5:  # with fewer pixels under a lenslet, views look like colours
         check_colours(raw, grid_from_pitch(raw.shape, views), "lenslet")
@@ -81,8 +70,7 @@ def read_mosaic(
         )
     size = (rows, height // rows, columns, width // columns, *picture.shape[2:])
     views = picture.reshape(size).swapaxes(1, 2)
-    found = find_order(views, stated=order)
-    return arranged_light_field(LightField(views), found.order), found
+    return LightField(views), find_order(views, stated=order)
 
 
 def is_stack(path: str | Path) -> bool:
@@ -93,7 +81,7 @@ def is_stack(path: str | Path) -> bool:
 
 
 def read_view_pages(
-    path: str | Path, *, order: str | None = None, grid: Grid | str | None = None
+    path: str | Path, *, order: str | None = None, grid: Grid | None = None
 ) -> tuple[LightField, ViewOrder]:
     """Read the pages of a TIFF file as views, and find their order.
 
@@ -103,15 +91,12 @@ def read_view_pages(
     pages, letters, slopes = _read(path)
     if slopes is not None:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
-    shape, image = None if grid is None else read_grid(grid), pages.shape[len(letters) :]
-    check_memory(2 * pages.nbytes, path)
     if len(letters) == 2 and set(letters) <= set("QIN"):
         found = find_order(pages, stated=order)
     else:
-        pages, found = fold(pages.reshape(-1, *image), path, shape, order)
-    light_field = arranged_light_field(LightField(pages), found.order)
-    check_grid(shape, light_field.views.shape[:2], path)
-    return light_field, found
+        row = pages.reshape(-1, *pages.shape[len(letters) :])
+        pages, found = fold(row, path, grid, order)
+    return LightField(pages), found
 
 
 def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:
@@ -143,17 +128,13 @@ def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> 
     numbers = [float(slope) for slope in np.atleast_1d(slopes)]
     if stack.ndim == 4 and stack.shape[3] == 1:
         stack = stack[..., 0]
-    if (
-        stack.ndim not in (3, 4)
-        or stack.size == 0
-        or len(stack) != len(numbers)
-        or stack.shape[3:] > (4,)
-    ):
+    fits = stack.ndim in (3, 4) and stack.size and stack.shape[3:] <= (4,)
+    if not fits or len(stack) != len(numbers):
         raise InputError(
             f"A focal stack needs one image for each slope, in up to 4 channels, got "
             f"shape {stack.shape} and {len(numbers)} slopes."
         )
-    if stack.nbytes > LARGEST_IMAGEJ_BYTES:
+    if stack.nbytes > 2**32 - 2**20:  # ImageJ opens classic TIFF, with offsets of 32 bits
         raise InputError(f"A focal stack must stay below 4 GiB, got {stack.nbytes / 2**30:.1f}.")
     axes = "ZYX"
     if stack.ndim == 4:  # ImageJ has no float colour: each channel is a separate page

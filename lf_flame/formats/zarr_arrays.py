@@ -11,11 +11,9 @@ from lf_flame._common.arrays_in_files import FileOfArrays, header_of
 from lf_flame._common.input_files import check_memory, check_regular, readable
 from lf_flame.errors import InputError
 
-METADATA = ("zarr.json", ".zarray", ".zgroup")
-"""Names of the metadata of formats 3 and 2, one of which every Zarr folder holds."""
-
-SAFE_CODECS = ("blosc", "zstd", "lz4", "zlib", "gzip", "bz2", "lzma")
-"""Codecs of format 2 that only unpack; others may run what a chunk holds, as ``pickle`` does."""
+METADATA = "zarr.json"
+"""Name of the metadata of format 3. Codecs of format 2, which is not read, may run what a chunk
+holds, as ``pickle`` does."""
 
 EVERY_CHUNK = {"write_empty_chunks": True}
 """Configuration of arrays that we write: also chunks of zeros get files, so that a missing file is
@@ -23,11 +21,6 @@ noticed when the array is read, see `ZarrFile`."""
 
 MOST_ARRAYS = 1000
 """Largest number of arrays of a group among which views are searched for."""
-
-
-def is_zarr(path: str | Path) -> bool:
-    """Whether a path is a Zarr folder, by the metadata in it."""
-    return any((Path(path) / name).is_file() for name in METADATA)
 
 
 class ZarrFile(FileOfArrays):
@@ -38,15 +31,15 @@ class ZarrFile(FileOfArrays):
 
     def __init__(self, path: str | Path):
         self.path, zarr = Path(path), import_zarr()
-        if not is_zarr(path):
-            raise InputError(f"{path} is no Zarr folder: it holds none of {', '.join(METADATA)}.")
+        self.metadata = self.path / METADATA
+        if not self.metadata.is_file():
+            raise InputError(f"{path} is no Zarr folder of format 3: it holds no {METADATA}.")
         for file in self.path.rglob("*"):
             if not file.is_dir():
                 check_memory(check_regular(file), file)
-        self.metadata = next(self.path / x for x in METADATA if (self.path / x).is_file())
         # Zarr warns of folders in it that are no arrays.
         with readable(self.metadata), warnings.catch_warnings(action="ignore"):
-            found = zarr.open(str(self.path), mode="r")
+            found = zarr.open(str(self.path), mode="r", zarr_format=3)
             self.attributes = dict[str, Any](found.attrs)
             members = [("", found)] if isinstance(found, zarr.Array) else found.members(max_depth=1)
             arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)][:MOST_ARRAYS]
@@ -55,17 +48,8 @@ class ZarrFile(FileOfArrays):
         self.names = list(self.headers)
 
     def _read(self, name: str) -> np.ndarray:
-        """Read an array; refuse codecs that could run code, too large chunks, missing files."""
+        """Read an array; refuse too large chunks, and missing files."""
         array = self.arrays[name]
-        record = array.metadata.to_dict()
-        if record["zarr_format"] == 2:
-            codecs = filter(None, [*(record["filters"] or ()), record["compressor"]])
-            odd = [codec["id"] for codec in codecs if codec["id"] not in SAFE_CODECS]
-            if odd:
-                raise InputError(
-                    f"{self.path} cannot be read: {name or 'the array'} is packed by {odd[0]}; "
-                    f"store it with one of {', '.join(SAFE_CODECS)}."
-                )
         check_memory(prod(array.chunks) * array.dtype.itemsize, self.path)
         self.refuse_missing_files(name)
         return self.read_begun(name)

@@ -39,7 +39,7 @@ def test_a_lytro_picture(told, tmp_path):
     for words in (
         "picture of a Lytro camera",
         "ILLUM, serial number B5143909630",
-        "12 x 8 pixels of 10 bits, grbg mosaic, black 64, white 1023",
+        "12 x 8 pixels of 10 bits, grbg mosaic",
         "0.004 s, f/2.2, ISO 80",
         "24.2 mm, zoom step -297, focus step 309",
         "hexagonal lenslets, pitch 14.005 pixels",
@@ -49,7 +49,6 @@ def test_a_lytro_picture(told, tmp_path):
         assert words in said
     write_picture(tmp_path / "b.lfp", "F01", white=own.pack(np.full((8, 12), 2000), 12))
     said = told("b.lfp")
-    assert "black 168, white 4095" in said
     assert "white image   in the file" in said
     assert "missing" not in said
     assert said.endswith("next: lf-flame refocus b.lfp\n")
@@ -80,8 +79,8 @@ def test_white_images(told, tmp_path):
         said = told(source)
         assert "3, 12 x 8 pixels of 10 bits" in said
         assert "cameras       B5143909630" in said
-        assert "2, from -700 to -300" in said
-        assert "3, from 100 to 102" in said
+        assert "2, -700 to -300" in said
+        assert "3, 100 to 102" in said
         assert f"next: lf-flame refocus PICTURE.lfr --white {source}" in said
 
 
@@ -108,11 +107,11 @@ def test_other_light_fields(told, tmp_path, rng):
     write_focal_stack(rng.uniform(size=(4, 5, 6)), [0, 1, 2, 3], tmp_path / "stack.tif")
     said = told("views")
     assert "3 x 3, of 20 x 30 pixels, grey" in said
-    assert "order         row,col, as the numbers are: the parallax does not show an ord" in said
+    assert "note: order row,col, as the numbers are: the parallax does not show an order" in said
     assert said.endswith("next: lf-flame refocus views\n")
     said = told("a.npz")
     assert "3 x 3, of 20 x 30 pixels, grey" in said
-    assert "order         row,col, as stored" in said
+    assert "note: order row,col, as stored" in said
     assert "4, at slopes from 0 to 3" in told("stack.tif")
 
 
@@ -124,13 +123,8 @@ def lenslets(pitch, side):
 def test_raw_and_lenslet_images(told, tmp_path, rng):
     light_field = LightField(rng.uniform(size=(5, 5, 20, 30)))
     write_light_field(light_field, tmp_path / "plain.png")
-    scene = np.kron(rng.uniform(0.5, 1, (12, 12)), np.ones((12, 12)))
-    write_image(tmp_path / "on.png", np.rint(60000 * scene * lenslets(12, 144)).astype(np.uint16))
     raw = np.rint(60000 * lenslets(12.3, 200)).astype(np.uint16)
     write_image(tmp_path / "raw.png", raw)
-    said = told("on.png")
-    assert "lenslet image" in said
-    assert "next: lf-flame refocus on.png --views 12" in said
     said = told("raw.png")
     assert "rectangular lenslets, pitch 12.3" in said
     assert "next: lf-flame refocus raw.png --white WHITE.png" in said
@@ -144,8 +138,8 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     assert told("light.png", *given).endswith(
         f"next: lf-flame refocus light.png {' '.join(given)}\n"
     )
-    for option in (given[2:4], given[4:]):
-        with pytest.raises(InputError, match=f"{option[0]} needs --white or --lenslets"):
+    for option, why in ((given[2:4], "give a white image"), (given[4:], "--bayer does not apply")):
+        with pytest.raises(InputError, match=why):
             told("raw.png", *option)
     assert "N divides both sides: 2, 5, 10, 25, 50;" in told("plain.png")
     mosaic = raw.copy()

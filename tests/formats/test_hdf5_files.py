@@ -8,13 +8,11 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.io import savemat
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from lf_flame import InputError, read_light_field
 from lf_flame._common.input_files import LIMIT
-from lf_flame.commands.cli import commands
 from lf_flame.formats.reading import find_light_field
 from lf_flame.refocus import find_sharpest_slope
 
@@ -114,8 +112,6 @@ def test_the_fourth_channel_of_the_toolbox_is_a_weight(tmp_path, version):
     np.testing.assert_array_equal(found.valid[2, 3], array[2, 3, ..., 3] > 0)
     assert np.count_nonzero(~found.valid) == np.count_nonzero(~found.valid[2, 3])
     assert read_light_field(path, axes="vutsc").views.shape == (*SHAPE, 4)
-    done = CliRunner().invoke(commands, ["convert", str(path), str(tmp_path / "a.npz")])
-    assert "The fourth channel of LF is a weight (LFToolbox)" in done.stderr
     array[..., 3] = 0
     write_mat73(path, {"LF": array})
     with pytest.raises(InputError, match="fourth channel of LF must be a weight"):
@@ -134,7 +130,7 @@ def test_the_array_is_named_where_there_are_several(tmp_path):
     for name in ("a.mat", "b.mat", "c.h5", "d.npz"):
         with pytest.raises(InputError, match=r"got left \(3, 4, 20, 25\), right .*convert --array"):
             read_light_field(tmp_path / name)
-        with pytest.raises(InputError, match="has no array 'LF' of numbers; it has left "):
+        with pytest.raises(InputError, match="array of numbers named LF, got left"):
             read_light_field(tmp_path / name, array="LF")
         found = read_light_field(tmp_path / name, array="right", dark=tmp_path / "dark.mat")
         expected = (right.astype(float) - dark["right"]) / 255
@@ -223,7 +219,7 @@ def test_nothing_but_the_file_itself_is_opened(tmp_path):
     with pytest.raises(InputError, match="of 4 or 5 axes, got none"):
         read_light_field(path)
     for name in ("outer", "soft", "raw", "virtual", "references", "objects", "records"):
-        with pytest.raises(InputError, match=f"has no array '{name}' of numbers; it has none"):
+        with pytest.raises(InputError, match=f"array of numbers named {name}, got none"):
             read_light_field(path, array=name)
 
 

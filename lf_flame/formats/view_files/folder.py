@@ -7,6 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from decimal import Decimal
 from fnmatch import fnmatch
+from fractions import Fraction
+from itertools import pairwise
 from math import gcd, prod
 from pathlib import Path
 
@@ -28,7 +30,6 @@ from lf_flame.formats.view_files.orders import (
     read_grid,
     stated_order,
 )
-from lf_flame.formats.zarr_arrays import is_zarr
 from lf_flame.lightfield import LightField
 
 READERS = os.cpu_count() or 1
@@ -105,7 +106,7 @@ class ViewFolder:
 
 def is_view_folder(path: str | Path) -> bool:
     """Whether a path is read as one file for each view: a folder, but none of Zarr."""
-    return Path(path).is_dir() and not (Path(path).suffix.lower() == ".zarr" and is_zarr(path))
+    return Path(path).is_dir() and Path(path).suffix.lower() != ".zarr"
 
 
 def first_image(path: Path) -> Path | None:
@@ -221,8 +222,8 @@ def scan_view_folder(
 
 # Numbers in names ---------------------------------------------------------------------------------
 
-NUMBER = r"(?:(?<![0-9.])[0-9]{1,99}\.[0-9]{1,99}(?!\.?[0-9])|[0-9]{1,99})"
-"""Pattern of a decimal number, beside which there is no other point, or of a whole one; a float."""
+NUMBER = r"(?:(?<![0-9.])[0-9]+\.[0-9]+(?!\.?[0-9])|[0-9]+)"
+"""Pattern of a decimal number, beside which there is no other point, or of a whole one."""
 
 SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 """Patterns of an optional sign, that after neither a letter nor a digit, and of any."""
@@ -237,7 +238,10 @@ def number_grid(
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
     Gives shape (first number, second number), or (running number,). A stated `grid` is that of the
-    numbers: (first, second), and `first` the number of the first place.
+    numbers: (first, second), and `first` the number of the first place. Numbers are multiples of
+    one step, the same along both axes, as slopes would have no unit otherwise. Where they do not
+    fill a stated grid, whole numbers are places in it: they count from `first`, by default from 0,
+    or from 1 if the last place is then there.
     """
     columns = _row_and_column([file.stem for file in files])
     if len(set(zip(*columns, strict=True))) < len(files):
@@ -246,19 +250,41 @@ def number_grid(
             f"and column, or a unique running number."
         )
     stated = (None, None) if grid is None else grid if len(columns) == 2 else (prod(grid),)
-    places, sizes = _places(columns, stated, first, source)
+    found = [sorted(set(column)) for column in columns]
+    texts = [", ".join(map(str, x[:4])) + (f" ... {x[-1]}" if len(x) > 4 else "") for x in found]
+    all_places, sizes = [], []
+    for numbers, places, size, text in zip(found, _multiples(found), stated, texts, strict=False):
+        if size is None:
+            if places is None or gcd(*places) > 1:
+                raise InputError(
+                    f"The views of {source} need equal steps along both axes, got "
+                    f"{' and '.join(texts)} by the numbers in their names; where these only "
+                    f"count, rename the files with 0, 1, 2 ..."
+                )
+            size = places[-1] + 1
+        elif places is None or first is not None or places[-1] + 1 != size:
+            start = int(numbers[-1] == size) if first is None else first
+            places = [int(number) - start for number in numbers]
+            if any(number % 1 for number in numbers) or places[0] < 0 or places[-1] >= size:
+                raise InputError(
+                    f"The numbers in the names of {source}, {text}, do not count {size} places "
+                    f"from {start}: state another --grid, the --order of the numbers, or the "
+                    f"number of the first place (`lf-flame convert --first`)."
+                )
+        all_places.append(dict(zip(numbers, places, strict=True)))
+        sizes.append(size)
     if grid is None and len(columns) == 1 and sizes[0] > len(files):
         raise InputError(
-            f"Only {len(files)} views of {source} are there, numbered from {min(columns[0])} to "
-            f"{max(columns[0])} with gaps: state the grid that they do not fill, --grid "
-            f"ROWSxCOLUMNS."
+            f"Only {len(files)} views of {source} are there, numbered {texts[0]} with gaps: state "
+            f"the grid that they do not fill, --grid ROWSxCOLUMNS."
         )
     if prod(sizes) > max(2 * len(files), 10_000):
         raise InputError(
             f"{source}: {len(files)} views cannot fill a grid of {' x '.join(map(str, sizes))}."
         )
     views = np.full(sizes, None, object)
-    views[tuple(places)] = files
+    for file, *numbers in zip(files, *columns, strict=True):
+        views[tuple(map(dict.__getitem__, all_places, numbers))] = file
     return views
 
 
@@ -282,61 +308,18 @@ def _row_and_column(names: list[str]) -> list[Column]:
     return [running] if running else repeated
 
 
-def _places(
-    columns: Sequence[Column], stated: Sequence[int | None], first: int | None, source: Path
-) -> tuple[list[list[int]], list[int]]:
-    """Find the places of numbers along their axes, and the sizes of these; some may be missing.
-
-    Places are multiples of one step, the same along both axes, as slopes would have no unit
-    otherwise. Where they do not fill a stated size, whole numbers are places: they count from
-    `first`, by default from 0, or from 1 if the last place is then there.
-    """
-    found = [sorted(set(column)) for column in columns]
-    texts = [", ".join(map(str, x[:4])) + (f" ... {x[-1]}" if len(x) > 4 else "") for x in found]
-    all_places, sizes = [], []
-    for k, (numbers, places) in enumerate(zip(found, _multiples(found), strict=True)):
-        size = stated[k]
-        filled = places is not None and first is None and places[-1] + 1 == size
-        if places is not None and (filled or (size is None and gcd(*places) < 2)):
-            size = places[-1] + 1
-        elif size is None:
-            raise InputError(
-                f"The views of {source} need equal steps along both axes, got "
-                f"{' and '.join(texts)} by the numbers in their names; where these only count, "
-                f"rename the files with 0, 1, 2 ..."
-            )
-        else:
-            start = int(numbers[-1] == size) if first is None else first
-            places = [int(number) - start for number in numbers]
-            if any(number % 1 for number in numbers) or places[0] < 0 or places[-1] >= size:
-                raise InputError(
-                    f"The numbers in the names of {source}, {texts[k]}, do not count {size} places "
-                    f"from {start}: state another --grid, the --order of the numbers, or the "
-                    f"number of the first place (`lf-flame convert --first`)."
-                )
-        at = dict(zip(numbers, places, strict=True))
-        all_places.append([at[number] for number in columns[k]])
-        sizes.append(size)
-    return all_places, sizes
-
-
-def _multiples(axes: list[list[Decimal]]) -> list[list[int] | None]:
+def _multiples(axes: list[list[Decimal]]) -> Sequence[list[int] | None]:
     """Rising numbers of one or two axes as multiples of one step from the first; None if not so.
 
-    Whole numbers need a common divisor. Others are taken as rounded, and two are one step apart.
+    Whole numbers have a common divisor. Others are positions, and two of them are one step apart.
     """
-    units = [10.0 ** min(int(one.as_tuple().exponent) for one in numbers) for numbers in axes]
-    rounding = max((unit for unit in units if unit < 1), default=0.0)
-    away = [np.array([float(one - numbers[0]) for one in numbers]) for numbers in axes]
-    apart, longest = np.concatenate([np.diff(one) for one in away]), max(one[-1] for one in away)
-    least = apart.min() if rounding else gcd(*(int(one) for one in apart))
-    step = longest / round(longest / least)  # less rounded than a single one
-    found: list[list[int] | None] = []
-    for distances in away:
-        places = np.rint(distances / step).astype(int)
-        fits = abs(distances - step * places).max() <= rounding and np.diff(places).all()
-        found.append(places.tolist() if fits else None)
-    return found
+    decimals = max(-int(number.as_tuple().exponent) for numbers in axes for number in numbers)
+    exact = [[int(Fraction(number) * 10**decimals) for number in numbers] for numbers in axes]
+    apart = [after - before for numbers in exact for before, after in pairwise(numbers)]
+    step = gcd(*apart)
+    if decimals and step < min(apart):
+        return [None] * len(axes)
+    return [[(number - numbers[0]) // step for number in numbers] for numbers in exact]
 
 
 def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:
@@ -353,16 +336,11 @@ def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:
         Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by these,
         ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the exact numbers.
     """
+    ends = {number.partition(".")[2] for name in names for number in re.findall(NUMBER, name)}
+    uneven = len({len(end) for end in ends if end}) > 1 and any(end.endswith("0") for end in ends)
+    number = "[0-9]+" if uneven else NUMBER
     pieces = min(
-        ([re.split(f"({sign}{NUMBER})", name) for name in names] for sign in SIGNS),
+        ([re.split(f"({sign}{number})", name) for name in names] for sign in SIGNS),
         key=lambda some: len({tuple(one[::2]) for one in some}),  # texts between the numbers
     )
-    for k in reversed(range(1, max(map(len, pieces), default=0), 2)):
-        ends = [one[k].partition(".")[2] for one in pieces if k < len(one)]
-        uneven = len({len(end) for end in ends if end}) > 1
-        if uneven and any(end.endswith("0") for end in ends):
-            for one in pieces:
-                one[k : k + 1] = [
-                    part for word in one[k : k + 1] for part in re.split(r"(\.)", word)
-                ]
     return [tuple(Decimal(part) if k % 2 else part for k, part in enumerate(one)) for one in pieces]

@@ -4,10 +4,10 @@ An order names the meaning of the two numbers of a view, the slower one first: `
 row. A minus flips an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the right.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, isqrt, sqrt
+from math import isqrt, prod
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ from scipy.ndimage import gaussian_filter
 
 from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField
 
 ORDERS = (
     "row,col", "row,-col", "-row,col", "-row,-col",
@@ -78,17 +77,6 @@ def arranged(views: np.ndarray, order: str) -> np.ndarray:
     for axis, name in enumerate(order.split(",")):
         views = np.flip(views, axis) if name.startswith("-") else views
     return np.swapaxes(views, 0, 1) if by_columns(order) else views
-
-
-def arranged_light_field(light_field: LightField, order: str) -> LightField:
-    """Reorder the views of a light field, their weights and known pixels, from an order."""
-    if order == ORDERS[0]:
-        return light_field
-    weights, valid = (
-        None if one is None else arranged(one, order)
-        for one in (light_field.weights, light_field.valid)
-    )
-    return LightField(arranged(light_field.views, order), weights=weights, valid=valid)
 
 
 def half_turned(order: str) -> str:
@@ -162,7 +150,7 @@ PATCH, BORDER = 16, 4
 out, in reduced pixels."""
 
 MOST_PIXELS = 4_000_000
-"""Largest number of pixels of a view at the first scale; larger views are reduced first."""
+"""Largest number of pixels of a view at a scale; larger views are reduced more."""
 
 MOTIONS = {
     "row,col": ((1, 0), (0, 1)),
@@ -217,8 +205,8 @@ def find_order(
     return ViewOrder(order, f"by the parallax, {shares}", slopes)
 
 
-def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Give the first row and column of four neighbours, in the centre and near the corners.
+def _blocks(grid: np.ndarray) -> list[list[int]]:
+    """First row and column of four neighbours, in the centre and near the corners.
 
     The outer ones lie in the corners of a square that fits into a round aperture. They are the
     nearest blocks without missing views, each once.
@@ -227,11 +215,11 @@ def _blocks(grid: np.ndarray) -> Iterator[tuple[int, int]]:
     there = np.reshape(filled, grid.shape[:2])
     whole = np.argwhere(there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:])
     if not len(whole):
-        return
+        return []
     last = np.array(grid.shape[:2]) - 2
     places = [(1 / 2, 1 / 2), *product((1 / 6, 5 / 6), repeat=2)]
     nearest = [int(((whole - last * place) ** 2).sum(axis=1).argmin()) for place in places]
-    yield from (tuple(whole[k].tolist()) for k in dict.fromkeys(nearest))
+    return whole[list(dict.fromkeys(nearest))].tolist()
 
 
 def _sum_changes(grid: np.ndarray, read: Callable) -> dict[int, np.ndarray]:
@@ -247,12 +235,11 @@ def _sum_changes(grid: np.ndarray, read: Callable) -> dict[int, np.ndarray]:
         shape = shape or grey[0].shape
         if {view.shape if np.isfinite(view).all() else None for view in grey} != {shape}:
             continue
-        block = np.reshape(grey, (2, 2, *shape))
-        pixels = shape[0] * shape[1]
+        pixels = prod(shape)
         check_memory(240 * min(pixels, MOST_PIXELS) + 32 * pixels, "The order of the views")
-        least = ceil(sqrt(pixels / MOST_PIXELS))
-        for scale in (least * one for one in SCALES):
-            if min(shape) // scale >= PATCH + 2 * BORDER:
+        for scale in SCALES:
+            if min(shape) // scale >= PATCH + 2 * BORDER and pixels / scale**2 <= MOST_PIXELS:
+                block = np.reshape(grey, (2, 2, *shape))
                 sums[scale] = sums.get(scale, 0.0) + _measure(block, scale)
     return sums
 
