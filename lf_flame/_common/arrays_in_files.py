@@ -16,7 +16,7 @@ from lf_flame.errors import InputError
 
 
 def header_of(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    """Array of a stored array's shape and type, and its nbytes, which takes no memory itself."""
+    """Stand-in for a stored array: one of its shape and type that takes no memory."""
     return np.broadcast_to(np.empty((), dtype), shape)
 
 

@@ -53,7 +53,7 @@ def to_json(config: "DataclassInstance") -> dict[str, Any]:
 
 def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
-    odd = [one for kind_of in (UNKNOWN, MISSING) for one in problems if one["type"] == kind_of]
+    odd = [one for fault in (UNKNOWN, MISSING) for one in problems if one["type"] == fault]
     if odd:
         return "; ".join(_odd_key(one, kind) for one in odd) + "."
     problem = problems[0]

@@ -59,7 +59,13 @@ def read_pixels(path: str | Path) -> np.ndarray:
     from imagecodecs import png_decode
 
     with open_image(path) as image:
-        _check_picture(image, path)
+        if image.mode == "CMYK":
+            raise InputError(
+                f"{path} holds inks and no light: convert it by the printer's profile."
+            )
+        if image.format == "PPM" and image.mode == "RGB" and netpbm_top(image) > 255:
+            # Pillow would keep 8 of the bits.
+            raise InputError(f"{path} holds colours of 16 bits, which are read from PNG and TIFF.")
         check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
         turn = image.getexif().get(ORIENTATION, 1)
         if image.format == "PNG":  # Pillow drops the low bytes of deep colours
@@ -110,14 +116,6 @@ def open_image(path: str | Path) -> Iterator[ImageFile.ImageFile]:
     """Open an image with Pillow."""
     with readable(path), Image.open(path, formats=FORMATS) as image:
         yield image
-
-
-def _check_picture(image: ImageFile.ImageFile, path: str | Path) -> None:
-    """Refuse inks, and 16-bit colours of Netpbm, of which Pillow would keep 8."""
-    if image.mode == "CMYK":
-        raise InputError(f"{path} holds no light but inks: convert it, by the printer's profile.")
-    if image.format == "PPM" and image.mode == "RGB" and netpbm_top(image) > 255:
-        raise InputError(f"{path} holds colours of 16 bits, which are read from PNG and TIFF.")
 
 
 def netpbm_top(image: ImageFile.ImageFile) -> int:

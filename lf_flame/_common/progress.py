@@ -62,9 +62,10 @@ def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> AbstractCont
 
 @contextmanager
 def _after(act) -> Iterator[None]:
-    timer = Timer(PATIENCE, act if _program["shows"] else lambda: None)
+    timer = Timer(PATIENCE, act)
     timer.daemon = True
-    timer.start()
+    if _program["shows"]:
+        timer.start()
     try:
         yield
     finally:
