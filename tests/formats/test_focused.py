@@ -214,7 +214,8 @@ def raw_levels():
 def call(raw_levels, tmp_path, monkeypatch):
     """Call of the program on files of a camera in the working folder."""
     monkeypatch.chdir(tmp_path)
-    write_image("raw.png", raw_levels)
+    for name in ("raw.png", "other.png"):
+        write_image(name, raw_levels)
     Path("camera.xml").write_text(Camera().xml())
     return lambda *words: CliRunner().invoke(commands, words)
 
@@ -235,9 +236,9 @@ def test_frames_of_a_video_are_read_by_one_plan(call):
         (["--focused", "camera.xml", "--pitch", "9"], "--pitch does not apply to raw.png"),
         (["--focused", "camera.xml", "--order", "row,col"], "--order does not apply to raw.png"),
         (["--focused", "camera.xml", "--virtual-depth", "nan"], "must be from 1.5 to 11.65"),
-        (["--focused", "raw.png", "--white", "camera.xml"], "camera.xml cannot be read"),
+        (["--focused", "other.png", "--white", "camera.xml"], "camera.xml cannot be read"),
         (["--focused", "."], "cannot be read"),
-        (["--focused", "camera.xml", "--dark", "raw.png"], "No virtual depth was found"),
+        (["--focused", "camera.xml", "--dark", "other.png"], "No virtual depth was found"),
     ],
 )
 def test_options_that_do_not_fit_focused_lenslets_are_refused(call, words, message):
