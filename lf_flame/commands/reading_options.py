@@ -145,7 +145,8 @@ class Reading:
         from lf_flame.formats.coding import note_on_coding
         from lf_flame.formats.reading import find_light_field
 
-        if source.resolve() in [path.resolve() for path in self.files]:
+        flat = [path.resolve() for path in (self.white, self.dark) if path]  # lenslets may be it
+        if source.resolve() in flat:
             raise InputError(f"An image cannot be decoded by itself, got {source} twice.")
         with progress.stage(f"Reading {printable(source)}"):
             found = find_light_field(source, **self.stated)

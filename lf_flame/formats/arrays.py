@@ -55,21 +55,13 @@ def read_array(
     array: str | None = None,
     order: str | None = None,
 ) -> tuple[LightField, ViewOrder]:
-    """Read a light field from a file of arrays; arguments as in `lf_flame.read_light_field`.
+    """Read views as they are stored, and their order; arguments as in `read_light_field`.
 
     The array is the one named ``views`` or ``LF``, or the only one, or the only one of 4 or 5 axes.
     Arrays of MATLAB have the axes that MATLAB shows. In NumPy and Zarr files an array ``weights``
     holds the weights of views, and ``valid`` whether each pixel is known. An array ``LF`` of four
-    channels in a ``.mat`` file is one of LFToolbox, whose last channel is a weight.
-
-    Returns
-    -------
-    LightField
-        Views as stored; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they
-        are.
-    ViewOrder
-        Order that was stated; for views with a running number and files of the HCI data set that
-        which was found, and for others as stored.
+    channels in a ``.mat`` file is one of LFToolbox, whose last channel is a weight. The order is
+    found for views with a running number and in files of the HCI data set.
     """
     file = _open(path)
     name = _choose_array(file, axes, array)
@@ -81,7 +73,7 @@ def read_array(
         file.read([one])[0] if one in beside else None for one in ("weights", "valid")
     )
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
-        held, weights, valid = _without_weight(held, path)
+        held, weights, valid = _without_weight(held)
     is_stated = axes is not None
     axes = axes.lower() if axes is not None else _default_axes(held.shape, path)
     of_views = "n" if "n" in axes else "vu" if set(axes) & set("vu") else ""
@@ -161,9 +153,7 @@ def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> s
     )
 
 
-def _without_weight(
-    array: np.ndarray, path: str | Path
-) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Part colours and weight of an array of LFToolbox, as views, their weights and known pixels.
 
     LFToolbox divides a raw image by the white image and keeps the white image as the weight of a
@@ -173,14 +163,9 @@ def _without_weight(
     if array.ndim != 5 or array.shape[4] != COLOURS + 1:
         return array, None, None
     weights = array[..., COLOURS].mean(axis=(2, 3), dtype=np.float64)
-    if not (np.all(weights >= 0) and 0 < weights.max() < np.inf):
-        raise InputError(
-            f"{path}: the fourth channel of {TOOLBOX} must be a weight, 0 or above, with one above "
-            f"0; state the axes vutsc to read it as a channel."
-        )
-    weights /= weights.max()
+    weights /= max(weights.max(), np.finfo(float).tiny)
     valid = (array[..., COLOURS] > 0) | (weights == 0)[..., None, None]
-    return array[..., :COLOURS], None if np.all(weights == 1) else weights, valid
+    return array[..., :COLOURS], weights, valid
 
 
 def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:

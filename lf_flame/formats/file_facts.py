@@ -61,7 +61,11 @@ def describe(source: Path, **options: Any) -> FileFacts:
     if is_lytro(source):
         return _lytro_picture(source)
     if suffix == ".tar" or (source.is_dir() and holds_white_files(source)):
-        return _lytro_white_files(source)
+        known = [one.metadata for one in white_files(source)]
+        serials = sorted({one.serial or "unknown" for one in known})
+        facts = {"images": f"{len(known)}", "cameras": ", ".join(serials[:10])}
+        command = typed("refocus", "PICTURE.lfr", "--white", source)
+        return FileFacts("white images of a Lytro camera", facts, command)
     if is_raytrix(source):
         facts = {"lenslets": read_raytrix(source, (1, 1)).describe()}
         command = typed("convert", "RAW.png", "views.npz", "--focused", source)
@@ -137,9 +141,6 @@ def _image(source: Path) -> FileFacts:
     return found
 
 
-# Lytro cameras ------------------------------------------------------------------------------------
-
-
 def _lytro_picture(source: Path) -> FileFacts:
     """Picture of a Lytro camera, what is known of its white image, and the next command."""
     picture = read_lytro(source)
@@ -174,22 +175,3 @@ def _lytro_picture(source: Path) -> FileFacts:
         found.missing.append("the place of the lenslets, so that a white image is needed.")
     found.command = typed("refocus", source, "--white", archive)
     return found
-
-
-def _lytro_white_files(source: Path) -> FileFacts:
-    """White images of a Lytro camera."""
-    known = [one.metadata for one in white_files(source)]
-    if not known:
-        raise InputError(
-            f"{source} holds no white images of a Lytro camera (MOD_*.RAW, MOD_*.TXT)."
-        )
-    rows, columns = known[0].shape
-    facts = {
-        "images": f"{len(known)}, {columns} x {rows} pixels of {known[0].bits} bits",
-        "cameras": ", ".join(sorted({one.serial or "unknown" for one in known})[:10]),
-    }
-    for name in ("zoom", "focus"):
-        steps = {getattr(one, f"{name}_step") for one in known} - {None}
-        facts[f"{name} steps"] = f"{len(steps)}, {min(steps):g} to {max(steps):g}" if steps else ""
-    command = typed("refocus", "PICTURE.lfr", "--white", source)
-    return FileFacts("white images of a Lytro camera", facts, command)

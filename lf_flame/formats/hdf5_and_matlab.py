@@ -72,12 +72,10 @@ class Hdf5File(FileOfArrays):
         """Refuse filters that the library would load, and chunks that hold more than they say."""
         made = dataset.id.get_create_plist()
         filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
-        odd = [one for one in filters if one not in (DEFLATE, SHUFFLE, CHECKSUM)]
-        if odd or filters.count(DEFLATE) > 1:
-            how = f"by filter {odd[0]} of HDF5, and no program for it is loaded" if odd else "twice"
+        if not set(filters) <= {DEFLATE, SHUFFLE, CHECKSUM} or filters.count(DEFLATE) > 1:
             raise InputError(
-                f"{self.path} cannot be read: {name} is packed {how}; store it with gzip or "
-                f"without compression."
+                f"{self.path} cannot be read: {name} is packed by filters {filters} of HDF5, and "
+                f"no program is loaded for them; store it with gzip or without compression."
             )
         if DEFLATE not in filters:
             return

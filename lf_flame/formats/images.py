@@ -29,21 +29,9 @@ def is_lytro(path: str | Path) -> bool:
 
 
 def read_image(path: str | Path) -> np.ndarray:
-    """Read an image of one or three channels.
+    """Read an image of one or three channels: float32, shape (h, w) or (h, w, 3).
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    ndarray of float32, shape (h, w) or (h, w, 3)
-        8- and 16-bit levels scaled to 0 to 1; floats as they are; transparency is dropped.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged, is not an image, or has other channels or levels.
+    Levels of 8 and 16 bits are scaled to 0 to 1; floats stay as they are; transparency is dropped.
     """
     pixels = read_pixels(path)
     if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
@@ -58,13 +46,7 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
-    """Round values from 0 to 1 to unsigned levels of 8 or 16 bits; inverse of `to_unit`.
-
-    Raises
-    ------
-    InputError
-        If `bits` is neither 8 nor 16, or a value would be clipped.
-    """
+    """Round values from 0 to 1 to unsigned levels of 8 or 16 bits; refuse what would be clipped."""
     if bits not in (8, 16):
         raise InputError(f"bits must be 8 or 16, got {bits}.")
     low, high = values.min(), values.max()
@@ -131,20 +113,10 @@ def write_picture(path: str | Path, image: np.ndarray, *, white: float | None = 
 
 
 def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -> None:
-    """Write an image, shape (h, w) or (h, w, 3), as PNG or TIFF by the ending.
+    """Write levels, shape (h, w) or (h, w, 3), as PNG or TIFF by the ending; floats as TIFF.
 
-    Parameters
-    ----------
-    path : str or Path
-    levels : ndarray of uint8 or uint16 (`to_levels`); for TIFF of float32 as well
-    linear : bool, optional
-        Whether a PNG of 8 bits states that its levels are linear in radiance (gAMA); without it,
-        such files count as gamma-coded.
-
-    Raises
-    ------
-    InputError
-        If the ending or the number of channels is another one.
+    A PNG of 8 bits states that its levels are linear in radiance (gAMA), if they are; without it,
+    such files count as gamma-coded.
     """
     path = Path(path)
     suffix = path.suffix.lower()

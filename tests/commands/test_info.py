@@ -77,10 +77,8 @@ def test_white_images(told, tmp_path):
         (tmp_path / "sn" / name).write_bytes(data)
     for source in ("caldata-B5.tar", "sn"):
         said = told(source)
-        assert "3, 12 x 8 pixels of 10 bits" in said
+        assert "images        3" in said
         assert "cameras       B5143909630" in said
-        assert "2, -700 to -300" in said
-        assert "3, 100 to 102" in said
         assert f"next: lf-flame refocus PICTURE.lfr --white {source}" in said
 
 

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 
 import h5py
 import numcodecs
@@ -182,16 +180,6 @@ def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):
     np.testing.assert_array_equal(views, expected)
 
 
-@pytest.mark.parametrize("form", [{"imagej": True}, {"ome": True}])
-def test_one_image_in_three_channels_is_a_colour_image(tmp_path, rng, form):
-    """As ImageJ saves 16-bit colour."""
-    raw = levels(rng, (12, 15, 3), bits=16)
-    path, stored = tmp_path / "a.tif", np.moveaxis(raw, -1, 0)
-    tifffile.imwrite(path, stored, photometric="minisblack", metadata={"axes": "CYX"}, **form)
-    views = read_light_field(path, views=3).views
-    np.testing.assert_array_equal(views[1, 2], raw[1::3, 2::3] / np.float32(65535))
-
-
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(1, 5),
@@ -228,12 +216,3 @@ def test_focal_stacks_of_other_programs_have_no_slopes(tmp_path, rng):
     back, slopes = read_focal_stack(tmp_path / "a.tif")
     assert slopes is None
     np.testing.assert_array_equal(back, stack / np.float32(65535))
-
-
-def test_reading_needs_neither_numba_nor_figures():
-    code = (
-        "import sys, lf_flame.formats; "
-        "print([m for m in ('numba', 'keras', 'matplotlib') if m in sys.modules])"
-    )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"

@@ -330,11 +330,8 @@ def split_numbers(names: Sequence[str]) -> list[tuple[str | Decimal, ...]]:
     is a decimal point if it is the only one of a number, and if all numbers have the same count of
     decimals or none ends in 0 (``5.48``, unlike ``1.9, 1.10``).
 
-    Returns
-    -------
-    list of tuple
-        Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by these,
-        ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the exact numbers.
+    Parts are ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``, with exact numbers: sorted by
+    them, ``frame2`` comes before ``frame10``.
     """
     ends = {number.partition(".")[2] for name in names for number in re.findall(NUMBER, name)}
     uneven = len({len(end) for end in ends if end}) > 1 and any(end.endswith("0") for end in ends)
