@@ -136,16 +136,10 @@ class MatlabFile(FileOfArrays):
         check_memory(check_regular(path), path)
         self.headers = {}
         self._elements: dict[str, tuple[int, memoryview, np.dtype]] = {}
-        with readable(path):
+        with readable(path, "no MATLAB file of version 5 or 7.3 (save it by save(..., '-v7.3'))"):
             data = memoryview(self.path.read_bytes())
-            order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
-            if order is None:
-                raise InputError(
-                    f"{path} is no MATLAB file of version 5 or 7.3: save the light field in MATLAB "
-                    f"by save(..., '-v7.3')."
-                )
-            self._order = order
-            for kind, length, element in _elements(data[128:], order):
+            self._order = {b"IM": "<", b"MI": ">"}[bytes(data[126:128])]
+            for kind, length, element in _elements(data[128:], self._order):
                 if len(element) < length:
                     raise ValueError("its end is missing")
                 found = self._parse(kind, element, HEAD)
