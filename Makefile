@@ -1,17 +1,17 @@
 # lf_flame: every target is a thin call of `lf-flame` or of `python -m experiments` (see their --help).
 #
 #   PRESET            paper (default: the paper's method at its sizes) or smoke (CI)
-#   MINUTES           of training for each table, 4 by default; the same command resumes where it
-#                     ended. 0: to the last epoch
+#   MINUTES           time limit of each call of training, preparation included, 4 by default; the
+#                     same command resumes where it ended. 0: to the last epoch
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see docs/training.md
 #   BACKBONE_DEPTH    conv5 (all of ResNet-50), conv4, conv3 or none, instead of the preset's
 #   SEED, EPOCHS      instead of the configuration's
-#   RUN               name of the folders for runs and results (default: PRESET, or PRESET-seedSEED);
-#                     another name keeps results of other weights beside these
+#   RUN               folder in runs/ and results/ (default: that of a goal results/RUN/..., or PRESET)
 
 PRESET ?= paper
 MINUTES ?= 4
-RUN ?= $(PRESET)$(if $(SEED),-seed$(SEED))
+RUN ?= $(firstword $(foreach goal,$(filter results/%,$(MAKECMDGOALS)),$(word 2,$(subst /, ,$(goal)))) \
+         $(PRESET)$(if $(SEED),-seed$(SEED)))
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 0
@@ -41,8 +41,7 @@ TRAINING := --minutes $(MINUTES) $(BACKBONE) $(SEEDED) $(if $(EPOCHS),--epochs $
 .NOTPARALLEL:
 .PHONY: help install dataset slopes train-shapes train-flame tables scored costs hard-cases effects \
         compare test test-all lint docs FORCE
-# The program writes aside and renames, so no file is ever half there, and make must not remove one
-# (a data set, say) because a later command failed or Ctrl-C came.
+# The program writes aside and renames: make must not remove what a failed command left.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv $(RESULTS)/%.json
 
 help:  ## show this list
@@ -82,8 +81,7 @@ $(UNFINISHED) $(if $(EPOCHS),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.ker
 $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(VENV)/installed
 	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
-# The flames' table before that of the shapes, which takes five times as many epochs of eight times as
-# many samples.
+# The flames' table first: the shapes take five times as many epochs, of eight times as many samples.
 tables: scored $(RESULTS)/table2_baselines.json $(RESULTS)/table1_baselines.json $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 5 to 8, beside the printed values
 	@$(EXPERIMENT) tables $(RESULTS) $(REFERENCE) --out $(RESULTS)/tables.md
 scored: $(RESULTS)/table2.csv $(RESULTS)/table1.csv
@@ -91,14 +89,12 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml 
 	$(EXPERIMENT) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml | $(VENV)/installed
 	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
-
 $(RESULTS)/table1_baselines.json: $(DATA)/shapes.zarr/zarr.json experiments/shapes.toml | $(VENV)/installed
 	@$(EXPERIMENT) baselines $(DATA)/shapes.zarr experiments/shapes.toml --out $(RESULTS) $(SEEDED) >/dev/null
 $(RESULTS)/table2_baselines.json: $(DATA)/flames.zarr/zarr.json experiments/flames.toml | $(VENV)/installed
 	@$(EXPERIMENT) baselines $(DATA)/flames.zarr experiments/flames.toml --out $(RESULTS) $(SEEDED) >/dev/null
 
-# What measures time wants a machine that does nothing else; other experiments are commands of
-# `python -m experiments` (see experiments/README.md).
+# What measures time wants an idle machine; more experiments: `python -m experiments --help`.
 costs: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(VENV)/tools  ## measure what accuracy costs in time: simulation, refocusing
 	$(EXPERIMENT) costs --run $(RUNS)
 hard-cases: | $(VENV)/tools  ## compute hard cases exactly, by the obvious formula, and by lf_flame

@@ -90,12 +90,12 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
 )
 @option("--seed", "Seed of split, weights, batches and dropout, in place of CONFIG's.", SEED)
 @option("--epochs", "Number of epochs, in place of the preset's; may be raised later.", int)
-@option("--minutes", "Time to stop at, with the best network so far; 0: none.", float, default=0.0)
+@option("--minutes", "Time limit of this call, preparation included; 0: none.", float, default=0.0)
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs, minutes):
     """Train the network that CONFIG describes; resumes an interrupted run.
 
-    After --minutes, or Ctrl-C, the same command resumes after the last epoch that was saved. The
-    run folder then holds the best network so far, and run.json the number of epochs.
+    After --minutes, or Ctrl-C, the same command resumes after the last epoch that was saved. After
+    --minutes the run folder holds the best network so far; after Ctrl-C, the last checkpoint.
     ImageNet weights are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME).
     Without --data and --out, the weights are found and checked, and nothing is trained.
 

@@ -150,9 +150,8 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
         progress.tell(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
     else:
         state.start_s = round(time.perf_counter() - started, 2)
-    with progress.bar(
-        "training", run.epochs, "epoch", stays=True, initial=state.epochs_done
-    ) as bar:
+    what = f"training until minute {run.minutes:g}" if run.minutes else "training"
+    with progress.bar(what, run.epochs, "epoch", stays=True, initial=state.epochs_done) as bar:
         fit.network.fit(
             fit.batches,
             epochs=run.epochs,

@@ -81,7 +81,8 @@ def train(
     )  # fmt: skip
     decoder = network.get_layer("decoder")
 
-    # Called only if epochs are missing, as the features take a while.
+    # Called if epochs are missing: features take a while. What is trained shares its variables with
+    # the decoder.
     def prepare() -> Fit:
         def samples(part: str) -> tuple[np.ndarray, np.ndarray]:
             features = compute_features(network, dataset.inputs[parts[part]], part)
@@ -95,27 +96,36 @@ def train(
         assign_weights(decoder, best)
         return network
 
-    request = _request(config, preset, dataset, weights)
     metadata = {
+        "title": config.title,
+        "preset": preset,
         "backbone_depth": config.model.backbone_depth,
         "parts": {name: len(indices) for name, indices in parts.items()},
         "test_indices": parts["test"].tolist(),
         "data": recorded_path(data, out),
     }
-    run = Run(request, recipe.epochs, prepare, finish, metadata, recipe.checkpoint_s, minutes)
+    run = Run(
+        request=_request(config, preset, dataset, weights),
+        epochs=recipe.epochs,
+        prepare=prepare,
+        finish=finish,
+        metadata=metadata,
+        checkpoint_s=recipe.checkpoint_s,
+        minutes=minutes,
+    )
     return train_in_folder(run, Path(out), started)
 
 
 def _request(config: TrainingConfig, preset: str, dataset: Dataset, weights: str) -> dict:
     """Give everything that determines the result but the epochs; a file of weights by its hash."""
-    recipe, name = asdict(config.recipe(preset)), Path(config.model.backbone_weights).name
-    del recipe["epochs"]
+    recipe, model = asdict(config.recipe(preset)), asdict(config.model)
+    for name in ("epochs", "checkpoint_s", "without_imagenet"):
+        del recipe[name]
+    del model["backbone_weights"]
     return {
-        "title": config.title,
-        "preset": preset,
         "seed": config.seed,
         "split": list(config.split),
-        "model": asdict(config.model) | {"backbone_weights": name},
+        "model": model,
         "recipe": recipe,
         "backbone_weights": weights,
         "samples": len(dataset),

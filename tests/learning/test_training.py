@@ -65,9 +65,13 @@ def test_the_network_is_that_of_the_lowest_validation_loss_and_the_record_is_who
     _, indices, predictions = open_run(tmp_path).predict_test_split()
     np.testing.assert_array_equal(indices, parts["test"])
     assert predictions.shape == (3, 2, 12, 20)
-    for changed in (replace(config, seed=2), replace(config, title="other")):
-        with pytest.raises(InputError, match="holds a run with another"):
-            train(changed, "smoke", data, tmp_path)
+    with pytest.raises(InputError, match="holds a run with another seed"):
+        train(replace(config, seed=2), "smoke", data, tmp_path)
+    recipe = replace(config.recipe("smoke"), checkpoint_s=9.0)  # which changes no result
+    again = train(
+        replace(config, title="other", presets={"smoke": recipe}), "smoke", data, tmp_path
+    )
+    assert again == tmp_path / "model.keras"
 
 
 @pytest.mark.slow
