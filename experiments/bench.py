@@ -188,7 +188,7 @@ def _dense(scene, camera) -> np.ndarray:
         shares = []
         for axis in (0, 1):
             seen = trace_footprint(camera, layer.depth_mm, axis)
-            edges = layer.cell_edges_mm(axis) - seen.centres_mm.reshape(-1, 1)
+            edges = layer.cell_edges_mm[axis] - seen.centres_mm.reshape(-1, 1)
             a, b = abs(seen.lenslet_width_mm), max(abs(seen.pixel_width_mm), 1e-6)
             ends = (-a - b, 1), (b - a, -1), (a - b, -1), (a + b, 1)  # of a trapezoid, twice
             ramps = (sign * np.maximum(edges - end / 2, 0) ** 2 for end, sign in ends)

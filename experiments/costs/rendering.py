@@ -80,7 +80,7 @@ def _by_random_rays(study: Study, rays: int) -> np.ndarray:
     for layer in study.scene.front_to_back:
         seen = [trace_footprint(camera, layer.depth_mm, axis) for axis in (0, 1)]
         places = [(x.centres_mm, x.lenslet_width_mm, x.pixel_width_mm) for x in seen]
-        corner = [float(layer.cell_edges_mm(axis)[0]) for axis in (0, 1)]
+        corner = [float(layer.cell_edges_mm[axis][0]) for axis in (0, 1)]
         passing = 1.0 - np.broadcast_to(layer.opacity, layer.texture.shape)
         layers.append((layer.texture.astype(float), passing, *corner, *layer.size_mm, *places))
     image = np.empty((camera.views, camera.views, *camera.lenslets))

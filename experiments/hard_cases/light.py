@@ -12,7 +12,7 @@ from experiments.hard_cases.report import UNIT32, Values, hard_case
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PAPER_CAMERA
-from lf_flame.optics.ray_bundle import trace_footprint
+from lf_flame.optics.ray_bundle import object_to_array, trace_footprint
 from lf_flame.simulation.rendering import render_plan
 
 CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
@@ -56,7 +56,7 @@ def filling(texture, depth: float, part: float, camera: PlenopticCamera = CAMERA
 )
 def on_the_edge() -> Values:
     unit, obvious, ours = CAMERA.field_mm(0.0)[0] / 10, [], []
-    focused = CAMERA.object_to_array(0.0)[0]
+    focused = object_to_array(CAMERA, 0.0)[0]
     slopes = centred(64) * CAMERA.aperture_mm / CAMERA.focus_distance_mm / 64
     for shift in (-1e-13, 0.0, 1e-13):
         cell = Layer([[1.0]], 0.0, (2 * unit, 2 * unit), (shift, shift))
@@ -71,7 +71,7 @@ def at_the_middle(layer: Layer, camera: PlenopticCamera = CAMERA) -> np.ndarray:
     """Look up the cell on which each bundle is centred; 0 beside the layer."""
     index = []
     for axis in (0, 1):
-        edges = layer.cell_edges_mm(axis)
+        edges = layer.cell_edges_mm[axis]
         centres = trace_footprint(camera, layer.depth_mm, axis).centres_mm
         index.append(np.clip(np.searchsorted(edges, centres), 0, len(edges)))
     return np.pad(layer.texture, 1)[index[0][:, None, :, None], index[1][None, :, None, :]]

@@ -7,8 +7,7 @@ import numpy as np
 
 from experiments.hard_cases.report import UNIT, Values, as_exact, hard_case
 from lf_flame.optics.camera import PAPER_CAMERA
-from lf_flame.optics.ray_bundle import trace_footprint
-from lf_flame.optics.ray_transfer import chain, free_space, inverse, thin_lens
+from lf_flame.optics.ray_bundle import chain, free_space, inverse, thin_lens, trace_footprint
 from lf_flame.simulation.exact import trapezoid_cdf
 
 CAMERA = PAPER_CAMERA

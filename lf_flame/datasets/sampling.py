@@ -90,7 +90,7 @@ def _region(layer: Layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
     bounds = []
     for axis in (0, 1):
         middle = (camera.lenslets[axis] - 1) / 2
-        edges = layer.cell_edges_mm(axis)[[0, -1]] / scale + middle
+        edges = layer.cell_edges_mm[axis][[0, -1]] / scale + middle
         low, high = np.clip((edges[0] - 6, edges[1] + 6), 0, camera.lenslets[axis])
         bounds += [int(low), int(np.ceil(high))]
     top, bottom, left, right = bounds

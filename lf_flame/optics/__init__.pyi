@@ -1,10 +1,10 @@
 from .camera import PAPER_CAMERA as PAPER_CAMERA
 from .camera import PlenopticCamera as PlenopticCamera
 from .lens import Lens as Lens
-from .ray_transfer import chain as chain
-from .ray_transfer import free_space as free_space
-from .ray_transfer import inverse as inverse
-from .ray_transfer import thin_lens as thin_lens
+from .ray_bundle import chain as chain
+from .ray_bundle import free_space as free_space
+from .ray_bundle import inverse as inverse
+from .ray_bundle import thin_lens as thin_lens
 from .sensor import Sensor as Sensor
 from .sensor import expose as expose
 from .slope_conventions import CONVENTIONS as CONVENTIONS

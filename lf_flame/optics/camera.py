@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import Number, number_or_array
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
-from lf_flame.optics import ray_transfer
 from lf_flame.optics.lens import Lens
 from lf_flame.optics.sensor import Sensor
 
@@ -303,50 +302,6 @@ class PlenopticCamera(Lens):
         scale *= self.focus_distance_mm / self.pupil_distance_mm
         height, width = (n * self.grid_pitch_mm * scale for n in self.lenslets)
         return height, width
-
-    def object_to_array(self, depth_mm: float, focal_mm: float | None = None) -> np.ndarray:
-        """Ray transfer matrix from a layer to the microlens array.
-
-        focal_mm: focal length of the main lens for light of another colour; the array stays.
-        """
-        distance = self.focus_distance_mm + depth_mm
-        if not distance > 0:
-            raise InputError(
-                f"A layer must stand in front of the main lens, at a depth above "
-                f"{-self.focus_distance_mm} mm, got {depth_mm} mm."
-            )
-        return self._from_focal_plane(depth_mm, focal_mm)
-
-    def plane_to_array(self, distance_mm: float, focal_mm: float | None = None) -> np.ndarray:
-        """Ray transfer matrix to the array from a plane `distance_mm` in front of the main lens.
-
-        At distance 0 the plane is the main lens itself, where the aperture is.
-        """
-        return self._from_focal_plane(distance_mm - self.focus_distance_mm, focal_mm)
-
-    def _from_focal_plane(self, depth_mm: float, focal_mm: float | None) -> np.ndarray:
-        """Matrix from a depth to the focal plane, imaged on the array, with a change of colour.
-
-        The product free space, lens, free space is equal, but there the element B of a layer near
-        the focal plane would be a rounded difference of long distances.
-        """
-        f, a0, i0 = self.main_lens_focal_mm, self.focus_distance_mm, self.image_distance_mm
-        imaging = np.array([[-i0 / a0, 0.0], [-1 / f, -a0 / i0]])
-        if focal_mm is not None and focal_mm != f:
-            weak_lens = np.array([[i0, i0 * a0], [1.0, a0]])  # free space, power 1, free space
-            imaging = imaging - (1 / focal_mm - 1 / f) * weak_lens
-        return ray_transfer.chain(ray_transfer.free_space(depth_mm), imaging)
-
-    def lenslet_to_sensor(self) -> np.ndarray:
-        """Ray transfer matrix from before a lenslet to the sensor, about the lenslet's own axis.
-
-        With the sensor in the lenslet's focal plane it is ``[[0, f], [-1/f, 1]]``: a pixel
-        collects a range of angles, over the whole lenslet.
-        """
-        return ray_transfer.chain(
-            ray_transfer.thin_lens(self.lenslet_focal_mm),
-            ray_transfer.free_space(self.lenslet_focal_mm),
-        )
 
     def depth_to_slope(self, depth_mm: Number) -> Number:
         """Slope at which a layer is in focus.

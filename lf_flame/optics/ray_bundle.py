@@ -1,4 +1,7 @@
-"""The part of a layer that a sensor pixel sees: its ray bundle, traced backward.
+"""Ray transfer matrices, and the bundles of rays that they trace from sensor pixels to a layer.
+
+A ray is the column vector ``(y, theta)``: height in mm and angle in rad at a plane. A matrix, 2 x 2
+in float64, maps the ray at one plane to the ray at a later plane; all have determinant 1.
 
 In one dimension a pixel collects all rays that cross its lenslet at ``h + delta`` and reach the
 sensor within the pixel's width. On a layer they cover the segment
@@ -11,9 +14,85 @@ from functools import lru_cache
 
 import numpy as np
 
-from lf_flame._common.arrays import centred
-from lf_flame.optics import ray_transfer
+from lf_flame.errors import InputError
 from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
+
+
+def free_space(distance_mm: float) -> np.ndarray:
+    """Propagation over a distance along the axis: ``[[1, d], [0, 1]]`` (paper, equation 4).
+
+    A negative distance leads back to a virtual plane.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import free_space
+    >>> free_space(2.0).tolist()
+    [[1.0, 2.0], [0.0, 1.0]]
+    """
+    return np.array([[1.0, distance_mm], [0.0, 1.0]])
+
+
+def thin_lens(focal_mm: float) -> np.ndarray:
+    """Thin lens: ``[[1, 0], [-1/f, 1]]`` (paper, equation 5); f > 0 converges, infinity is none.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import thin_lens
+    >>> thin_lens(2.0).tolist()
+    [[1.0, 0.0], [-0.5, 1.0]]
+    """
+    return np.array([[1.0, 0.0], [-1.0 / focal_mm, 1.0]])
+
+
+def chain(*elements: np.ndarray) -> np.ndarray:
+    """Matrix of several elements, given in the order in which light passes them.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import chain, free_space, thin_lens
+    >>> system = chain(free_space(4.0), thin_lens(2.0), free_space(4.0))
+    >>> float(system[0, 1])  # object and image stand at twice the focal length
+    0.0
+    """
+    system = np.eye(2)
+    for element in elements:
+        system = element @ system
+    return system
+
+
+def inverse(system: np.ndarray) -> np.ndarray:
+    """Inverse ``[[D, -B], [-C, A]]`` of ``[[A, B], [C, D]]``: from the ray behind to that before.
+
+    It is not the matrix of the system turned round, ``[[D, B], [C, A]]``, where angles change their
+    sign. It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
+    (C = 0) and telecentric (A or D = 0) systems.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import free_space, inverse
+    >>> inverse(free_space(2.0)).tolist()
+    [[1.0, -2.0], [-0.0, 1.0]]
+    """
+    (a, b), (c, d) = system
+    return np.array([[d, -b], [-c, a]])
+
+
+def object_to_array(
+    camera: PlenopticCamera, depth_mm: float, focal_mm: float | None = None
+) -> np.ndarray:
+    """Ray transfer matrix from a depth to the focal plane, which is imaged on the microlens array.
+
+    focal_mm: focal length of the main lens for light of another colour; the array stays.
+
+    The product free space, lens, free space is equal, but there the element B of a layer near the
+    focal plane would be a rounded difference of long distances.
+    """
+    f, a0, i0 = camera.main_lens_focal_mm, camera.focus_distance_mm, camera.image_distance_mm
+    imaging = np.array([[-i0 / a0, 0.0], [-1 / f, -a0 / i0]])
+    if focal_mm is not None and focal_mm != f:
+        weak_lens = np.array([[i0, i0 * a0], [1.0, a0]])  # free space, power 1, free space
+        imaging = imaging - (1 / focal_mm - 1 / f) * weak_lens
+    return chain(free_space(depth_mm), imaging)
 
 
 @dataclass(frozen=True)
@@ -47,7 +126,8 @@ def lenslet_places_mm(
     """Nominal centres of the lenslets along an axis, in mm, shape (lenslets,)."""
     count = camera.lenslets[axis]
     if part is None:
-        return centred(count) * camera.grid_pitch_mm
+        pitch_mm = camera.lenslet_pitch_mm * ROW_SPACING[camera.layout]
+        return (np.arange(count) - (count - 1) / 2) * pitch_mm
     return part.first_mm[axis] + np.arange(count) * part.spacing_mm[axis]
 
 
@@ -67,8 +147,12 @@ def trace_footprint(
     pitch over the nominal one, with which the sensor is read. neighbour: number of lenslets by
     which the light's lenslet is displaced from the pixel's own. part: part of a hexagonal array.
     """
-    to_array = camera.object_to_array(depth_mm, focal_mm)
-    return _trace(camera, to_array, axis, lenslet_scale, neighbour, part)
+    if not camera.focus_distance_mm + depth_mm > 0:
+        raise InputError(
+            f"A layer must stand in front of the main lens, at a depth above "
+            f"{-camera.focus_distance_mm} mm, got {depth_mm} mm."
+        )
+    return _trace(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part)
 
 
 def trace_stop(
@@ -81,24 +165,27 @@ def trace_stop(
     part: ArrayPart | None = None,
 ) -> Footprint:
     """Trace the ray bundles to a stop at a distance in front of the main lens; 0 is the lens."""
-    to_array = camera.plane_to_array(distance_mm, focal_mm)
-    return _trace(camera, to_array, axis, lenslet_scale, neighbour, part)
+    depth_mm = distance_mm - camera.focus_distance_mm
+    return _trace(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part)
 
 
-def _trace(camera, to_array, axis: int, lenslet_scale: float, neighbour: int, part) -> Footprint:
+def _trace(camera, depth_mm, axis: int, focal_mm, lenslet_scale, neighbour, part) -> Footprint:
     """Compose the affine maps of the bundles.
 
     With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
     matrix, the ray's angle is ``(q - S00 * delta) / S01``; the inverse of the object-to-array
     matrix maps height and angle to the layer. Micro-images are centred on the chief ray.
     """
-    back = ray_transfer.inverse(to_array)
-    (s_height, s_angle), _ = camera.lenslet_to_sensor()
+    back = inverse(object_to_array(camera, depth_mm, focal_mm))
+    focal = camera.lenslet_focal_mm
+    # [[0, f], [-1/f, 1]]: a pixel collects a range of angles, over the whole lenslet.
+    (s_height, s_angle), _ = chain(thin_lens(focal), free_space(focal))
     nominal = lenslet_places_mm(camera, axis, part)
     chief = nominal * camera.lenslet_focal_mm / camera.exit_distance_mm
     # True place of the lenslet, as a difference from nominal: 0 stays 0 without rounding.
     moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
-    pixel = (chief - moved)[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
+    views = np.arange(camera.views) - (camera.views - 1) / 2
+    pixel = (chief - moved)[None, :] + views[:, None] * camera.pixel_mm
     # The sensor is turned by 180 degrees: images are upright.
     centres = -(back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle)
     per_place = back[0, 0] - back[0, 1] * s_height / s_angle

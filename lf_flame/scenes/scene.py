@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -62,6 +62,16 @@ class Layer:
         one of them, within 85. Its height and width are those along the layer, its thickness and
         its optical thickness those along the optical axis.
 
+    Attributes
+    ----------
+    cell_edges_mm : (ndarray, ndarray)
+        Edges of the cells along y and x, in mm, float64, shapes (rows + 1,) and (columns + 1,), as
+        seen along the optical axis: a tilted layer is foreshortened.
+    opacity : ndarray or float
+        Opaque fraction of each cell: the coverage, 1 without one, 0 if not opaque.
+    depth_extent_mm : float
+        Extent along the optical axis, by thickness and tilt.
+
     Raises
     ------
     InputError
@@ -83,6 +93,9 @@ class Layer:
     optical_thickness: np.ndarray
     thickness_mm: float
     tilt_deg: tuple[float, float]
+    cell_edges_mm: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
+    opacity: np.ndarray | float = field(init=False, repr=False)
+    depth_extent_mm: float = field(init=False, repr=False)
 
     def __init__(
         self,
@@ -115,67 +128,50 @@ class Layer:
                 f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
                 f"got {thickness_mm} and up to {tau.max():g}."
             )
+        size, centre = _checked_pair(size_mm, "size_mm"), _checked_pair(centre_mm, "centre_mm")
+        tilt = _checked_pair(tilt_deg, "tilt_deg")
+        if max(map(abs, tilt)) > STEEPEST_DEG or all(tilt):
+            raise InputError(
+                f"tilt_deg must be two angles (about the horizontal, about the vertical axis) "
+                f"within {STEEPEST_DEG} degrees, one of them 0, got {tilt}."
+            )
+        rows, columns = map(_cell_edges_mm, cells.shape, size, centre, tilt)
+        if not (np.diff(rows).min() > 0 and np.diff(columns).min() > 0):
+            raise InputError(
+                f"size_mm of a layer must be from {SMALLEST_MM:g} to {LARGEST_MM:g} mm, and "
+                f"its cells larger than the rounding of centre_mm, got {size} and {centre}."
+            )
+        leaning = [abs(math.sin(math.radians(a))) * b for a, b in zip(tilt, size, strict=True)]
         vars(self).update(  # a frozen dataclass refuses `self.texture = cells`
             texture=cells,
             depth_mm=depth_mm,
-            size_mm=_checked_pair(size_mm, "size_mm"),
-            centre_mm=_checked_pair(centre_mm, "centre_mm"),
+            size_mm=size,
+            centre_mm=centre,
             opaque=opaque,
             coverage=coverage,
             optical_thickness=tau,
             thickness_mm=thickness_mm,
-            tilt_deg=_checked_pair(tilt_deg, "tilt_deg"),
+            tilt_deg=tilt,
+            cell_edges_mm=(rows, columns),
+            opacity=(1.0 if coverage is None else coverage) if opaque else 0.0,
+            depth_extent_mm=thickness_mm + sum(leaning),
         )
-        self._check_rectangle()
-
-    def _check_rectangle(self) -> None:
-        """Refuse a layer that leans too far, or whose cells are one by rounding."""
-        if max(map(abs, self.tilt_deg)) > STEEPEST_DEG or all(self.tilt_deg):
-            raise InputError(
-                f"tilt_deg must be two angles (about the horizontal, about the vertical axis) "
-                f"within {STEEPEST_DEG} degrees, one of them 0, got {self.tilt_deg}."
-            )
-        for axis, length in enumerate(self.size_mm):
-            possible = SMALLEST_MM < length < LARGEST_MM
-            if not (possible and np.diff(self.cell_edges_mm(axis)).min() > 0):
-                raise InputError(
-                    f"size_mm of a layer must be from {SMALLEST_MM:g} to {LARGEST_MM:g} mm, and "
-                    f"its cells larger than the rounding of centre_mm, got {self.size_mm} and "
-                    f"{self.centre_mm}."
-                )
-
-    @property
-    def opacity(self) -> np.ndarray | float:
-        """Opaque fraction of each cell: the coverage, 1 without one, 0 if not opaque."""
-        if not self.opaque:
-            return 0.0
-        return 1.0 if self.coverage is None else self.coverage
-
-    @property
-    def depth_extent_mm(self) -> float:
-        """Extent along the optical axis, by thickness and tilt."""
-        leaning = (abs(math.sin(math.radians(angle))) for angle in self.tilt_deg)
-        return self.thickness_mm + sum(
-            a * size for a, size in zip(leaning, self.size_mm, strict=True)
-        )
-
-    def cell_edges_mm(self, axis: int) -> np.ndarray:
-        """Edges of the cells along an axis (0 = y, 1 = x), in mm, float64, shape (cells + 1,).
-
-        They are those seen along the optical axis: a tilted layer is foreshortened.
-        """
-        cells, size = self.texture.shape[axis], self.size_mm[axis]
-        size *= math.cos(math.radians(self.tilt_deg[axis]))
-        offset = self.centre_mm[axis] - size / 2
-        return offset + np.arange(cells + 1) * (size / cells)
 
     def extent_mm(self, cells: np.ndarray, axis: int) -> tuple[float, float]:
         """Start and end, in mm, of the nonzero cells along an axis; NaN if all are 0."""
         filled = np.flatnonzero(cells.any(axis=1 - axis))
         if filled.size == 0:
             return (np.nan, np.nan)
-        edges = self.cell_edges_mm(axis)
+        edges = self.cell_edges_mm[axis]
         return (float(edges[filled[0]]), float(edges[filled[-1] + 1]))
+
+
+def _cell_edges_mm(cells: int, size: float, centre: float, tilt: float) -> np.ndarray:
+    """Edges of cells along an axis, as seen along the optical axis; NaN for an impossible size."""
+    if not SMALLEST_MM < size < LARGEST_MM:
+        return np.full(2, np.nan)
+    seen = size * math.cos(math.radians(tilt))
+    return centre - seen / 2 + np.arange(cells + 1) * (seen / cells)
 
 
 def _checked_cells(
@@ -219,6 +215,11 @@ class Scene:
     layers : sequence of Layer
         Layers in any order, at least one; stored as a tuple.
 
+    Attributes
+    ----------
+    front_to_back : tuple of Layer
+        Layers, nearest to the main lens first; at one depth, glowing before opaque ones.
+
     Raises
     ------
     InputError
@@ -235,9 +236,11 @@ class Scene:
     """
 
     layers: tuple[Layer, ...]
+    front_to_back: tuple[Layer, ...] = field(init=False)
 
     def __init__(self, layers: Sequence[Layer]):
-        object.__setattr__(self, "layers", tuple(layers))
+        ordered = sorted(layers, key=lambda layer: (layer.depth_mm, layer.opaque))
+        vars(self).update(layers=tuple(layers), front_to_back=tuple(ordered))
         if not self.layers:
             raise InputError("A scene needs at least one layer, got none.")
         for (i, one), (j, other) in combinations(enumerate(self.layers, 1), 2):
@@ -273,11 +276,6 @@ class Scene:
         depths = ", ".join(f"{layer.depth_mm:g}" for layer in self.layers[:8])
         more = ", ..." if len(self.layers) > 8 else ""
         return f"Scene(layers at {depths}{more} mm)"
-
-    @property
-    def front_to_back(self) -> tuple[Layer, ...]:
-        """Layers, nearest to the main lens first; at one depth, glowing before opaque ones."""
-        return tuple(sorted(self.layers, key=lambda layer: (layer.depth_mm, layer.opaque)))
 
 
 def _overlap(one: Layer, other: Layer, axis: int) -> bool:

@@ -207,7 +207,7 @@ def blur_layer(
     grids = []
     for axis in (0, 1):
         lit = layer.extent_mm(emission, axis)
-        grids.append(_Grid.over(layer.cell_edges_mm(axis), lit, window[axis], spread, wanted))
+        grids.append(_Grid.over(layer.cell_edges_mm[axis], lit, window[axis], spread, wanted))
     cells = emission
     for axis, grid in enumerate(grids):
         cells = grid.cut(cells, axis)

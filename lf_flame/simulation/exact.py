@@ -81,7 +81,7 @@ def bundle_bands(
     Returns what `band_weights` does, for centres in the order of an image, (a, c) or (b, d).
     """
     footprint = optics.footprint(plane.depth_mm, axis)
-    edges = plane.layer.cell_edges_mm(axis)
+    edges = plane.layer.cell_edges_mm[axis]
     centres = arrange(footprint.centres_mm, layout, axis)
     lenslet_mm = abs(footprint.lenslet_width_mm)
     pixel_mm: Width = abs(footprint.pixel_width_mm) * optics.defocus

@@ -247,7 +247,7 @@ def ray_grid(
 ) -> RayGrid:
     """Lay the rays of all bundles over some planes along an axis, at least so many for a pixel."""
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
-    edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
+    edges = [plane.layer.cell_edges_mm[axis] for plane in planes]
     tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
     along = ImageAxis(optics, layout, axis)
     seen = [_meets(*one, optics, axis) for one in zip(footprints, edges, strict=True)]

@@ -358,7 +358,7 @@ def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
 def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
     """Average cells exactly over coarser ones; outside the plane all values are 0."""
     for axis in (0, 1):
-        old, new = plane.layer.cell_edges_mm(axis), edges[axis]
+        old, new = plane.layer.cell_edges_mm[axis], edges[axis]
         if new.size == old.size and new[0] == old[0]:
             continue
         start, weight = band_weights(old, (new[1:] + new[:-1]) / 2, new[1] - new[0], 0.0)

@@ -237,7 +237,7 @@ def _check_field(scene: Scene, optics: OpticalPass) -> None:
     for layer in scene.layers:
         for axis in (0, 1):
             footprint = optics.footprint(layer.depth_mm, axis)
-            edges, reach = layer.cell_edges_mm(axis), footprint.half_width_mm
+            edges, reach = layer.cell_edges_mm[axis], footprint.half_width_mm
             low, high = footprint.centres_mm.min() - reach, footprint.centres_mm.max() + reach
             if edges[-1] <= low or edges[0] >= high:
                 raise InputError(

@@ -105,7 +105,7 @@ def _leaning_slabs(
     depths = places * layer.size_mm[axis] * math.sin(angle) * (-1 if axis == 0 else 1)
     faces = (np.arange(count + 1) / count - 0.5) * layer.depth_extent_mm
     faces[[0, -1]] = -math.inf, math.inf
-    low_mm, high_mm = layer.cell_edges_mm(axis)[[0, -1]].tolist()
+    low_mm, high_mm = layer.cell_edges_mm[axis][[0, -1]].tolist()
     edges = np.linspace(low_mm, high_mm, cells * parts + 1)
     planes = []
     for low, high in pairwise(faces):

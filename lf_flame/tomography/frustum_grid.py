@@ -191,8 +191,8 @@ class FrustumGrid:
 
     def average(self, layer: Layer, plane: int) -> np.ndarray:
         """Average a layer over the cells of a plane, as if it were at that plane's depth."""
-        down = _shares(layer.cell_edges_mm(0), self.edges_mm(plane, 0))
-        across = _shares(layer.cell_edges_mm(1), self.edges_mm(plane, 1))
+        down = _shares(layer.cell_edges_mm[0], self.edges_mm(plane, 0))
+        across = _shares(layer.cell_edges_mm[1], self.edges_mm(plane, 1))
         return down @ layer.texture @ across.T
 
 

@@ -161,7 +161,7 @@ def plane_taps(grid: FrustumGrid, axis: int, finer: int = 1) -> np.ndarray:
         layer = grid.empty_layer(plane, finer)
         centres, *widths = _bundles(grid.camera, layer, axis)
         centres = centres[:, middle * block : (middle + 1) * block]
-        start, weight = band_weights(layer.cell_edges_mm(axis), centres, *widths)
+        start, weight = band_weights(layer.cell_edges_mm[axis], centres, *widths)
         view, _, _ = lit = np.nonzero(weight)
         cell = start[..., None] + np.arange(weight.shape[-1]) - finer * middle
         np.add.at(of_plane, (view, cell[lit]), weight[lit] / block)
@@ -227,7 +227,7 @@ def layer_bands(layer: Layer, camera: Lens, block: int, axis: int) -> sparse.csr
 
     float64, shape (views * pixels, cells), rows ``view * pixels + pixel``: means over lenslets.
     """
-    start, weight = band_weights(layer.cell_edges_mm(axis), *_bundles(camera, layer, axis))
+    start, weight = band_weights(layer.cell_edges_mm[axis], *_bundles(camera, layer, axis))
     views, lenslets, band = weight.shape
     pixels = lenslets // block
     rows = np.repeat(np.arange(views * pixels), block * band)

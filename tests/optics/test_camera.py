@@ -47,17 +47,6 @@ def test_conversions_stay_finite_through_infinity():
     assert PAPER_CAMERA.alpha_to_slope(np.inf) == pytest.approx(slope, rel=1e-12)
 
 
-@pytest.mark.parametrize("depth", [-150.0, 0.0, 12.5, 400.0])
-@pytest.mark.parametrize("focal", [150.0, 149.0, 160.0])
-def test_light_of_another_colour_goes_through_a_lens_of_another_power(depth, focal):
-    """Free space, thin lens and free space, element by element; the array stays in place."""
-    a, i0 = PAPER_CAMERA.focus_distance_mm + depth, PAPER_CAMERA.image_distance_mm
-    expected = [[1 - i0 / focal, a + i0 - a * i0 / focal], [-1 / focal, 1 - a / focal]]
-    found = PAPER_CAMERA.object_to_array(depth, focal)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * a)
-    np.testing.assert_array_equal(found, PAPER_CAMERA.plane_to_array(a, focal))
-
-
 def test_pixels_that_tile_a_micro_image_fit_in_spite_of_rounding():
     tiled = PAPER_CAMERA.lenslet_pitch_mm * (1 + 0.4 / PAPER_CAMERA.image_distance_mm) / 15
     rounded = replace(PAPER_CAMERA, pixel_pitch_mm=tiled * (1 + 1e-12))

@@ -75,13 +75,13 @@ def test_all_light_is_kept_on_any_cells(rng, size, cells):
     assert light[1] == pytest.approx(light[0], rel=5e-3)
     y, x = (
         blurred.texture.sum(axis=1 - axis)
-        @ np.convolve(blurred.cell_edges_mm(axis), [0.5, 0.5], "valid")
+        @ np.convolve(blurred.cell_edges_mm[axis], [0.5, 0.5], "valid")
         / blurred.texture.sum()
         for axis in (0, 1)
     )
     given = [
         layer.texture.sum(axis=1 - axis)
-        @ np.convolve(layer.cell_edges_mm(axis), [0.5, 0.5], "valid")
+        @ np.convolve(layer.cell_edges_mm[axis], [0.5, 0.5], "valid")
         / layer.texture.sum()
         for axis in (0, 1)
     ]

@@ -65,7 +65,7 @@ class ChosenPixels:
         count, view = self.camera.lenslets[1], self.camera.views // 2
         lenslets = [*_spread(count, 2 * EVEN)]
         for layer in self.scene.layers:
-            edges = layer.cell_edges_mm(1)
+            edges = layer.cell_edges_mm[1]
             brightest = edges[np.unravel_index(layer.texture.argmax(), layer.texture.shape)[1]]
             centres = trace_footprint(self.camera, layer.depth_mm, 1).centres_mm[view]
             for place in (edges[0], brightest, edges[-1]):

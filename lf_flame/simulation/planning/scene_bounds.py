@@ -221,7 +221,7 @@ def _light_steps(layer: Layer, axis: int, behind: float) -> LightSteps:
         stopped = layer.opacity + -np.expm1(-layer.optical_thickness)
         whole = whole + stopped.max() * behind
         nearest += _largest_step(stopped, axis) * behind
-    edges = layer.cell_edges_mm(axis)
+    edges = layer.cell_edges_mm[axis]
     return LightSteps(float(whole), nearest, float(edges[1] - edges[0]))
 
 

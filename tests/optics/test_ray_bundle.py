@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from lf_flame.optics.ray_transfer import chain, free_space, inverse, thin_lens
+from lf_flame.optics.camera import PAPER_CAMERA
+from lf_flame.optics.ray_bundle import chain, free_space, inverse, object_to_array, thin_lens
 
 
 def test_lens_equation_is_where_b_vanishes():
@@ -26,3 +27,13 @@ def test_inverse_undoes_even_an_afocal_system():
 
 def test_lens_of_infinite_focal_length_is_no_lens():
     np.testing.assert_array_equal(thin_lens(np.inf), np.eye(2))
+
+
+@pytest.mark.parametrize("depth", [-150.0, 0.0, 12.5, 400.0])
+@pytest.mark.parametrize("focal", [150.0, 149.0, 160.0])
+def test_light_of_another_colour_goes_through_a_lens_of_another_power(depth, focal):
+    """Free space, thin lens and free space, element by element; the array stays in place."""
+    a, i0 = PAPER_CAMERA.focus_distance_mm + depth, PAPER_CAMERA.image_distance_mm
+    expected = [[1 - i0 / focal, a + i0 - a * i0 / focal], [-1 / focal, 1 - a / focal]]
+    found = object_to_array(PAPER_CAMERA, depth, focal)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * a)
