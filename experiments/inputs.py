@@ -19,7 +19,7 @@ from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.lightfield import LightField
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.plan import plan_effects
 
 DATA_SETS = tuple(
     Path(__file__).parents[1] / "data_gen" / f"{kind}.toml" for kind in ("shapes", "flames")

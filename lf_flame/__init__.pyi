@@ -26,7 +26,7 @@ from .refocus.focus_map import all_in_focus as all_in_focus
 from .refocus.shift import shift_and_sum as shift_and_sum
 from .scenes.scene import Layer as Layer
 from .scenes.scene import Scene as Scene
-from .simulation.planning.decisions import plan_effects as plan_effects
+from .simulation.planning.plan import plan_effects as plan_effects
 from .simulation.rendering import render as render
 from .tomography.reconstruction import reconstruct as reconstruct
 

@@ -95,7 +95,7 @@ class Projector:
         self._passes = [
             replace(optics, neighbour=neighbour)
             for optics in optical_passes(camera, plan.kept, plan.traced, plan.colours)
-            for neighbour in optics.lit_neighbours()
+            for neighbour in optics.neighbours
         ]
         few = len(self._planes) * len(self._passes) <= MOST_KEPT
         self._kept = list(self._trace()) if few else None

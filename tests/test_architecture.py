@@ -22,6 +22,7 @@ FLOORS = [
     ["simulation"],
     ["simulation.planning"],
     ["simulation.rendering"],
+    ["simulation.assumptions"],
     ["formats", "refocus"],
     ["calibration"],
     ["projection", "tomography", "viewer"],

@@ -31,7 +31,7 @@ from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.plan import plan_effects
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.rendering import render
 from lf_flame.simulation.slabs import slice_scene

@@ -17,8 +17,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, Sensor
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.planning.decisions import plan_effects
-from lf_flame.simulation.planning.plan import EffectPlan
+from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
 from lf_flame.simulation.rendering import render, render_plan
 
 TOLERANCE = 0.05

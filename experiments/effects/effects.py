@@ -21,7 +21,7 @@ from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.optics.sensor import STAGES, Sensor
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.plan import plan_effects
 from lf_flame.simulation.rendering import render
 
 TOLERANCE = 1e-3

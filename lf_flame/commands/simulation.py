@@ -77,20 +77,20 @@ def plan(scene, tolerance, on, off, assume, measure) -> None:
       lf-flame plan scene.toml
       lf-flame plan scene.toml --assume 550nm,round,12bit --measure
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.simulation.planning import plan as plans
-    from lf_flame.simulation.planning.decisions import plan_effects
+    from lf_flame.simulation import assumptions
+    from lf_flame.simulation.planning.plan import plan_effects
 
     layers, camera, effects, stated = _read_scene(scene, on, off)
     if assume:
-        camera = plans.assume(camera, assume.replace(" ", "").split(","), stated)
+        camera = assumptions.assume(camera, assume.replace(" ", "").split(","), stated)
     found = plan_effects(layers, camera, tolerance, effects, typical=True, stated=stated)
     if measure:
         from tqdm import tqdm
 
-        from lf_flame.simulation import measure_changes
-
         bar = partial(tqdm, desc="measuring", unit="effect", leave=False)
-        found = replace(found, measured=measure_changes(layers, camera, found, progress=bar))
+        found = replace(
+            found, measured=assumptions.measure_changes(layers, camera, found, progress=bar)
+        )
     click.echo(found)
 
 
@@ -128,7 +128,7 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
     from lf_flame._common import progress
     from lf_flame._common.atomic_files import output_folder
     from lf_flame.commands.simulation_output import write_simulation
-    from lf_flame.simulation.planning.decisions import plan_effects
+    from lf_flame.simulation.planning.plan import plan_effects
     from lf_flame.simulation.rendering import render_plan
 
     out = out or Path("simulated") / scene.stem

@@ -15,8 +15,7 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.planning.decisions import plan_effects
-from lf_flame.simulation.planning.plan import EffectPlan
+from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
 
 MOST_SAMPLES = 1_000_000
 """Maximum number of samples in a data set."""

@@ -103,11 +103,7 @@ class Footprint:
     lenslet_width_mm: float  # width of the lenslet's image on the layer
     pixel_width_mm: float
     shift_per_lenslet_shift: float  # shift on the layer if a lenslet moves and its pixel does not
-
-    @property
-    def half_width_mm(self) -> float:
-        """Half of the bundle's full width on the layer, in mm."""
-        return (abs(self.lenslet_width_mm) + abs(self.pixel_width_mm)) / 2
+    half_width_mm: float  # half of a bundle's full width
 
 
 @dataclass(frozen=True)
@@ -196,9 +192,11 @@ def _trace(camera, depth_mm, axis: int, focal_mm, lenslet_scale, neighbour, part
     elif axis == 0:
         lenslet_mm *= ROW_SPACING[camera.layout]
     centres.flags.writeable = False  # the cache shares it
+    lenslet, pixel_mm = per_place * lenslet_mm, back[0, 1] / s_angle * camera.pixel_mm
     return Footprint(
         centres_mm=centres,
-        lenslet_width_mm=per_place * lenslet_mm,
-        pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
+        lenslet_width_mm=lenslet,
+        pixel_width_mm=pixel_mm,
         shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),
+        half_width_mm=(abs(lenslet) + abs(pixel_mm)) / 2,
     )

@@ -17,7 +17,7 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_limits import beyond_mm, misplaced_mm, neighbours, true_pitch_mm
+from lf_flame.simulation.optical_pass import beyond_mm, misplaced_mm, neighbours, true_pitch_mm
 from lf_flame.simulation.slabs import Plane
 
 SAME_PITCH = 1e-9

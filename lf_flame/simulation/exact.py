@@ -1,19 +1,24 @@
-"""The exact integrator: each pixel's ray bundle over the cells of the planes, in closed form.
+"""Gathering the light of planes into an image: in closed form, the exact integrator, or by rays.
 
 The compiled loops at the end gather: each output element is summed by one thread in a fixed order,
 so the bits do not depend on the number of threads. Sums run in float64.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from lf_flame._common.threads import parallel
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
+from lf_flame.optics.ray_bundle import ArrayPart
 from lf_flame.simulation._weight_kernels import shade
-from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange, seen_range
-from lf_flame.simulation.ray_tables import falloff_table
+from lf_flame.simulation.optical_pass import Layout, Lines, OpticalPass, arrange
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane
 
 Width = float | np.ndarray
@@ -24,6 +29,101 @@ TINY = np.finfo(float).tiny
 
 LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
+
+FEW_PORTIONS = 4
+"""Portions of light that are added in float32; more are added in float64."""
+
+STRIPS = 6
+"""Number of boxes in place of each of the two tapering ends of a hexagonal lenslet."""
+
+
+def gather(
+    planes: list[Plane], passes: list[OpticalPass], layout: Layout, rays: int | None
+) -> np.ndarray:
+    """Gather the light of planes, front to back, on the sensor, without diffraction.
+
+    Returns float32 in the order of the layout. rays: number along each axis; None for the exact
+    integrator. passes: one for each colour.
+    """
+    camera = passes[0].camera
+    if camera.layout == "hexagonal" and not isinstance(layout, Lines):
+        views = _gather_hexagonal(planes, passes, rays)
+        return views if layout == "views" else LightField.trusted(views).to_raw()[None, None]
+    # Where light comes in many portions, float32 would round after each.
+    portions = len(planes) if rays else len(passes[0].neighbours)
+    many = len(passes) * portions > FEW_PORTIONS
+    image = blank_image(camera, layout, np.float64 if many else np.float32)
+    _add(planes, passes, layout, rays, image)
+    return image.astype(np.float32, copy=False)
+
+
+def blank_image(camera: PlenopticCamera, layout: Layout, dtype=np.float32) -> np.ndarray:
+    """Make a dark image ``[a, b, c, d]``; memory that no light reaches is never touched.
+
+    Shape (v, u, t, s) for views, (1, 1, t * v, s * u) for the raw image, (1, 1, rows, columns).
+    """
+    if isinstance(layout, Lines):
+        return np.zeros((1, 1, layout.rows.size, layout.columns.size), dtype)
+    n, (lines, columns) = camera.views, camera.lenslets
+    shape = (n, n, lines, columns) if layout == "views" else (1, 1, lines * n, columns * n)
+    return np.zeros(shape, dtype)
+
+
+def _add(planes: list[Plane], passes, layout: Layout, rays: int | None, out: np.ndarray) -> None:
+    for optics in passes:
+        if rays:
+            trace(planes, optics, layout, rays, out)
+        else:
+            integrate(planes, optics, layout, out)
+
+
+def _gather_hexagonal(
+    planes: list[Plane], passes: list[OpticalPass], rays: int | None
+) -> np.ndarray:
+    """Gather through hexagons, and interpolate along their rows to the square grid of the views.
+
+    Even and odd rows are two rectangular arrays. A hexagon with two sides upright is a box between
+    two triangles, each replaced by `STRIPS` boxes of its widths.
+    """
+    camera, pitch = passes[0].camera, passes[0].camera.lenslet_pitch_mm
+    rows, columns = camera.lenslets
+    spacing = ROW_SPACING["hexagonal"]
+    # Row 0 has a lenslet half a pitch to the left of column 0, row 1 one at column 0.
+    left = -(columns - 1) / 2 * spacing - 0.5
+    count = math.floor((columns - 1) * spacing + 0.5) + 2
+    lenslets = np.empty((camera.views, camera.views, rows, count), np.float32)
+    for parity in range(min(rows, 2)):
+        array = replace(camera, lenslets=(len(range(parity, rows, 2)), count))
+        first = (parity - (rows - 1) / 2) * spacing * pitch, (left + parity / 2) * pitch
+        parts = [
+            replace(optics, camera=array, share=optics.share * share,
+                    part=ArrayPart(first, (2 * spacing * pitch, pitch), size, aside))
+            for optics in passes
+            for share, size, aside in _hexagon(pitch)
+        ]  # fmt: skip
+        image = blank_image(array, "views", np.float64)
+        _add(planes, parts, "views", rays, image)
+        lenslets[:, :, parity::2] = image
+    views = np.empty((camera.views, camera.views, rows, columns), np.float32)
+    for parity in range(min(rows, 2)):
+        place = 0.5 + spacing * np.arange(columns) - parity / 2
+        near = np.minimum(place.astype(int), count - 2)
+        lines, share = lenslets[:, :, parity::2], place - near
+        views[:, :, parity::2] = lines[..., near] * (1 - share) + lines[..., near + 1] * share
+    return views
+
+
+def _hexagon(pitch: float) -> Iterator[tuple[float, tuple[float, float], tuple[float, float]]]:
+    """Boxes of a hexagon: share of its area, height and width, place from its centre, in mm."""
+    side = pitch / math.sqrt(3)
+    area = 1.5 * side * pitch
+    yield side * pitch / area, (side, pitch), (0.0, 0.0)
+    height = side / 2 / STRIPS
+    for strip in range(STRIPS):
+        width = pitch * (1 - (strip + 0.5) / STRIPS)
+        place = side / 2 + (strip + 0.5) * height
+        for sign in (-1, 1):
+            yield height * width / area, (height, width), (sign * place, 0.0)
 
 
 def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.ndarray) -> None:
@@ -36,7 +136,7 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.
     No plane may attenuate another, and the pass may have no stops and no skew. The light is added
     to `out`, float32 or float64 in the order of the layout.
     """
-    for neighbour in optics.lit_neighbours():
+    for neighbour in optics.neighbours:
         through = replace(optics, neighbour=neighbour)
         batch: list[Plane] = []
         used = 0
@@ -59,7 +159,9 @@ def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
     reach = np.zeros((2, len(planes), out.shape[1]), np.int64)
     top = 0
     for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
-        reach[:, p] = seen_range(np.any(weight, axis=2))
+        lit = np.any(weight, axis=2)
+        last = lit.any(axis=1) * (lit.shape[1] - lit[:, ::-1].argmax(axis=1))
+        reach[:, p] = lit.argmax(axis=1), last
         part = lines[top : top + heights[p]]
         integrate_columns(plane.emission, start, weight, *reach[:, p], part)
         bands[0][p] = [bands[0][p][0] + top, bands[0][p][1] * optics.share]
@@ -71,6 +173,27 @@ def _integrate_batch(planes, optics, layout: Layout, out: np.ndarray) -> None:
     starts = np.stack([start for start, _ in bands[0]])
     falloff, seen = falloff_table(optics, layout), weights.any(axis=3)
     integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
+
+
+class FalloffTable(NamedTuple):
+    """Squared tangents of the pixels' central rays behind the main lens, for cos^4."""
+
+    rows: np.ndarray  # (a, c)
+    columns: np.ndarray  # (b, d)
+    patch: float  # mean over a pixel's patch of the main lens, from its middle
+
+
+def falloff_table(optics: OpticalPass, layout: Layout) -> FalloffTable | None:
+    """Squared tangents in the order of an image, or None without cos^4."""
+    if not optics.falloff:
+        return None
+    tangents = [optics.tangents(axis) for axis in (0, 1)]
+    if optics.square_micro_images:  # of the part of a pixel that is lit
+        for axis in (0, 1):
+            tangents[axis] += optics.lit_parts(axis)[0] / optics.camera.lenslet_focal_mm
+    rows, columns = (arrange(table, layout, axis) for axis, table in enumerate(tangents))
+    patch = (optics.camera.pixel_mm / optics.camera.lenslet_focal_mm) ** 2 / 6
+    return FalloffTable(rows**2, columns**2, patch)
 
 
 def bundle_bands(

@@ -1,5 +1,8 @@
 """A pass of light through the camera, and the orders in which an image holds its pixels.
 
+At the end, how far lenslets are displaced that are not where the sensor is read, and what round
+stops cut.
+
 Images are sub-aperture views, the raw image, or chosen lines: arrays ``[a, b, c, d]``. The place of
 a pixel along y is (a, c), along x (b, d): views are ``[v, u, t, s]``, and the raw lenslet image has
 a = b = 0. One kernel therefore writes all layouts.
@@ -8,7 +11,7 @@ a = b = 0. One kernel therefore writes all layouts.
 import itertools
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,22 +45,8 @@ Layout = str | Lines
 """Order of pixels: "views", "raw" or chosen lines."""
 
 
-def blank_image(camera: PlenopticCamera, layout: Layout, dtype=np.float32) -> np.ndarray:
-    """Make a dark image ``[a, b, c, d]``; memory that no light reaches is never touched.
-
-    Shape (v, u, t, s) for views, (1, 1, t * v, s * u) for the raw image, (1, 1, rows, columns).
-    """
-    if isinstance(layout, Lines):
-        return np.zeros((1, 1, layout.rows.size, layout.columns.size), dtype)
-    n, (lines, columns) = camera.views, camera.lenslets
-    shape = (n, n, lines, columns) if layout == "views" else (1, 1, lines * n, columns * n)
-    return np.zeros(shape, dtype)
-
-
-def as_views(image: np.ndarray, camera: PlenopticCamera, layout: str) -> np.ndarray:
-    """Show an image of views or a raw image as ``[v, u, t, s]``, without a copy."""
-    if layout == "views":
-        return image
+def as_views(image: np.ndarray, camera: PlenopticCamera) -> np.ndarray:
+    """Show a raw image as ``[v, u, t, s]``, without a copy."""
     lines, columns = camera.lenslets
     raw = image.reshape(lines, camera.views, columns, camera.views)
     return raw.transpose(1, 3, 0, 2)
@@ -71,17 +60,6 @@ def arrange(table: np.ndarray, layout: Layout, axis: int) -> np.ndarray:
         return table
     raw = np.swapaxes(table, 0, 1)
     return raw.reshape(1, raw.shape[0] * raw.shape[1], *raw.shape[2:])
-
-
-def seen_range(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the first and one past the last place d that sees a plane, for each b of seen[b, d].
-
-    Both are int64, and 0 where no place sees it.
-    """
-    any_seen = seen.any(axis=1)
-    first = np.where(any_seen, seen.argmax(axis=1), 0)
-    last = np.where(any_seen, seen.shape[1] - seen[:, ::-1].argmax(axis=1), 0)
-    return first, last
 
 
 @dataclass(frozen=True)
@@ -107,6 +85,8 @@ class OpticalPass:
         Distance in front of the main lens and radius of each round stop, in mm; at most two.
     neighbour : (int, int), optional
         Rows and columns from a pixel's own lenslet to the one through which its light comes.
+    neighbours : tuple of (int, int), optional
+        The same of all lenslets through which light reaches some pixel, if the array is not turned.
     every_lenslet : bool, optional
         Whether light through all lenslets that can reach a pixel adds up. Default: a pixel receives
         light through one lenslet only, as with an ideal aperture and an ideal lenslet array.
@@ -126,7 +106,8 @@ class OpticalPass:
     lenslet_scale: float = 1.0
     lenslet_skew: float = 0.0
     stops: tuple[tuple[float, float], ...] = ()
-    neighbour: tuple[int, int] = field(default=(0, 0))
+    neighbour: tuple[int, int] = (0, 0)
+    neighbours: tuple[tuple[int, int], ...] = ((0, 0),)
     every_lenslet: bool = False
     round_aperture: bool = False
     part: ArrayPart | None = None
@@ -165,7 +146,8 @@ class OpticalPass:
     def skew_mm(self, axis: int) -> np.ndarray:
         """Displacement of each lenslet along `axis` by a rotated array."""
         other = 1 - axis
-        place = centred(self.camera.lenslets[other]) + self.neighbour[other]
+        count = self.camera.lenslets[other]
+        place = np.arange(count) - (count - 1) / 2 + self.neighbour[other]
         sign = 1 if axis == 0 else -1
         return sign * self.lenslet_skew * self.camera.lenslet_pitch_mm * place
 
@@ -202,34 +184,25 @@ class OpticalPass:
             half = (radius + self.lenslet_pitch_mm / 2 * turned) * self._lens_to_sensor
         return half + camera.pixel_mm / 2 * turned
 
-    def lit_neighbours(self) -> list[tuple[int, int]]:
-        """Lenslets through which light reaches some pixel: rows and columns from its own.
-
-        It assumes an array that is not turned.
-        """
-        if not self.every_lenslet:
-            return [self.neighbour]
+    def lit_neighbours(self) -> tuple[tuple[int, int], ...]:
+        """Find the `neighbours` of a pass through every lenslet."""
         # Squares that only touch do not meet.
         reach = self.micro_image_reach_mm / self.micro_image_mm - 1e-9
         rows, columns = (
             range(math.ceil(offsets.min() - reach), math.floor(offsets.max() + reach) + 1)
             for offsets in (self.offsets_mm(axis) / self.micro_image_mm for axis in (0, 1))
         )
-        return list(itertools.product(rows, columns))
+        return tuple(itertools.product(rows, columns))
 
     def offsets_mm(self, axis: int) -> np.ndarray:
         """Pixel centres from the middles of the lenslet's micro-images, shape (view, lenslet).
 
-        Along one axis, as if the array were not turned; `offset_skew_mm` is the rest.
+        Along one axis, as if the array were not turned.
         """
         camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
         moved = nominal * (self.lenslet_scale - 1) + further
         return centred(camera.views)[:, None] * camera.pixel_mm - moved * (1 + self._lens_to_sensor)
-
-    def offset_skew_mm(self, axis: int) -> np.ndarray:
-        """Add this to `offsets_mm` for a turned array, by the lenslet's place on the other axis."""
-        return -self.skew_mm(axis) * (1 + self._lens_to_sensor)
 
     def lit_parts(self, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Part of each pixel that lies in the lenslet's micro-image, where that is a square.
@@ -283,6 +256,133 @@ def optical_passes(
         every_lenslet=angle != 0 or scale != 1 or width > camera.aperture_mm,
         round_aperture="round_aperture" in traced,
     )
+    if ideal.every_lenslet:
+        ideal = replace(ideal, neighbours=ideal.lit_neighbours())
     middles = (np.arange(colours) + 0.5) / colours - 0.5
     focal = [camera.main_lens_focal_mm * (1 + camera.chromatic_shift * place) for place in middles]
     return [replace(ideal, focal_mm=focal_mm) for focal_mm in focal]
+
+
+def rotation_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """Displacement of the corner lenslets of a rotated array along y and x, in mm."""
+    angle = abs(camera.lenslet_rotation_rad)
+    height, width = (n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
+    sine, versine = math.sin(angle), 2 * math.sin(angle / 2) ** 2
+    return sine * width + versine * height, sine * height + versine * width
+
+
+def pitch_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """Displacement of the outermost lenslets by a pitch error, along y and x, in mm."""
+    error = abs(camera.lenslet_pitch_error)
+    height, width = (error * n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
+    return height, width
+
+
+def misplaced_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """Largest displacement by rotation and pitch error together, along y and x, in mm."""
+    rotated, stretched = rotation_shifts_mm(camera), pitch_shifts_mm(camera)
+    return rotated[0] + stretched[0], rotated[1] + stretched[1]
+
+
+def true_pitch_mm(camera: PlenopticCamera) -> float:
+    """Pitch of the lenslets with its error."""
+    return camera.lenslet_pitch_mm * (1 + camera.lenslet_pitch_error)
+
+
+def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """Largest displacement of the lenslet nearest to a micro-image, along y and x, in mm.
+
+    A lenslet that is farther off than half a pitch leaves the micro-image to another one.
+    """
+    half = camera.lenslet_pitch_mm * (1 + max(camera.lenslet_pitch_error, 0)) / 2
+    half *= 1 + abs(math.tan(camera.lenslet_rotation_rad))  # of a square that is turned
+    y, x = misplaced_mm(camera)
+    return min(y, half), min(x, half)
+
+
+def beyond_mm(camera: PlenopticCamera) -> float:
+    """Largest distance of lit pixels beyond the nominal ones of a micro-image, in mm.
+
+    It is above 0 where lenslets are not where the sensor is read, or the aperture is wide.
+    """
+    lens_to_sensor = camera.lenslet_focal_mm / camera.exit_distance_mm
+    widest = camera.on_exit_pupil(max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm))
+    wider = (widest - camera.on_exit_pupil(camera.aperture_mm)) / 2 * lens_to_sensor
+    moved = max(misplaced_mm(camera)) * (1 + lens_to_sensor)
+    corner = 1 + abs(math.tan(camera.lenslet_rotation_rad)) + abs(camera.lenslet_pitch_error)
+    half = (widest + camera.lenslet_pitch_mm) / 2 * lens_to_sensor
+    most = corner * (half + camera.pixel_mm / 2) - (camera.views - 1) / 2 * camera.pixel_mm
+    return min(wider + moved, most)
+
+
+def neighbours(camera: PlenopticCamera) -> int:
+    """Largest distance, in lenslets, from which light comes through the round aperture."""
+    if camera.aperture_diameter_mm is None:
+        return 0
+    widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
+    spread = camera.on_exit_pupil(widest + camera.view_step_mm * camera.views) / 2
+    from_sensor = camera.exit_distance_mm / camera.lenslet_focal_mm
+    spread += camera.lenslet_pitch_mm / 2 + max(aside_mm(camera)) * from_sensor
+    period = camera.micro_image_pitch_mm * from_sensor
+    period *= 1 + camera.lenslet_pitch_error
+    return max(0, math.ceil(spread / period - 1e-9) - 1)
+
+
+def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
+    """Distance before the main lens and radius, in mm, of its aperture and rim, if any."""
+    stops = []
+    if camera.aperture_diameter_mm is not None:
+        stops.append((camera.aperture_before_lens_mm, camera.aperture_diameter_mm / 2))
+    if camera.rim_diameter_mm is not None:
+        stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
+    return stops
+
+
+def share_cut(
+    camera: PlenopticCamera,
+    distance_mm: float,
+    radius_mm: float,
+    view: int | None = None,
+    aside: tuple[float, float] | None = None,
+) -> float:
+    """Share that a round stop cuts off the worst bundle of all views or of one.
+
+    The worst bundle lies farthest from the axis along both. Counted on a grid of points,
+    with a margin for the grid cells that the stop's edge crosses.
+
+    aside: displacement of lenslets along y and x, in mm; default: the camera's.
+    """
+    points, places = 48, []
+    misplaced = aside_mm(camera) if aside is None else aside
+    for axis in (0, 1):
+        footprint = trace_stop(camera, distance_mm, axis)
+        centres = np.abs(footprint.centres_mm)
+        farthest = centres.max() if view is None else centres[view].max()
+        farthest += abs(footprint.shift_per_lenslet_shift) * misplaced[axis]
+        half = footprint.half_width_mm
+        places.append(np.linspace(farthest - half, farthest + half, points))
+    if np.hypot(places[0][-1], places[1][-1]) <= radius_mm:
+        return 0.0
+    outside = np.add.outer(places[0] ** 2, places[1] ** 2) > radius_mm**2
+    return float(min(1.0, outside.mean() + 4 / points))
+
+
+def share_crossing(
+    camera: PlenopticCamera,
+    distance_mm: float,
+    radius_mm: float,
+    shifts_mm: tuple[float, float],
+) -> float:
+    """Change of a pixel's light, in bundles, as lenslets move by `shifts_mm` behind a stop.
+
+    The edge of each micro-image moves over the pixel; inside a square of side w an arc is at most
+    2 w long. Several micro-images may meet in one pixel.
+    """
+    moved, edges = 0.0, 1
+    for axis in (0, 1):
+        footprint = trace_stop(camera, distance_mm, axis)
+        shift = abs(footprint.shift_per_lenslet_shift) * shifts_mm[axis]
+        moved += 2 * shift / max(abs(footprint.pixel_width_mm), 1e-300)
+        spacing = abs(footprint.shift_per_lenslet_shift) * true_pitch_mm(camera)
+        edges *= 1 + math.floor(2 * (radius_mm + footprint.half_width_mm) / max(spacing, 1e-300))
+    return edges * moved

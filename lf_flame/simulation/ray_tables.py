@@ -8,7 +8,6 @@ a time, by `ray_grid`.
 """
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -89,14 +88,6 @@ class StopTable(NamedTuple):
     width: float
 
 
-class FalloffTable(NamedTuple):
-    """Squared tangents of the pixels' central rays behind the main lens, for cos^4."""
-
-    rows: np.ndarray  # (a, c)
-    columns: np.ndarray  # (b, d)
-    patch: float  # mean over a pixel's patch of the main lens, from its middle
-
-
 class RayFalloffTable(NamedTuple):
     """Tangents of the rays behind the main lens, for cos^4."""
 
@@ -162,19 +153,6 @@ class SeenTable(NamedTuple):
     last: np.ndarray  # int64, (b,): one past the last
 
 
-def falloff_table(optics: OpticalPass, layout: Layout) -> FalloffTable | None:
-    """Squared tangents in the order of an image, or None without cos^4."""
-    if not optics.falloff:
-        return None
-    tangents = [optics.tangents(axis) for axis in (0, 1)]
-    if optics.square_micro_images:  # of the part of a pixel that is lit
-        for axis in (0, 1):
-            tangents[axis] += optics.lit_parts(axis)[0] / optics.camera.lenslet_focal_mm
-    rows, columns = (arrange(table, layout, axis) for axis, table in enumerate(tangents))
-    patch = (optics.camera.pixel_mm / optics.camera.lenslet_focal_mm) ** 2 / 6
-    return FalloffTable(rows**2, columns**2, patch)
-
-
 class Tiling(NamedTuple):
     """Places of the rays on a pixel and on its lenslet, in widths of each, -1/2 to 1/2."""
 
@@ -190,52 +168,33 @@ class PlaneRays(NamedTuple):
     edges_mm: tuple[np.ndarray, ...]  # of cells: the layer's, or wider if finer than a ray's box
     positions: np.ndarray  # (p, e, f, i): middles of the rays' boxes, in cells from the first edge
     boxes: np.ndarray  # (p,): breadth of a ray's box in cells, 0 to 1
-    shifts: np.ndarray  # (p, g, h): shift of the bundles by a rotated array, in cells
-    pitch_shifts: np.ndarray  # (p,): shift by a lenslet a pitch further on, in cells
+    gains: np.ndarray  # (p,): shift of bundles in cells, per mm by which their lenslets move
     lenslet_cells: np.ndarray  # (p,): image of the lenslet, signed as the rays' places on it
-
-    @property
-    def cells(self) -> np.ndarray:
-        """Number of cells of each plane along this axis, shape (p,)."""
-        return np.array([edges.size - 1 for edges in self.edges_mm])
+    cells: np.ndarray  # (p,): number of cells of each plane
 
 
 class StopRays(NamedTuple):
     """Rays on stops along one axis; k counts the stops, other letters as in `RayGrid`."""
 
-    places_mm: np.ndarray  # (k, e, f, i): middles of the rays' boxes
-    boxes_mm: np.ndarray  # (k,): breadth of a ray's box, below 0 where it lies upside down
-    shifts_mm: np.ndarray  # (k, g, h): shift of the bundles by a rotated array
-    pitch_shifts_mm: np.ndarray  # (k,): shift by a lenslet a pitch further on
+    places_mm: list[np.ndarray]  # [k], (e, f, i): middles of the rays' boxes
+    boxes_mm: list[float]  # [k]: breadth of a ray's box, below 0 where it lies upside down
+    gains: np.ndarray  # (k,): shift of bundles per shift of their lenslets
 
 
-@dataclass(frozen=True, eq=False)
-class RayGrid:
+class RayGrid(NamedTuple):
     """Rays of all bundles along one axis, on planes and stops, in the order of an image.
 
     They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
     tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
-    In the shapes of its tables e and f are the image's axes along this one, (a, c) or (b, d), g and
-    h those along the other, and i counts the rays.
+    In the shapes of its tables e and f are the image's axes along this one, (a, c) or (b, d), and i
+    counts the rays.
     """
 
     planes: PlaneRays
     stops: StopRays
     seen: np.ndarray  # bool, (e, f): whether a pixel can see any of the planes
     tiling: Tiling
-
-    @property
-    def count(self) -> int:
-        """Number of rays of each pixel along this axis."""
-        return self.tiling.along_pixel.size
-
-
-class ImageAxis(NamedTuple):
-    """One axis of an image: the optical pass, the order of its pixels, and 0 for y or 1 for x."""
-
-    optics: OpticalPass
-    layout: Layout
-    axis: int
+    rays: int  # number of rays of each pixel
 
 
 def ray_grid(
@@ -249,49 +208,48 @@ def ray_grid(
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
     edges = [plane.layer.cell_edges_mm[axis] for plane in planes]
     tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
-    along = ImageAxis(optics, layout, axis)
     seen = [_meets(*one, optics, axis) for one in zip(footprints, edges, strict=True)]
     return RayGrid(
-        planes=_on_planes(footprints, edges, tiling, along),
-        stops=_on_stops(tiling, along),
+        planes=_on_planes(footprints, edges, tiling, optics, layout, axis),
+        stops=_on_stops(tiling, optics, layout, axis),
         seen=np.any([arrange(pixels, layout, axis) for pixels in seen], axis=0),
         tiling=tiling,
+        rays=tiling.along_pixel.size,
     )
 
 
-def _on_planes(footprints, layer_edges, tiling: Tiling, along: ImageAxis) -> PlaneRays:
+def _on_planes(
+    footprints, layer_edges, tiling: Tiling, optics: OpticalPass, layout: Layout, axis: int
+) -> PlaneRays:
     """Lay the rays over planes, in cells of the layers or in wider ones."""
     # Without defocus a plane sees the pixel as a point; a stop never does.
-    wide = along.optics.defocus
-    boxes_mm = np.array([_box_mm(one, tiling, wide) for one in footprints])
+    boxes_mm = np.array([_box_mm(one, tiling, optics.defocus) for one in footprints])
     edges_mm = tuple(
         _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
     )
     cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
     positions = [
-        (_hits_mm(footprint, tiling, wide, along) - edges[0]) / width
+        (_hits_mm(footprint, tiling, optics.defocus, layout, axis) - edges[0]) / width
         for footprint, edges, width in zip(footprints, edges_mm, cell_mm, strict=True)
     ]
     return PlaneRays(
         edges_mm=edges_mm,
-        positions=_stack(positions, tiling, along),
+        positions=np.stack(positions),
         boxes=np.minimum(boxes_mm / cell_mm, 1.0),
-        shifts=_shifts(footprints, cell_mm, along),
-        pitch_shifts=_gains(footprints) * along.optics.lenslet_pitch_mm / cell_mm,
+        gains=_gains(footprints) / cell_mm,
         lenslet_cells=np.array([footprint.lenslet_width_mm for footprint in footprints]) / cell_mm,
+        cells=np.array([edges.size - 1 for edges in edges_mm]),
     )
 
 
-def _on_stops(tiling: Tiling, along: ImageAxis) -> StopRays:
+def _on_stops(tiling: Tiling, optics: OpticalPass, layout: Layout, axis: int) -> StopRays:
     """Lay the rays over the round stops of a pass."""
-    optics = along.optics
-    stops = [optics.stop(distance, along.axis) for distance, _ in optics.stops]
+    stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
     # On a stop the pixel's image is far wider than the lenslet's: its tiles alone do not overlap.
     return StopRays(
-        places_mm=_stack([_hits_mm(stop, tiling, True, along) for stop in stops], tiling, along),
-        boxes_mm=np.array([stop.pixel_width_mm / tiling.on_pixel for stop in stops]),
-        shifts_mm=_shifts(stops, 1.0, along),
-        pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
+        places_mm=[_hits_mm(stop, tiling, True, layout, axis) for stop in stops],
+        boxes_mm=[stop.pixel_width_mm / tiling.on_pixel for stop in stops],
+        gains=_gains(stops),
     )
 
 
@@ -344,11 +302,13 @@ def _aspect(widths: np.ndarray) -> float:
     return math.sqrt(lenslet / pixel)
 
 
-def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool, along: ImageAxis) -> np.ndarray:
+def _hits_mm(
+    footprint: Footprint, tiling: Tiling, wide: bool, layout: Layout, axis: int
+) -> np.ndarray:
     """Places of all rays on a plane, [e, f, i]; the pixel is a point if not `wide`."""
     pixel_mm = footprint.pixel_width_mm * wide
     offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
-    return arrange(footprint.centres_mm, along.layout, along.axis)[..., None] + offsets
+    return arrange(footprint.centres_mm, layout, axis)[..., None] + offsets
 
 
 def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
@@ -361,37 +321,20 @@ def _meets(
     footprint: Footprint, edges_mm: np.ndarray, optics: OpticalPass, axis: int
 ) -> np.ndarray:
     """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
-    moved = np.abs(optics.skew_mm(axis)).max()
+    reach = footprint.half_width_mm
     if optics.every_lenslet:  # the light of a lenslet reaches no farther from the pixel
-        turned = 1 + abs(optics.lenslet_tangent)
+        tangent = abs(optics.lenslet_tangent)
         micro_image = optics.camera.views * optics.camera.pixel_mm / 2
-        moved = micro_image + optics.micro_image_reach_mm * turned
-    reach = footprint.half_width_mm + moved * abs(footprint.shift_per_lenslet_shift)
-    reach += abs(optics.lenslet_tangent * footprint.lenslet_width_mm) / 2
+        moved = micro_image + optics.micro_image_reach_mm * (1 + tangent)
+        reach += moved * abs(footprint.shift_per_lenslet_shift)
+        reach += tangent * abs(footprint.lenslet_width_mm) / 2
     centres = footprint.centres_mm
     return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
-
-
-def _shifts(footprints, unit_mm, along: ImageAxis) -> np.ndarray:
-    """Shift of bundles by a rotated array, from the lenslet's place on the other axis."""
-    skew_mm, views = along.optics.skew_mm(along.axis), along.optics.camera.views
-    moved = arrange(np.tile(skew_mm, (views, 1)), along.layout, 1 - along.axis)
-    gains = _gains(footprints) / unit_mm
-    return moved[None] * gains[:, None, None]
 
 
 def _gains(footprints) -> np.ndarray:
     """Displacement of bundles on each plane, per displacement of their lenslets."""
     return np.array([footprint.shift_per_lenslet_shift for footprint in footprints])
-
-
-def _stack(tables: list[np.ndarray], tiling: Tiling, along: ImageAxis) -> np.ndarray:
-    """Stack of tables [e, f, i]; empty if there are none."""
-    if not tables:
-        camera = along.optics.camera
-        shape = camera.views, camera.lenslets[along.axis], tiling.along_pixel.size
-        return arrange(np.empty(shape), along.layout, along.axis)[None][:0]
-    return np.stack(tables)
 
 
 def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:

@@ -1,29 +1,12 @@
-"""Gathering the light of planes into an image, by one of two integrators.
-
-The ray integrator traces each pixel's bundle backward, with every effect; the exact one is
-`lf_flame.simulation.exact`.
-"""
+"""The ray integrator: each pixel's bundle traced backward, with every effect."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from lf_flame._common import progress
-from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import ROW_SPACING
-from lf_flame.optics.ray_bundle import ArrayPart
 from lf_flame.simulation import _ray_kernels
-from lf_flame.simulation.exact import band_weights, integrate
-from lf_flame.simulation.optical_pass import (
-    Layout,
-    Lines,
-    OpticalPass,
-    arrange,
-    blank_image,
-    seen_range,
-)
+from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange
 from lf_flame.simulation.ray_tables import (
     LensletTables,
     MicroImageTable,
@@ -45,91 +28,6 @@ from lf_flame.simulation.slabs import Plane
 
 CELLS_AT_ONCE = 1 << 30
 """Number of crossings of rays and cells between steps of the progress bar: a few seconds."""
-
-FEW_PORTIONS = 4
-"""Portions of light that are added in float32; more are added in float64."""
-
-STRIPS = 6
-"""Number of boxes in place of each of the two tapering ends of a hexagonal lenslet."""
-
-
-def gather(
-    planes: list[Plane], passes: list[OpticalPass], layout: Layout, rays: int | None
-) -> np.ndarray:
-    """Gather the light of planes, front to back, on the sensor, without diffraction.
-
-    Returns float32 in the order of the layout. rays: number along each axis; None for the exact
-    integrator. passes: one for each colour.
-    """
-    camera = passes[0].camera
-    if camera.layout == "hexagonal" and not isinstance(layout, Lines):
-        views = _gather_hexagonal(planes, passes, rays)
-        if layout == "views":
-            return views
-        return LightField.trusted(views).to_raw()[None, None]
-    # Where light comes in many portions, float32 would round after each.
-    portions = len(planes) if rays else len(passes[0].lit_neighbours())
-    many = len(passes) * portions > FEW_PORTIONS
-    image = blank_image(camera, layout, np.float64 if many else np.float32)
-    for optics in passes:
-        if rays:
-            trace(planes, optics, layout, rays, image)
-        else:
-            integrate(planes, optics, layout, image)
-    return image.astype(np.float32, copy=False)
-
-
-def _gather_hexagonal(
-    planes: list[Plane], passes: list[OpticalPass], rays: int | None
-) -> np.ndarray:
-    """Gather through hexagons, and interpolate along their rows to the square grid of the views.
-
-    Even and odd rows are two rectangular arrays. A hexagon with two sides upright is a box between
-    two triangles, each replaced by `STRIPS` boxes of its widths.
-    """
-    camera, pitch = passes[0].camera, passes[0].camera.lenslet_pitch_mm
-    rows, columns = camera.lenslets
-    spacing = ROW_SPACING["hexagonal"]
-    # Row 0 has a lenslet half a pitch to the left of column 0, row 1 one at column 0.
-    left = -(columns - 1) / 2 * spacing - 0.5
-    count = math.floor((columns - 1) * spacing + 0.5) + 2
-    lenslets = np.empty((camera.views, camera.views, rows, count), np.float32)
-    for parity in range(min(rows, 2)):
-        array = replace(camera, lenslets=(len(range(parity, rows, 2)), count))
-        first = (parity - (rows - 1) / 2) * spacing * pitch, (left + parity / 2) * pitch
-        parts = [
-            replace(optics, camera=array, share=optics.share * share,
-                    part=ArrayPart(first, (2 * spacing * pitch, pitch), size, aside))
-            for optics in passes
-            for share, size, aside in _hexagon(pitch)
-        ]  # fmt: skip
-        image = blank_image(array, "views", np.float64)
-        for optics in parts:
-            if rays:
-                trace(planes, optics, "views", rays, image)
-            else:
-                integrate(planes, optics, "views", image)
-        lenslets[:, :, parity::2] = image
-    views = np.empty((camera.views, camera.views, rows, columns), np.float32)
-    for parity in range(min(rows, 2)):
-        place = 0.5 + spacing * np.arange(columns) - parity / 2
-        near = np.minimum(place.astype(int), count - 2)
-        lines, share = lenslets[:, :, parity::2], place - near
-        views[:, :, parity::2] = lines[..., near] * (1 - share) + lines[..., near + 1] * share
-    return views
-
-
-def _hexagon(pitch: float) -> Iterator[tuple[float, tuple[float, float], tuple[float, float]]]:
-    """Boxes of a hexagon: share of its area, height and width, place from its centre, in mm."""
-    side = pitch / math.sqrt(3)
-    area = 1.5 * side * pitch
-    yield side * pitch / area, (side, pitch), (0.0, 0.0)
-    height = side / 2 / STRIPS
-    for strip in range(STRIPS):
-        width = pitch * (1 - (strip + 0.5) / STRIPS)
-        place = side / 2 + (strip + 0.5) * height
-        for sign in (-1, 1):
-            yield height * width / area, (height, width), (sign * place, 0.0)
 
 
 def trace(
@@ -156,9 +54,10 @@ def trace(
         y, x = (ray_grid(group, optics, layout, rays, axis) for axis in (0, 1))
         find = _lenslet_tables if optics.every_lenslet else _own_tables
         kernel, tables = find(group, optics, layout, y, x)
-        seen = SeenTable(y.seen, *seen_range(x.seen))
-        share = optics.share / (y.count * x.count)
-        runs = _runs(out.shape[2], out.size * y.count * x.count * len(group))
+        first, beyond = x.seen.argmax(axis=1), x.seen[:, ::-1].argmax(axis=1)
+        seen = SeenTable(y.seen, first, x.seen.any(axis=1) * (x.seen.shape[1] - beyond))
+        share = optics.share / (y.rays * x.rays)
+        runs = _runs(out.shape[2], out.size * y.rays * x.rays * len(group))
         for some in progress.steps(runs, "tracing rays", len(runs)):
             kernel(*tables, _only(seen, some), share, out)
 
@@ -171,16 +70,25 @@ def _first_that_dims(planes: list[Plane]) -> int:
 def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
     """Return the kernel for light through every lenslet, and its tables."""
     stop, second = _stop_tables(optics, y, x)
+    # Shifts of lenslets along y and x by a turned array, by their place on the other axis.
+    skews = [
+        arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout, 1 - axis)
+        for axis in (0, 1)
+    ]
+    focal_mm = optics.camera.lenslet_focal_mm
+    tilt = TiltTable(
+        -skews[0] / focal_mm, -skews[1] / focal_mm, -optics.lenslet_pitch_mm / focal_mm
+    )
     tables = LensletTables(
         planes=_plane_table(planes, y.planes, x.planes, optics, layout),
         rays=RayTable(y.planes.positions, x.planes.positions, y.planes.boxes, x.planes.boxes),
-        shifts=_shift_table(y, x, optics),
+        shifts=_shift_table(y, x, optics, skews),
         stop=stop,
         second=second,
-        micro_images=_micro_image_table(optics, layout),
+        micro_images=_micro_image_table(optics, layout, skews),
         squares=_square_table(y.tiling, x.tiling, optics),
         falloff=_falloff_table(y.tiling, x.tiling, optics, layout),
-        tilt=_tilt_table(optics, layout) if optics.falloff else None,
+        tilt=tilt if optics.falloff else None,
     )
     return _ray_kernels.trace_lenslets, (tables,)
 
@@ -249,47 +157,35 @@ def _falloff_table(
     )
 
 
-def _tilt_table(optics: OpticalPass, layout: Layout) -> TiltTable:
-    """Add to the rays' tangents what misplaced lenslets do."""
-    views, focal_mm = optics.camera.views, optics.camera.lenslet_focal_mm
-    rows, columns = (  # by the lenslet's place on the other axis
-        arrange(np.tile(-optics.skew_mm(axis) / focal_mm, (views, 1)), layout, 1 - axis)
-        for axis in (0, 1)
-    )
-    return TiltTable(rows, columns, -optics.lenslet_pitch_mm / focal_mm)
-
-
-def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:
+def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass, skews) -> ShiftTable:
     """Shifts by a turned array, by the turn of each lenslet's own square, and for each pitch."""
-    tangent = optics.lenslet_tangent
+    tangent, pitch = optics.lenslet_tangent, optics.lenslet_pitch_mm
     return ShiftTable(
-        rows=y.planes.shifts,
-        columns=x.planes.shifts,
+        rows=y.planes.gains[:, None, None] * skews[0],
+        columns=x.planes.gains[:, None, None] * skews[1],
         turned_rows=tangent * y.planes.lenslet_cells[:, None] * x.tiling.along_lenslet,
         turned_columns=-tangent * x.planes.lenslet_cells[:, None] * y.tiling.along_lenslet,
-        pitch_rows=y.planes.pitch_shifts,
-        pitch_columns=x.planes.pitch_shifts,
-        stop_rows=y.stops.shifts_mm,
-        stop_columns=x.stops.shifts_mm,
-        stop_pitch=y.stops.pitch_shifts_mm,
+        pitch_rows=y.planes.gains * pitch,
+        pitch_columns=x.planes.gains * pitch,
+        stop_rows=y.stops.gains[:, None, None] * skews[0],
+        stop_columns=x.stops.gains[:, None, None] * skews[1],
+        stop_pitch=y.stops.gains * pitch,
     )
 
 
-def _micro_image_table(optics: OpticalPass, layout: Layout) -> MicroImageTable:
+def _micro_image_table(optics: OpticalPass, layout: Layout, skews) -> MicroImageTable:
     """Places of all pixels in the micro-images of their lenslets."""
     side, turned = optics.micro_image_mm, math.atan(optics.lenslet_tangent)
     rows, columns = (arrange(optics.offsets_mm(axis) / side, layout, axis) for axis in (0, 1))
-    shift_rows, shift_columns = (  # by the lenslet's place on the other axis
-        arrange(
-            np.tile(optics.offset_skew_mm(axis) / side, (optics.camera.views, 1)), layout, 1 - axis
-        )
-        for axis in (0, 1)
-    )
-    reach = (
-        optics.micro_image_reach_mm / side - 1e-9
-    )  # micro-images that only touch the pixel send no light
     return MicroImageTable(
-        rows, columns, shift_rows, shift_columns, math.cos(turned), math.sin(turned), reach
+        rows,
+        columns,
+        shift_rows=-skews[0] / optics.lenslet_pitch_mm,
+        shift_columns=-skews[1] / optics.lenslet_pitch_mm,
+        cosine=math.cos(turned),
+        sine=math.sin(turned),
+        # Micro-images that only touch the pixel send no light.
+        reach=optics.micro_image_reach_mm / side - 1e-9,
     )
 
 
@@ -361,10 +257,12 @@ def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
         old, new = plane.layer.cell_edges_mm[axis], edges[axis]
         if new.size == old.size and new[0] == old[0]:
             continue
-        start, weight = band_weights(old, (new[1:] + new[:-1]) / 2, new[1] - new[0], 0.0)
-        lines = np.moveaxis(cells, axis, 0)
-        taken = lines[start[:, None] + np.arange(weight.shape[1])]
-        cells = np.moveaxis(np.einsum("ni,ni...->n...", weight, taken), 0, axis)
+        # Differences of the sum up to each new edge, in which the sum rises evenly over a cell.
+        cell, lines = old[1] - old[0], np.moveaxis(cells, axis, 0)
+        places = np.clip((new - old[0]) / cell, 0, len(lines))
+        whole = np.minimum(places.astype(int), len(lines) - 1)
+        sums = np.cumsum(lines, axis=0)[whole] + (places - whole - 1)[:, None] * lines[whole]
+        cells = np.moveaxis(np.diff(sums, axis=0) * (cell / (new[1] - new[0])), 0, axis)
     return cells
 
 

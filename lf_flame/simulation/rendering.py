@@ -7,18 +7,16 @@ gives its own brightness in every pixel, before cos^4, stops and sensor. The mea
 lenslet: one made larger by a pitch error collects more light, and the pixel is divided by its area.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
+from lf_flame.optics.ray_bundle import trace_footprint, trace_stop
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.bundle_limits import whole_views
 from lf_flame.simulation.diffraction import (
     blur_on_sensor,
     blur_planes,
@@ -26,20 +24,11 @@ from lf_flame.simulation.diffraction import (
     leaves_gaps,
     tiled_sensor,
 )
+from lf_flame.simulation.exact import gather
 from lf_flame.simulation.optical_pass import OpticalPass, as_views, optical_passes
-from lf_flame.simulation.planning.chosen_pixels import ChosenPixels
-from lf_flame.simulation.planning.decisions import find_counts, plan_effects
-from lf_flame.simulation.planning.effects import EFFECTS
-from lf_flame.simulation.planning.plan import CAUSES, EffectPlan, PlannedEffect
-from lf_flame.simulation.rays import gather
+from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, find_counts
+from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
 from lf_flame.simulation.slabs import Plane, slice_scene
-
-MEASURING_RAYS = 4
-"""Number of rays per pixel along each axis, if rays are traced. Images with and without an effect
-use the same rays, so that their errors nearly cancel in the difference."""
-
-OF_THE_SCENE = ("defocus", "occlusion", "self_absorption", "thickness")
-"""Effects that stay as planned while another one is measured; all others are off."""
 
 PARTS_BESIDE_GAPS = 4
 """Parts of a pixel along each axis, with a fixed number of rays, where pixels leave gaps."""
@@ -107,8 +96,7 @@ def render(
     LightField(9 x 9 views of 20 x 30 pixels, grey)
     """
     _check_options(integrator, rays, layout)
-    with progress.stage("Looking which effects the scene calls for"):
-        plan = plan_effects(scene, camera, tolerance, effects, rays=rays)
+    plan = plan_effects(scene, camera, tolerance, effects, rays=rays)
     return render_plan(scene, camera, plan, integrator, rays, seed, layout)
 
 
@@ -148,12 +136,13 @@ def render_plan(
         layout_gathered = layout
     passes = optical_passes(seen, plan.kept, plan.traced, plan.colours)
     _check_hexagonal(seen, passes[0], plan)
-    views = as_views(gather(planes, passes, layout_gathered, rays), seen, layout_gathered)
+    image = gather(planes, passes, layout_gathered, rays)
+    views = as_views(image, seen) if layout_gathered == "raw" else image
     if _diffracts(camera, plan, "main_lens") and _dim(planes):
         views = blur_whole_lenslets(views, camera)
     if seen is not camera:
         raw = blur_on_sensor(LightField.trusted(views).to_raw(), seen, camera)
-        views = as_views(raw, camera, "raw")
+        views = as_views(raw, camera)
     weights = whole_views(camera, list(passes[0].stops))
     return _record(views, camera, plan, seed, layout, weights)
 
@@ -185,7 +174,7 @@ def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> l
         absorption="self_absorption" in plan.kept,
         dimming=set(plan.traced),
     )
-    _check_field(scene, OpticalPass(camera))
+    _check_field(scene, camera)
     if _diffracts(camera, plan, "main_lens") and not _dim(planes):
         planes = blur_planes(planes, camera)
     return planes
@@ -201,7 +190,7 @@ def count_rays(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> int:
     InputError
         If a layer lies outside the field, or no number of rays is enough.
     """
-    _check_field(scene, OpticalPass(camera))
+    _check_field(scene, camera)
     pixels = ChosenPixels(scene, camera)
     counts = find_counts(pixels, {*plan.kept} - NOT_RAYS, plan.traced, plan.tolerance, by_rays=True)
     return counts.rays or 1
@@ -232,11 +221,11 @@ def _check_options(integrator: str, rays: int | None, layout: str) -> None:
         )
 
 
-def _check_field(scene: Scene, optics: OpticalPass) -> None:
+def _check_field(scene: Scene, camera: PlenopticCamera) -> None:
     """Refuse layers that no pixel sees."""
     for layer in scene.layers:
         for axis in (0, 1):
-            footprint = optics.footprint(layer.depth_mm, axis)
+            footprint = trace_footprint(camera, layer.depth_mm, axis)
             edges, reach = layer.cell_edges_mm[axis], footprint.half_width_mm
             low, high = footprint.centres_mm.min() - reach, footprint.centres_mm.max() + reach
             if edges[-1] <= low or edges[0] >= high:
@@ -256,75 +245,53 @@ def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> Ligh
         views = expose(ordered, camera.sensor, stages, np.random.default_rng(seed))
     if layout == "raw":
         raw = LightField.trusted(views).to_raw()
-        views = as_views(raw, camera, "raw")
+        views = as_views(raw, camera)
     else:
         views = np.ascontiguousarray(views)
     return LightField.trusted(views, plan, weights)
 
 
-def measure_changes(
-    scene: Scene,
-    camera: PlenopticCamera,
-    plan: EffectPlan,
-    *,
-    progress: Callable[[Iterable], Iterable] = iter,
-) -> dict[str, float]:
-    """Measure the change of the image by each effect of a plan, by rendering with and without it.
+def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray | None:
+    """Weights of views that stops leave: 1 for whole ones of one lenslet, 0 for others.
 
-    An effect whose cause the camera does not state is measured at a typical value of the cause
-    (`lf_flame.simulation.planning.plan`). The bounds of a plan hold for all similar scenes;
-    the measured change of one scene is smaller, often by far.
+    A view counts if its part of each stop lies wholly inside, seen through the middle of the array,
+    and if no light of a neighbouring lenslet reaches it. Where no view is whole, those that see
+    most of the aperture count.
 
-    Parameters
-    ----------
-    scene : Scene
-    camera : PlenopticCamera
-    plan : EffectPlan
-        Plan of this scene and camera.
-    progress : callable, optional
-        Function that wraps the list of effects, as ``tqdm`` does.
-
-    Returns
-    -------
-    dict of str to float
-        Root-mean-square change over the image, relative to its brightest pixel without the effect.
-
-    Examples
-    --------
-    >>> from lf_flame import plan_effects
-    >>> from lf_flame.scenes import read_scene
-    >>> from lf_flame.simulation import measure_changes
-    >>> scene, camera, _ = read_scene("scene.toml")
-    >>> changes = measure_changes(scene, camera, plan_effects(scene, camera))
-    >>> 0.01 < changes["defocus"] < 0.1
-    True
+    Returns float32 of shape (v, u), or None if all count.
     """
-    asked = [effect for effect in plan.effects if _can_be_measured(effect)]
-    return {effect.name: _change(scene, camera, plan, effect) for effect in progress(asked)}
+    shares = np.ones((camera.views, camera.views))
+    for distance_mm, radius_mm in stops:
+        rows, columns = (trace_stop(camera, distance_mm, axis) for axis in (0, 1))
+        middle = [n // 2 for n in camera.lenslets]
+        places = [
+            footprint.centres_mm[:, lenslet, None]
+            + np.linspace(-0.5, 0.5, 48) * footprint.pixel_width_mm
+            for footprint, lenslet in zip((rows, columns), middle, strict=True)
+        ]
+        y, x = places[0][:, None, :, None], places[1][None, :, None, :]
+        inside = np.hypot(y, x) <= radius_mm * (1 + 1e-9)
+        shares = np.minimum(shares, inside.mean(axis=(2, 3)))
+    counted = (shares == 1) & _own_light(camera, stops)
+    if not counted.any():
+        counted = shares == shares.max()
+    return None if counted.all() else counted.astype(np.float32)
 
 
-def _can_be_measured(effect: PlannedEffect) -> bool:
-    if effect.stated:
-        return effect.bound > 0
-    return CAUSES[effect.name].typical is not None
-
-
-def _change(
-    scene: Scene, camera: PlenopticCamera, plan: EffectPlan, effect: PlannedEffect
-) -> float:
-    cause = CAUSES.get(effect.name)
-    if not effect.stated and cause is not None and cause.typical is not None:
-        camera = replace(camera, **{cause.field: cause.typical(camera)})
-    forced = {name: name in OF_THE_SCENE and plan[name].kept for name in EFFECTS}
-    forced["round_aperture"] = effect.name == "f_number_mismatch"  # both are one stop
-    without, with_it = (
-        _render(scene, camera, plan.tolerance, forced | {effect.name: on}) for on in (False, True)
-    )
-    change = np.sqrt(np.square(with_it - without, dtype=np.float64).mean())
-    return float(change / max(float(without.max()), np.finfo(np.float32).tiny))
-
-
-def _render(scene, camera, tolerance: float, forced: dict[str, bool]) -> np.ndarray:
-    plan = plan_effects(scene, camera, tolerance, forced)
-    rays = MEASURING_RAYS if plan.integrator == "rays" else None
-    return render_plan(scene, camera, plan, plan.integrator, rays, seed=0).views
+def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray:
+    """Whether no light of a neighbouring lenslet reaches a view, through an aperture too wide."""
+    own = np.ones((camera.views, camera.views), bool)
+    aperture = [radius for distance, radius in stops if distance == camera.aperture_before_lens_mm]
+    if not aperture:
+        return own
+    from_middle = np.arange(camera.views) - (camera.views - 1) / 2
+    far = (np.abs(from_middle) + 0.5) * camera.view_step_mm
+    period = camera.micro_image_pitch_mm / camera.pixel_mm * camera.view_step_mm
+    neighbours: tuple[tuple[float, float], ...] = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
+    if camera.layout == "hexagonal":
+        neighbours = ((0.0, 1.0), (ROW_SPACING["hexagonal"], 0.5))
+    for down, right in neighbours:
+        y = np.maximum(down * period - far, 0.0) if down else 0 * far
+        x = np.maximum(right * period - far, 0.0) if right else 0 * far
+        own &= np.hypot(y[:, None], x) >= aperture[0] * (1 - 1e-9)
+    return own

@@ -7,8 +7,8 @@ import pytest
 from sentences import each, refusals
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects, render
+from lf_flame.simulation import assume
 from lf_flame.simulation.diffraction import tiled_sensor
-from lf_flame.simulation.planning.plan import assume
 
 CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
 SCENE = Scene([Layer([[1.0]], 0.0, (1.0, 1.0))])

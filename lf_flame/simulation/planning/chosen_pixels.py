@@ -3,12 +3,17 @@
 They lie where chosen rows and columns cross: those that see the brightest places, those where light
 or matter changes most from lenslet to lenslet, and some spread evenly over all views. Both
 integrators render them with every effect but diffraction.
+
+The tolerance that effects which are left out do not use is divided among the numbers that are
+finite: slabs of thick layers, colours of a chromatic lens, parts of pixels for diffraction, and
+rays. Each is doubled until the chosen pixels change by less than its share.
 """
 
 import math
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +22,14 @@ from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.diffraction import blur_on_sensor, tiled_sensor
+from lf_flame.simulation.diffraction import (
+    blur_on_sensor,
+    lenslet_share_leaving,
+    main_lens_share_leaving,
+    tiled_sensor,
+)
+from lf_flame.simulation.exact import gather
 from lf_flame.simulation.optical_pass import Lines, OpticalPass, as_views, optical_passes
-from lf_flame.simulation.rays import gather
 from lf_flame.simulation.slabs import Plane, slice_scene
 
 BRIGHTEST, CHANGING, EVEN = 4, 8, 12
@@ -33,6 +43,18 @@ MOST_VIEWS, MOST_LENSLETS = 15, 1024
 
 FEWEST_RAYS = 4
 """Number of rays along each axis from which they are doubled; with as many the light is found."""
+
+LEFT_OUT_SHARE = 0.25
+"""Fraction of the tolerance that all effects that are left out may use together."""
+
+RAYS_OF_PARTS = 16
+"""Largest number of rays along each axis of a part while the number of parts is found."""
+
+MOST = {"slabs": 1024, "colours": 1024, "parts": 32, "rays": 2048}
+"""Largest numbers of slabs of a layer, colours, parts of a pixel and rays along each axis."""
+
+PEAK_ERROR = 0.02
+"""Largest relative error of the brightest pixel by few rays, slabs and colours."""
 
 WINDOW = 3
 """Number of lenslets along each side of the windows in which diffraction is measured."""
@@ -121,6 +143,31 @@ class ChosenPixels:
         passes = optical_passes(self.camera, kept, traced, colours)
         return gather(planes, passes, self.lines if lines is None else lines, rays)
 
+    def peak(self) -> float:
+        """Radiance of the brightest pixel, from few rays, with every effect that is stated."""
+        camera, layers = self.camera, self.scene.layers
+        causes = {
+            "occlusion": any(layer.opaque for layer in layers),
+            "self_absorption": any(layer.optical_thickness.any() for layer in layers),
+            "round_aperture": camera.aperture_diameter_mm is not None,
+            "f_number_mismatch": camera.aperture_diameter_mm is not None,
+            "vignetting": camera.rim_diameter_mm is not None,
+            "lenslet_rotation": camera.lenslet_rotation_rad != 0,
+        }
+        traced = [name for name, stated in causes.items() if stated]
+        kept = [*traced, "defocus", "cos4", "lenslet_pitch_error"]
+        slabs = [4 if layer.depth_extent_mm else 1 for layer in layers]
+        colours = 3 if camera.chromatic_shift else 1
+        rays = 2 * FEWEST_RAYS if traced else None
+        image = self.render(kept, traced, slabs=slabs, colours=colours, rays=rays)
+        peak = float(image.max())
+        exact = not traced and colours == 1 and max(slabs) == 1
+        peak *= 1 - PEAK_ERROR * (0.1 if exact else 1.0)  # other effects may take a little of it
+        if camera.wavelength_nm is not None:
+            peak *= (1 - lenslet_share_leaving(camera)) * (1 - main_lens_share_leaving(camera))
+        sensor = camera.sensor
+        return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
+
     def time(self, **options) -> float:
         """Time in seconds that the whole image takes, by that of pixels spread evenly over it."""
         crossings = (options.get("rays") or 1) ** 2 * sum(options["slabs"])
@@ -158,8 +205,71 @@ class ChosenPixels:
             for left in range(0, tiles.shape[1], wide):
                 part = tiles[top : top + high, left : left + wide]
                 raw = blur_on_sensor(part, around, window)[None, None]
-                found.append(as_views(raw, window, "raw")[:, :, size[0] // 2, size[1] // 2])
+                found.append(as_views(raw, window)[:, :, size[0] // 2, size[1] // 2])
         return np.array(found)
+
+
+class Counts(NamedTuple):
+    """Numbers into which a scene is divided: fields of an `EffectPlan`."""
+
+    slabs: tuple[int, ...]
+    colours: int
+    parts: int
+    rays: int | None
+
+
+def find_counts(
+    pixels: ChosenPixels,
+    kept: Collection[str],
+    traced: Collection[str],
+    tolerance: float,
+    rays: int | None = None,
+    by_rays: bool = False,
+) -> Counts:
+    """Find the numbers of slabs, colours, parts of pixels and rays that a tolerance needs.
+
+    rays: number that is given; parts of pixels are then not counted either. by_rays: whether rays
+    are traced although no effect needs them.
+    """
+    layers = pixels.scene.layers
+    thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
+    diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm is not None
+    chromatic, counted = "chromatic" in kept, rays is None and (bool(traced) or by_rays)
+    diffracts = diffracts and rays is None
+    number = len(thick) + chromatic + diffracts + counted
+    share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
+    slabs, colours, parts, few = [1] * len(layers), 1, 1, rays
+    weights = pixels.weights
+
+    def image(**options: Any) -> np.ndarray:
+        given: dict[str, Any] = {"slabs": slabs, "colours": colours, "rays": few} | options
+        return pixels.render(kept, traced, **given)
+
+    def count_rays(first: int) -> int:
+        return refine(lambda n: image(rays=n), first, MOST["rays"], share, "rays", weights)
+
+    if counted:
+        few = count_rays(FEWEST_RAYS)
+    for k in thick:
+
+        def sliced(n: int, k: int = k) -> np.ndarray:
+            return image(slabs=[*slabs[:k], n, *slabs[k + 1 :]])
+
+        slabs[k] = refine(sliced, 1, MOST["slabs"], share, "slabs", weights)
+    if chromatic:
+        many = MOST["colours"]
+        colours = refine(lambda n: image(colours=n), 1, many, share, "colours", weights)
+    if counted and (thick or chromatic):  # from half of what was enough without them
+        few = count_rays(max((few or 1) // 2, FEWEST_RAYS))
+    if diffracts:
+
+        def diffracted(n: int) -> np.ndarray:
+            some = few and min(max(math.ceil(few / n), FEWEST_RAYS), RAYS_OF_PARTS)
+            return pixels.diffracted(kept, traced, n, some)
+
+        parts = refine(diffracted, 1, MOST["parts"], share, "parts of pixels")
+        few = few and max(math.ceil(few / parts), FEWEST_RAYS)
+    return Counts(tuple(slabs), colours, parts, few)
 
 
 def refine(

@@ -1,67 +1,36 @@
-"""Effect plan: which optical effects are simulated for a scene, and how its image is rendered.
+"""Effect plan: which optical effects are simulated for a scene, how finely, and by what method.
 
-`lf_flame.simulation.planning.decisions` makes plans. An effect whose cause a camera does not state
-(no wavelength: no diffraction; no sensor: no noise) is left out because it is unknown, not because
-it is small. A plan says so; `typical_bounds` estimates it at a typical value of the cause.
+All effects that are left out may change the image, together, by at most a quarter of the tolerance.
 """
 
 import math
-import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, NamedTuple
 
+import numpy as np
 from tabulate import tabulate
 
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.optics.sensor import Sensor
-from lf_flame.simulation.planning.effects import EFFECTS, MATTER, NOT_SEPARABLE, RAYS
-from lf_flame.simulation.planning.scene_bounds import SceneBounds, assuming
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.planning.chosen_pixels import LEFT_OUT_SHARE, find_counts
+from lf_flame.simulation.planning.effects import (
+    CAUSES,
+    EFFECTS,
+    MATTER,
+    NOT_SEPARABLE,
+    RAYS,
+    is_stated,
+    typical_bounds,
+)
+from lf_flame.simulation.planning.scene_bounds import SceneBounds, bound_scene
 
-LEFT_OUT_SHARE = 0.25
-"""Fraction of the tolerance that all effects that are left out may use together."""
+TOLERANCE = 1e-3
+"""Tolerance of an image without noise, if none is stated."""
 
-TYPICAL_SENSOR = Sensor(exposure_e=8_000.0, full_well_e=10_000.0, bits=12, read_noise_e=2.0)
-"""Sensor of an industrial camera: full well and noise as in EMVA 1288 data sheets of small pixels,
-with an exposure of four fifths of the full well."""
-
-
-class Cause(NamedTuple):
-    """Cause of an effect: a field of a camera, its value if not stated, and a typical one."""
-
-    field: str
-    unstated: Any
-    typical: Callable[[PlenopticCamera], Any] | None
-    words: str
-
-
-_SENSOR = Cause("sensor", None, lambda camera: TYPICAL_SENSOR, "10,000 electrons, 12 bits")
-_WAVELENGTH = Cause("wavelength_nm", None, lambda camera: 550.0, "550 nm")
-
-CAUSES = {
-    "cos4": Cause("falloff_corrected", True, lambda camera: False, "without a white image"),
-    "round_aperture": Cause(
-        "aperture_diameter_mm", None, lambda camera: camera.aperture_mm, "a round, matched stop"
-    ),
-    "f_number_mismatch": Cause(
-        "aperture_diameter_mm", None, lambda camera: 1.05 * camera.aperture_mm, "a stop 5 % wider"
-    ),
-    "vignetting": Cause("rim_diameter_mm", None, None, ""),
-    "lenslet_diffraction": _WAVELENGTH,
-    "main_lens_diffraction": _WAVELENGTH,
-    # Calibration files of two Lytro cameras state 0.54 and 0.86 mrad, 0.034 and 0.037 %.
-    "lenslet_rotation": Cause("lenslet_rotation_rad", 0.0, lambda camera: 7e-4, "0.7 mrad"),
-    "lenslet_pitch_error": Cause("lenslet_pitch_error", 0.0, lambda camera: 3.5e-4, "0.035 %"),
-    # Secondary spectrum of an achromat: W. J. Smith, Modern Optical Engineering.
-    "chromatic": Cause("chromatic_shift", 0.0, lambda camera: 1 / 2400, "an achromat"),
-    "shot_noise": _SENSOR,
-    "read_noise": _SENSOR,
-    "quantisation": _SENSOR,
-    "saturation": _SENSOR,
-}
-"""Causes of the effects that follow from a camera's optional fields; other effects follow from the
-scene."""
+OF_NOISE = 0.25
+"""Tolerance of a noisy image, if none is stated, in standard deviations of its noise: the error of
+all pixels together then grows by a thirtieth at most."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +89,7 @@ class EffectPlan:
         Number of parts along each axis into which pixels are cut for diffraction by the lenslets.
     typical : mapping of str to float
         Bounds of effects whose causes are not stated, each at a typical value; see
-        `lf_flame.simulation.planning.plan.typical_bounds`. Empty unless requested.
+        `lf_flame.simulation.planning.effects.typical_bounds`. Empty unless requested.
     measured : mapping of str to float
         Measured changes of the image, see `measure_changes`. Empty unless requested.
     seconds : float
@@ -252,87 +221,158 @@ class EffectPlan:
         return ["refocused images: through the light field, because", *reasons]
 
 
-def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()) -> bool:
-    """Whether a camera, or a list of fields that a file names, states the cause of an effect."""
-    cause = CAUSES.get(effect)
-    if cause is None or getattr(camera, cause.field) != cause.unstated:
-        return True
-    return cause.unstated is not None and cause.field in stated
+def plan_effects(
+    scene: Scene,
+    camera: PlenopticCamera,
+    tolerance: float | None = None,
+    effects: Mapping[str, bool] | None = None,
+    typical: bool = False,
+    *,
+    stated: Collection[str] = (),
+    rays: int | None = None,
+) -> EffectPlan:
+    """Decide which optical effects to simulate for a scene, and how finely.
 
-
-def typical_bounds(bounds: SceneBounds, stated: Collection[str] = ()) -> dict[str, float]:
-    """Bound each effect whose cause a camera does not state, at its typical value, if any."""
-    camera, found = bounds.camera, {}
-    for name, cause in CAUSES.items():
-        if is_stated(camera, name, stated) or cause.typical is None:
-            continue
-        assumed = replace(camera, **{cause.field: cause.typical(camera)})
-        found[name] = EFFECTS[name](assuming(bounds, assumed)).bound
-    return found
-
-
-def assume(
-    camera: PlenopticCamera, words: Iterable[str], stated: Collection[str] = ()
-) -> PlenopticCamera:
-    """Set properties of a camera that its data sheet does not state.
+    For each effect, an upper bound is computed on how much the image would change if the effect
+    were left out. Effects are left out, smallest bound first, while the sum of their bounds is
+    within a quarter of the tolerance; the others are kept. Some hundred pixels are then rendered
+    with ever more slabs, colours, parts of pixels and rays, until they change by less than the rest
+    of the tolerance.
 
     Parameters
     ----------
+    scene : Scene
+        Scene to render.
     camera : PlenopticCamera
-        Camera to start from.
-    words : iterable of str
-        Assumptions, applied in order:
-
-        - ``550nm``: wavelength, which turns on diffraction;
-        - ``round``: round aperture, matched to the lenslets;
-        - ``f/4``: round aperture with this f-number of the main lens;
-        - ``12bit``: sensor with this number of bits, otherwise typical;
-        - ``falloff``: images are not divided by a white image, so that cos^4 remains;
-        - ``typical``: typical value for each field that is not stated and has one.
+        Camera that records it.
+    tolerance : float, optional
+        Largest acceptable error of the image: root mean square, relative to its brightest pixel.
+        Default: 1e-3, or a quarter of the noise of the camera's sensor, if that is more.
+    effects : mapping of str to bool, optional
+        Effects to simulate (True) or to leave out (False) regardless of their bounds, by name
+        (`lf_flame.simulation.planning.effects.EFFECTS`).
+    typical : bool, optional
+        Whether also to estimate the effects whose causes the camera does not state, such as noise
+        without a sensor, at typical values; see `EffectPlan.typical`.
     stated : collection of str, optional
-        Fields that ``typical`` does not change although they have the default value.
+        Names of fields of the camera that were set on purpose, although to the default value;
+        effects that they cause are not among the typical ones.
+    rays : int, optional
+        Number of rays of a pixel along each axis that is given. Default: found by the tolerance.
 
     Returns
     -------
-    PlenopticCamera
-        Camera with these properties.
+    EffectPlan
+        Effects that are kept and left out, with bounds and reasons; `print` shows it as a table.
 
     Raises
     ------
     InputError
-        If a word is not one of these, or a value is out of range.
+        If the tolerance is not above 0, an effect is unknown, or the tolerance would need too many
+        slabs, colours, parts of pixels or rays.
 
     Examples
     --------
-    >>> from lf_flame import PAPER_CAMERA
-    >>> from lf_flame.simulation import assume
-    >>> assume(PAPER_CAMERA, ["550nm", "f/4"]).wavelength_nm
-    550.0
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects
+    >>> scene = Scene([Layer(np.ones((8, 8)), depth_mm=10.0, size_mm=(4.0, 4.0))])
+    >>> sorted(plan_effects(scene, PAPER_CAMERA).kept)
+    ['defocus']
     """
-    for word in words:
-        camera = replace(camera, **_assumed_fields(camera, word, stated))
-    return camera
+    forced = dict(effects or {})
+    _check_request(tolerance, forced)
+    bounds = bound_scene(scene, camera)
+    noise = OF_NOISE * _noise(bounds, forced)
+    by_noise = tolerance is None and noise > TOLERANCE
+    if tolerance is None:
+        tolerance = max(noise, TOLERANCE)
+    bounds, planned = _decide(bounds, forced, LEFT_OUT_SHARE * tolerance, stated)
+    traced = _traced(bounds, {one.name for one in planned if one.kept and one.bound > 0})
+    undivided = (1,) * len(scene.layers)
+    plan = EffectPlan(tolerance, planned, undivided, 1, traced, tolerance_by_noise=by_noise)
+    counts = find_counts(bounds.pixels, plan.kept, traced, tolerance, rays)
+    options = {"slabs": counts.slabs, "colours": counts.colours, "rays": counts.rays}
+    seconds = counts.parts**2 * bounds.pixels.time(kept=plan.kept, traced=traced, **options)
+    found = typical_bounds(bounds, stated) if typical else {}
+    return replace(plan, **counts._asdict(), seconds=seconds, typical=found)
 
 
-def _assumed_fields(camera: PlenopticCamera, word: str, stated: Collection[str]) -> dict[str, Any]:
-    number = r"(\d+(?:\.\d*)?)"
-    if word == "typical":
-        return {
-            cause.field: cause.typical(camera)
-            for name, cause in CAUSES.items()
-            if cause.typical and not is_stated(camera, name, stated) and name != "f_number_mismatch"
-        }
-    if word == "round":
-        return {"aperture_diameter_mm": camera.aperture_mm}
-    if word == "falloff":
-        return {"falloff_corrected": False}
-    if found := re.fullmatch(number + "nm", word):
-        return {"wavelength_nm": float(found[1])}
-    if (found := re.fullmatch("f/" + number, word)) and float(found[1]) > 0:
-        return {"aperture_diameter_mm": camera.main_lens_focal_mm / float(found[1])}
-    if found := re.fullmatch(r"(\d{1,2})bit", word):
-        return {"sensor": replace(camera.sensor or TYPICAL_SENSOR, bits=int(found[1]))}
-    raise InputError(
-        f"What to assume must be 550nm, round, f/4, 12bit (any numbers), falloff or typical, "
-        f"separated by commas, got {word!r}."
+def _noise(bounds: SceneBounds, forced: Mapping[str, bool]) -> float:
+    """Find the noise of the brightest pixel: standard deviation, relative to it."""
+    sensor = bounds.camera.sensor
+    if sensor is None or not bounds.peak > 0:
+        return 0.0
+    electrons = bounds.peak * sensor.exposure_e
+    shot = math.sqrt(electrons) if forced.get("shot_noise", True) else 0.0
+    read = sensor.read_noise_e if forced.get("read_noise", True) else 0.0
+    return math.hypot(shot, read) / electrons
+
+
+def _decide(
+    bounds: SceneBounds, forced: dict[str, bool], allowance: float, stated: Collection[str]
+) -> tuple[SceneBounds, tuple[PlannedEffect, ...]]:
+    """Decide on all effects; also gives the bounds as the decision on defocus leaves them."""
+    # Where defocus may be left out, the blur that softens other changes may be missing.
+    defocus = EFFECTS["defocus"](bounds).bound
+    bounds = replace(bounds, defocus=forced.get("defocus", defocus > allowance))
+    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    known = {name for name in EFFECTS if is_stated(bounds.camera, name, stated)}
+    kept = _choose({name: found.bound for name, found in estimates.items()}, forced, allowance)
+    planned = tuple(
+        PlannedEffect(
+            name, found.bound, name in kept, name in forced, found.criterion,
+            stated=name in known or found.bound > 0,
+        )
+        for name, found in estimates.items()
+    )  # fmt: skip
+    return bounds, planned
+
+
+def _check_request(tolerance: float | None, forced: Mapping[str, bool]) -> None:
+    """Refuse a tolerance that is not above 0, and effects that are unknown or no booleans."""
+    if tolerance is not None and not (tolerance > 0 and math.isfinite(tolerance)):
+        raise InputError(f"tolerance must be above 0, got {tolerance}.")
+    unknown = [repr(name) for name in forced if name not in EFFECTS]
+    if unknown:
+        raise InputError(
+            f"Unknown effect {', '.join(unknown)}; the known ones are {', '.join(EFFECTS)}."
+        )
+    for name, value in forced.items():
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"Effect {name} must be forced by True or False, got {value!r}.")
+
+
+def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
+    """Leave out effects, smallest bound first, while their sum is small enough; keep the rest."""
+    kept = {name for name, on in forced.items() if on}
+    used = 0.0
+    for name in sorted((name for name in changes if name not in forced), key=changes.__getitem__):
+        used += changes[name]
+        if used > allowance:
+            kept.add(name)
+    if "f_number_mismatch" in kept:  # one round stop causes both effects
+        if forced.get("round_aperture", True):
+            kept.add("round_aperture")
+        elif "f_number_mismatch" not in forced:
+            kept.remove("f_number_mismatch")
+        else:
+            raise InputError(
+                "f_number_mismatch cannot be forced on with round_aperture forced off: "
+                "both are one round stop."
+            )
+    return kept
+
+
+def _traced(bounds: SceneBounds, kept: Collection[str]) -> tuple[str, ...]:
+    """Kept effects that treat the rays of one pixel's bundle differently."""
+    # A flat layer that absorbs, with nothing behind it, only becomes darker.
+    alone = all(
+        not layer.depth_extent_mm and not bounds.behind[layer]
+        for layer in bounds.layers
+        if layer.optical_thickness.any()
+    )
+    return tuple(
+        name
+        for name in (*MATTER, *RAYS)
+        if name in kept and not (name == "self_absorption" and alone)
     )

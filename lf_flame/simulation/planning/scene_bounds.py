@@ -15,22 +15,17 @@ import numpy as np
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.bundle_limits import (
-    crosstalk,
-    farthest_move_mm,
+from lf_flame.simulation.diffraction import tiled_sensor
+from lf_flame.simulation.optical_pass import (
+    beyond_mm,
     misplaced_mm,
     neighbours,
-    reach_mm,
     round_stops,
     share_crossing,
+    share_cut,
     true_pitch_mm,
 )
-from lf_flame.simulation.diffraction import (
-    lenslet_share_leaving,
-    main_lens_share_leaving,
-    tiled_sensor,
-)
-from lf_flame.simulation.planning.chosen_pixels import FEWEST_RAYS, ChosenPixels, has_matter
+from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, has_matter
 
 
 class LightSteps(NamedTuple):
@@ -91,7 +86,8 @@ class SceneBounds:
 
 def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     """Bound the light of a scene in front of a camera."""
-    layers = scene.front_to_back
+    layers, pixels = scene.front_to_back, ChosenPixels(scene, camera)
+    peak = pixels.peak()
     footprints = {
         (layer, axis): trace_footprint(camera, layer.depth_mm, axis)
         for layer in layers
@@ -99,7 +95,6 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     }
     behind = {layer: _light_behind(camera, layers, layer, footprints) for layer in layers}
     radiance = float(sum(layer.texture.max() for layer in layers))
-    pixels = ChosenPixels(scene, camera)
     return SceneBounds(
         camera=camera,
         layers=layers,
@@ -107,7 +102,7 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
         radiance=radiance,
         brightest_raw=_brightest_raw(camera, radiance),
         pixels=pixels,
-        peak=_peak(pixels),
+        peak=peak,
         behind=behind,
         steps={
             (layer, axis): _light_steps(layer, axis, behind[layer])
@@ -129,36 +124,6 @@ def _brightest_raw(camera: PlenopticCamera, radiance: float) -> float:
     # Diffraction brings light from between the pixels.
     lit = camera if camera.wavelength_nm is None else tiled_sensor(camera)
     return radiance * (1 + crosstalk(lit))
-
-
-PEAK_ERROR = 0.02
-"""Largest relative error of the brightest pixel by few rays, slabs and colours."""
-
-
-def _peak(pixels: ChosenPixels) -> float:
-    """Radiance of the brightest pixel, from few rays, with every effect that is stated."""
-    camera, layers = pixels.camera, pixels.scene.layers
-    causes = {
-        "occlusion": any(layer.opaque for layer in layers),
-        "self_absorption": any(layer.optical_thickness.any() for layer in layers),
-        "round_aperture": camera.aperture_diameter_mm is not None,
-        "f_number_mismatch": camera.aperture_diameter_mm is not None,
-        "vignetting": camera.rim_diameter_mm is not None,
-        "lenslet_rotation": camera.lenslet_rotation_rad != 0,
-    }
-    traced = [name for name, stated in causes.items() if stated]
-    kept = [*traced, "defocus", "cos4", "lenslet_pitch_error"]
-    slabs = [4 if layer.depth_extent_mm else 1 for layer in layers]
-    colours = 3 if camera.chromatic_shift else 1
-    rays = 2 * FEWEST_RAYS if traced else None
-    image = pixels.render(kept, traced, slabs=slabs, colours=colours, rays=rays)
-    peak = float(image.max())
-    exact = not traced and colours == 1 and max(slabs) == 1
-    peak *= 1 - PEAK_ERROR * (0.1 if exact else 1.0)  # other effects may take a little of it
-    if camera.wavelength_nm is not None:
-        peak *= (1 - lenslet_share_leaving(camera)) * (1 - main_lens_share_leaving(camera))
-    sensor = camera.sensor
-    return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
 
 
 def measured_change(bounds: SceneBounds, effect: str) -> float:
@@ -328,3 +293,76 @@ def _share_exchanged(camera: PlenopticCamera, shift_mm: float) -> float:
     ratio = 1 + camera.lenslet_focal_mm / camera.exit_distance_mm
     gap_mm = (camera.micro_image_pitch_mm - camera.views * camera.pixel_mm) / 2
     return min(1.0, max(0.0, shift_mm * ratio - gap_mm) / camera.pixel_mm)
+
+
+def focus_spread(camera: PlenopticCamera, layer: Layer) -> list[tuple[float, float]]:
+    """Depths and focal lengths, in mm, over which the light of a layer spreads."""
+    depth_steps = np.linspace(-0.5, 0.5, 5) if layer.depth_extent_mm else [0.0]
+    focal_steps = np.linspace(-0.5, 0.5, 3) if camera.chromatic_shift else [0.0]
+    return [
+        (
+            layer.depth_mm + layer.depth_extent_mm * depth,
+            camera.main_lens_focal_mm * (1 + camera.chromatic_shift * focal),
+        )
+        for depth in depth_steps
+        for focal in focal_steps
+    ]
+
+
+def farthest_move_mm(
+    camera: PlenopticCamera,
+    here: Footprint,
+    axis: int,
+    depth_mm: float,
+    focal_mm: float | None = None,
+) -> float:
+    """Largest displacement of a ray if the layer had another depth or the lens another focus.
+
+    here: bundles on the layer as it stands. focal_mm: that of the camera by default.
+    """
+    there = trace_footprint(camera, depth_mm, axis, focal_mm)
+    widening = abs(there.lenslet_width_mm - here.lenslet_width_mm)
+    widening += abs(there.pixel_width_mm - here.pixel_width_mm)
+    beyond = abs(there.shift_per_lenslet_shift - here.shift_per_lenslet_shift) * beyond_mm(camera)
+    return float(np.abs(there.centres_mm - here.centres_mm).max()) + widening / 2 + beyond
+
+
+def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
+    """Half of a bundle's extent on a layer, plus its displacement at a thick layer's faces."""
+    faces = [layer.depth_mm + sign * layer.depth_extent_mm / 2 for sign in (-1, 1)]
+    wandering = (farthest_move_mm(camera, here, axis, depth) for depth in faces)
+    return here.half_width_mm + (max(wandering) if layer.depth_extent_mm else 0)
+
+
+def share_vignetted(camera: PlenopticCamera) -> float:
+    """Share of a pixel's light that the rim cuts; 1 is the light of its own lenslet.
+
+    Light through neighbouring lenslets passes the lens outside the bundles of the own one: the rim
+    may cut all of it, unless it is wider than all rays between the aperture and the field.
+    """
+    distance_mm, radius_mm = camera.rim_distance_mm, (camera.rim_diameter_mm or math.inf) / 2
+    share, other = share_cut(camera, distance_mm, radius_mm), crosstalk(camera)
+    if not other:
+        return share
+    field_mm = (math.hypot(*camera.lenslets) / 2 + 1 + neighbours(camera)) * (
+        camera.lenslet_in_focus_mm * (1 + abs(camera.lenslet_pitch_error))
+    )
+    apart_mm = camera.focus_distance_mm - camera.aperture_before_lens_mm
+    beyond = abs(distance_mm - camera.aperture_before_lens_mm) / apart_mm
+    before = abs(camera.focus_distance_mm - distance_mm) / apart_mm
+    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) / 2
+    return share + (other if widest * before + field_mm * beyond > radius_mm else 0.0)
+
+
+def crosstalk(camera: PlenopticCamera) -> float:
+    """Light that comes through other lenslets, relative to that of a pixel that one lights.
+
+    Square micro-images and matched round ones do not overlap. A wider aperture lights a ring of
+    each neighbour; inside a square of side w an arc is at most 2 w long, and four may meet in it.
+    """
+    if camera.aperture_diameter_mm is None:
+        return 0.0
+    matched = camera.aperture_mm * (1 + camera.lenslet_pitch_error)
+    widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
+    excess = max(0.0, widest - matched) / 2
+    return min(4 * excess / camera.view_step_mm, (1 + 2 * neighbours(camera)) ** 2 - 1)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects
-from lf_flame.simulation import measure_changes
-from lf_flame.simulation.planning.effects import EFFECTS
-from lf_flame.simulation.planning.plan import CAUSES, assume
+from lf_flame.simulation import assume, measure_changes
+from lf_flame.simulation.planning.effects import CAUSES, EFFECTS
 
 CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(20, 30))
 EVEN = Scene([Layer([[1.0]], 0.0, (9.0, 9.0))])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, Scene, plan_effects, render
-from lf_flame.simulation.bundle_limits import rotation_shifts_mm
+from lf_flame.simulation.optical_pass import rotation_shifts_mm
 from lf_flame.simulation.planning.scene_bounds import bound_scene
 
 
