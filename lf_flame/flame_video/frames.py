@@ -100,7 +100,7 @@ def _counts(paths: Sequence[Path]) -> np.ndarray | None:
     alike = len({name[::2] for name in names}) == 1
     columns = zip(*(name[1::2] for name in names), strict=True) if alike else ()
     differing = [column for column in columns if len(set(column)) > 1]
-    if len(differing) != 1 or any(number % 1 for number in differing[0]):
+    if len(differing) != 1 or any(number != int(number) for number in differing[0]):
         return None
     counts = np.array([int(number - differing[0][0]) for number in differing[0]], object)
     if min(np.diff(counts)) < 1 or counts[-1] + 1 > 2 * len(counts):

@@ -265,7 +265,8 @@ def number_grid(
         elif places is None or first is not None or places[-1] + 1 != size:
             start = int(numbers[-1] == size) if first is None else first
             places = [int(number) - start for number in numbers]
-            if any(number % 1 for number in numbers) or places[0] < 0 or places[-1] >= size:
+            whole = all(number == int(number) for number in numbers)
+            if not whole or places[0] < 0 or places[-1] >= size:
                 raise InputError(
                     f"The numbers in the names of {source}, {text}, do not count {size} places "
                     f"from {start}: state another --grid, the --order of the numbers, or the "
