@@ -24,8 +24,8 @@ def pack(mosaic, bits):
     return np.packbits(np.hstack([high, low.reshape(-1, 8)])).tobytes()
 
 
-def metadata(model, shape, zoom=-297, focus=309, pitch=14.0, offset=(0.0, 0.0), rotation=0.0):
-    """Metadata of a frame; the pitch is that of the lenslets, in pixels, without the pupil."""
+def metadata(model, shape, zoom=-297, focus=309):
+    """Metadata of a frame, as far as they are read."""
     bits, endianness, first, black, white = SIDES[model]
     form = {
         "pixelPacking": {"bitsPerPixel": bits, "endianness": endianness},
@@ -38,28 +38,11 @@ def metadata(model, shape, zoom=-297, focus=309, pitch=14.0, offset=(0.0, 0.0), 
     }
     old = model == "F01"
     image = {"height": shape[0], "width": shape[1]}
-    image |= {"rawDetails": form} if old else form | {"iso": 80}
+    image |= {"rawDetails": form} if old else form
     return {
         "image": image,
         "camera": {"make": "Lytro, Inc.", "model": model},
-        "devices": {
-            "sensor": {"pixelPitch": 1.4e-6, **({"iso": 200} if old else {})},
-            "shutter": {"frameExposureDuration": 0.004},
-            "mla": {
-                "tiling": "hexUniformRowMajor",
-                "lensPitch": pitch * 1.4e-6,
-                "rotation": rotation,
-                "scaleFactor": {"x": 1.0, "y": 1.0003},
-                "sensorOffset": {"x": offset[0] * 1.4e-6, "y": offset[1] * 1.4e-6, "z": 3.7e-5},
-            },
-            "lens": {
-                "fNumber": 2.2,
-                "focalLength": 0.0242,
-                "zoomStep": zoom,
-                "focusStep": focus,
-                "exitPupilOffset": {"z": 0.0973},
-            },
-        },
+        "devices": {"lens": {"zoomStep": zoom, "focusStep": focus}},
     }
 
 

@@ -148,20 +148,15 @@ def _lytro_picture(source: Path) -> FileFacts:
     lists: dict[str, list[tuple[str, Any]]] = {
         "camera": [("{}", known.model or None), ("serial number {}", known.serial or None)],
         "sensor": [(f"{columns} x {rows} pixels of {known.bits} bits, {known.bayer} mosaic", 0)],
-        "exposure": [
-            ("{:.4g} s", known.exposure_s), ("f/{:.3g}", known.f_number), ("ISO {:g}", known.iso)
-        ],
         "lens": [
-            ("{:.4g} mm", known.focal_mm),
             ("zoom step {:g}", known.zoom_step),
             ("focus step {:g}", known.focus_step),
         ],
-    }  # fmt: skip
+    }
     facts = {
         name: ", ".join(form.format(value) for form, value in parts if value is not None)
         for name, parts in lists.items()
     }
-    facts["lenslets"] = known.grid.describe() if known.grid else ""
     found = FileFacts("picture of a Lytro camera", facts, typed("refocus", source))
     if picture.white_image is not None:
         found.facts["white image"] = "in the file"
@@ -171,7 +166,5 @@ def _lytro_picture(source: Path) -> FileFacts:
         f"a white image of this camera, without which vignetting is not corrected: {archive}, "
         f"or the folder of its MOD_*.RAW and MOD_*.TXT; `{found.command}` does without."
     )
-    if known.grid is None:
-        found.missing.append("the place of the lenslets, so that a white image is needed.")
     found.command = typed("refocus", source, "--white", archive)
     return found

@@ -15,35 +15,33 @@ from lf_flame import InputError
 from lf_flame.formats import read_light_field, read_raw
 from lf_flame.refocus import find_sharpest_slope
 
-SHAPE, PITCH, TURN, OFFSET, VIEWS = (300, 330), 14.286, 0.004, (2.4, -3.1), 13
-PUPIL = (0.0973 + 3.7e-5) / 0.0973
+SHAPE, PITCH, TURN, OFFSET, VIEWS = (300, 330), 14.29, 0.004, (2.4, -3.1), 13
 COLOURS = {"r": 0.5, "g": 0.9, "b": 0.35}
 
 
-def lenslets(offset=OFFSET):
+def lenslets():
     """For each pixel: centre of its lenslet, and the pixel's distance from it, as x + iy."""
     y, x = np.indices(SHAPE)
-    middle = complex((SHAPE[1] - 1) / 2 + offset[0], (SHAPE[0] - 1) / 2 + offset[1])
-    z, pitch = (x + 1j * y - middle) * np.exp(-1j * TURN), PITCH * PUPIL
-    *_, down, along = nearest_lenslet(z.imag, z.real, pitch, np.sqrt(3) / 2 * 1.0003 * pitch, True)
+    middle = complex((SHAPE[1] - 1) / 2 + OFFSET[0], (SHAPE[0] - 1) / 2 + OFFSET[1])
+    z = (x + 1j * y - middle) * np.exp(-1j * TURN)
+    *_, down, along = nearest_lenslet(z.imag, z.real, PITCH, np.sqrt(3) / 2 * 1.0003 * PITCH, True)
     away = (along + 1j * down) * np.exp(1j * TURN)
     return x + 1j * y - away, away
 
 
 def texture(place):
     """Smooth colourless texture from 0.2 to 0.8 with details of three lenslets and more."""
-    place = place / (PITCH * PUPIL)
+    place = place / PITCH
     waves = (1.9 + 0.3j, 0.4 - 1.7j, 1.2 + 1.3j, -0.9 + 0.5j)
     return 0.5 + 0.075 * sum(
         np.sin((place * wave.conjugate()).real + k) for k, wave in enumerate(waves)
     )
 
 
-def frames(model, slope, offset=OFFSET):
+def frames(model, slope):
     """Raw and white image of the camera in levels; a slope in row distances per view."""
-    centre, away = lenslets(offset)
-    rows = PITCH * PUPIL * np.sqrt(3) / 2 * 1.0003
-    seen = centre - slope * rows / (PITCH * PUPIL / VIEWS) * away
+    centre, away = lenslets()
+    seen = centre - slope * np.sqrt(3) / 2 * 1.0003 * VIEWS * away
     disc = np.clip(0.47 * PITCH - np.abs(away) + 0.5, 0, 1)
     middle = complex(SHAPE[1] / 2, SHAPE[0] / 2)
     fall_off = 1 - 0.2 * np.abs(centre - middle) ** 2 / 220**2
@@ -57,15 +55,13 @@ def frames(model, slope, offset=OFFSET):
     )
 
 
-def facts(model, offset=OFFSET):
-    return own.metadata(model, SHAPE, pitch=PITCH, offset=offset, rotation=TURN)
-
-
-def write_picture(path, model, slope, white=False, stated=OFFSET):
+def write_picture(path, model, slope, white=False):
     raw, flat = frames(model, slope)
     bits = own.SIDES[model][0]
     packed = own.pack(flat, bits) if white else None
-    path.write_bytes(own.container(model, facts(model, stated), own.pack(raw, bits), white=packed))
+    path.write_bytes(
+        own.container(model, own.metadata(model, SHAPE), own.pack(raw, bits), white=packed)
+    )
 
 
 @pytest.fixture
@@ -88,7 +84,7 @@ def test_slope_and_colours_with_the_white_image_of_the_file(tmp_path, said, mode
     write_picture(tmp_path / "a.lfr", model, slope, white=True)
     light_field, grid = read_raw(tmp_path / "a.lfr", views=VIEWS)
     assert grid.layout == "hexagonal"
-    assert grid.pitch == pytest.approx(PITCH * PUPIL, abs=0.01)
+    assert grid.pitch == pytest.approx(PITCH, abs=0.01)
     assert measured(light_field, slope) == pytest.approx(slope, rel=0.015)
     means = light_field.views[5:8, 5:8, 3:-3, 3:-3].mean(axis=(0, 1, 2, 3))
     np.testing.assert_allclose(means / means[1], [5 / 9, 1, 3.5 / 9], rtol=0.02)
@@ -96,30 +92,20 @@ def test_slope_and_colours_with_the_white_image_of_the_file(tmp_path, said, mode
 
 
 def test_slope_without_a_white_image(tmp_path, said):
-    """The metadata are 1.5 pixels off; the picture itself shows where the lenslets are."""
-    write_picture(tmp_path / "a.lfp", "ILLUM", 0.8, stated=(OFFSET[0] + 1.2, OFFSET[1] - 0.9))
+    write_picture(tmp_path / "a.lfp", "ILLUM", 0.8)
     light_field = read_light_field(tmp_path / "a.lfp", VIEWS)
     assert measured(light_field, 0.8) == pytest.approx(0.8, rel=0.015)
     assert "vignetting is not corrected" in said()
     assert "the lenslets are where the picture shows them" in said()
 
 
-def test_the_metadata_place_the_lenslets_of_a_dark_picture(tmp_path, said):
-    packed = own.pack(np.full(SHAPE, 64), 10)
-    (tmp_path / "a.lfr").write_bytes(own.container("ILLUM", facts("ILLUM"), packed))
-    light_field, grid = read_raw(tmp_path / "a.lfr", views=VIEWS)
-    np.testing.assert_array_equal(light_field.views, 0)
-    assert (grid.x0, grid.y0) == pytest.approx((164.5 + OFFSET[0], 149.5 + OFFSET[1]))
-    assert "where the metadata place them, as the picture shows none" in said()
-
-
 def test_white_and_dark_images_from_elsewhere(tmp_path, said):
     """A folder of white images, and a dark frame instead of the black level."""
     raw, flat = frames("ILLUM", 0.8)
     packed = own.pack(raw + 30, 10)
-    (tmp_path / "a.lfr").write_bytes(own.container("ILLUM", facts("ILLUM"), packed))
+    (tmp_path / "a.lfr").write_bytes(own.container("ILLUM", own.metadata("ILLUM", SHAPE), packed))
     for name, mosaic in (("MOD_0003", flat + 30), ("dark", np.full(SHAPE, 94))):
-        text, packed = own.white_pair("ILLUM", facts("ILLUM"), mosaic)
+        text, packed = own.white_pair("ILLUM", own.metadata("ILLUM", SHAPE), mosaic)
         (tmp_path / f"{name}.TXT").write_bytes(text)
         (tmp_path / f"{name}.RAW").write_bytes(packed)
     write_picture(tmp_path / "b.lfr", "ILLUM", 0.8, white=True)
@@ -144,7 +130,9 @@ def test_white_images_that_do_not_fit_are_refused_or_noted(tmp_path, said):
         InputError, match="must be a mosaic like .*a.lfr, grbg of shape .* got bggr"
     ):
         read_raw(tmp_path / "a.lfr", tmp_path / "b.lfp")
-    text, packed = own.white_pair("ILLUM", facts("ILLUM"), frames("ILLUM", 0)[1], serial="B2")
+    text, packed = own.white_pair(
+        "ILLUM", own.metadata("ILLUM", SHAPE), frames("ILLUM", 0)[1], serial="B2"
+    )
     (tmp_path / "w.TXT").write_bytes(text)
     (tmp_path / "w.RAW").write_bytes(packed)
     read_raw(tmp_path / "a.lfr", tmp_path / "w.RAW", views=VIEWS)

@@ -1,22 +1,17 @@
-"""Metadata of a frame of a Lytro camera: sensor, lens and lenslets, from JSON."""
+"""Metadata of a frame of a Lytro camera, from JSON: its pixels, and which white image fits it."""
 
 from dataclasses import dataclass
-from math import sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.sensor_images import PATTERNS
 
 PACKINGS = {10: ("little", 4), 12: ("big", 2)}
 """Byte order of packed pixels, and number of them that fill whole bytes, by their number of bits:
 10 in the Illum, 12 in the F01."""
-
-LAYOUTS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "rectangular"}
-"""Layout of the lenslets by its name in the metadata."""
 
 
 class NestedValues:
@@ -82,13 +77,10 @@ class LytroMetadata:
         Colours of the upper left 2 x 2 pixels, row by row: rggb, bggr, grbg or gbrg.
     black, white : ndarray of float64, shape (2, 2)
         Levels of no light and of full scale of the upper left 2 x 2 pixels.
-    grid : LensletGrid or None
-        Lenslets where the metadata place them.
     model, serial : str
         Name and serial number of the camera.
     zoom_step, focus_step : float or None
         Positions of the lens's motors, by which white images are chosen.
-    exposure_s, iso, f_number, focal_mm : float or None
     is_dark : bool
         Whether the frame was taken without light.
     """
@@ -98,15 +90,10 @@ class LytroMetadata:
     bayer: str
     black: np.ndarray
     white: np.ndarray
-    grid: LensletGrid | None
     model: str
     serial: str
     zoom_step: float | None
     focus_step: float | None
-    exposure_s: float | None
-    iso: float | None
-    f_number: float | None
-    focal_mm: float | None
     is_dark: bool
 
     def check_size(self, size: int, source: str | Path) -> None:
@@ -134,7 +121,6 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
     black, white = (_levels(tree, level, names) for level in ("black", "white"))
     if not np.all(white > black):
         raise tree.error("image/pixelFormat/white", "must be above black", white.tolist())
-    metres = tree.number("devices/lens/focalLength")
     serial = around.text("frame/privateMetadata/camera/serialNumber")
     return LytroMetadata(
         shape=(rows, columns),
@@ -142,15 +128,10 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
         bayer="".join(name[0] for name in names.flat),
         black=black,
         white=white,
-        grid=_grid(tree, rows, columns),
         model=tree.text("camera/model"),
         serial=serial or tree.text("camera/serialNumber"),
         zoom_step=tree.number("devices/lens/zoomStep"),
         focus_step=tree.number("devices/lens/focusStep"),
-        exposure_s=tree.number("devices/shutter/frameExposureDuration"),
-        iso=tree.number("image/iso", "devices/sensor/iso"),
-        f_number=tree.number("devices/lens/fNumber"),
-        focal_mm=None if metres is None else 1e3 * metres,
         is_dark=around.find("parameters/vendorContent/com.lytro.tags/darkFrame") is True,
     )
 
@@ -192,32 +173,3 @@ def _bits(tree: NestedValues, pixels: int) -> int:
     if pixels % group:
         raise tree.error("image", f"must have a multiple of {group} pixels", pixels)
     return int(bits)
-
-
-def _grid(tree: NestedValues, rows: int, columns: int) -> LensletGrid | None:
-    """Lenslets where the metadata place them, if they do.
-
-    The micro-images are farther apart than the lenslets: light comes from the exit pupil, at the
-    distance Z, and the sensor is z behind the lenslets, so their pitch is (Z + z) / Z times the
-    lenslets'.
-    """
-    layout = LAYOUTS.get(tree.text("devices/mla/tiling"))
-    lens, pixel = tree.number("devices/mla/lensPitch"), tree.number("devices/sensor/pixelPitch")
-    if layout is None or not lens or not pixel:
-        return None
-    pupil = tree.number("devices/lens/exitPupilOffset/z")
-    behind = tree.number("devices/mla/sensorOffset/z") or 0.0
-    pitch = lens / pixel * ((pupil + behind) / pupil if pupil else 1.0)
-    across, down = (tree.number(f"devices/mla/scaleFactor/{axis}") or 1.0 for axis in "xy")
-    right, below = (tree.number(f"devices/mla/sensorOffset/{axis}") or 0.0 for axis in "xy")
-    try:
-        return LensletGrid(
-            x0=(columns - 1) / 2 + right / pixel,
-            y0=(rows - 1) / 2 + below / pixel,
-            pitch=pitch * across,
-            rotation=tree.number("devices/mla/rotation") or 0.0,
-            layout=layout,
-            row_pitch=pitch * down * (sqrt(3) / 2 if layout == "hexagonal" else 1.0),
-        )
-    except InputError as error:
-        raise InputError(f"{tree.source}: devices/mla of the Lytro metadata: {error}") from None

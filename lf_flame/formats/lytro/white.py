@@ -31,21 +31,17 @@ LOGGER = logging.getLogger(__name__)
 PAIRED = re.compile(r"(MOD_\d{1,8})\.(TXT|RAW)", re.IGNORECASE)
 """Name of a white image's pixels or metadata."""
 
-
-class PackedFile(NamedTuple):
-    """File of a folder or an archive, and what reads it."""
-
-    name: str
-    size: int
-    read: Callable[[], bytes]
+PackedFile = tuple[str, int, Callable[[], bytes]]
+"""Name and size of a file of a folder or an archive, and what reads it."""
 
 
 class WhiteFile(NamedTuple):
-    """White image in a folder or an archive, of which only the metadata are read."""
+    """White image in a folder or an archive; its pixels, of `size` bytes, are not yet read."""
 
     name: str
     metadata: LytroMetadata
-    pixels: PackedFile
+    size: int
+    read: Callable[[], bytes]
 
 
 def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np.ndarray | None:
@@ -83,22 +79,19 @@ def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np
 
 
 def find_lenslets(picture: LytroPicture) -> LensletGrid:
-    """Find the lenslets in a picture itself, or where its metadata place them, with a warning."""
-    stated, origin = picture.metadata.grid, "the picture shows them"
-    if stated is None:
-        raise InputError(
-            f"The metadata of {picture.source} do not say where the lenslets are: give a white "
-            f"image of the camera."
-        )
+    """Find the lenslets in a picture itself, with a warning that this is no white image."""
+    name = printable(picture.source)
     try:
-        grid = estimate_grid(picture.radiance, stated.pitch, stated.layout)
+        grid = estimate_grid(picture.radiance)
     except InputError:
-        grid, origin = stated, "the metadata place them, as the picture shows none"
+        raise InputError(
+            f"The lenslets of {name} are not seen in it: give a white image of the camera."
+        ) from None
     LOGGER.warning(
-        f"{printable(picture.source)}: vignetting is not corrected, and outer views are too dark, "
-        f"as no white image is given (--white with a MOD_*.RAW, its folder or caldata-"
-        f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); the lenslets are where "
-        f"{origin}."
+        f"{name}: vignetting is not corrected, and outer views are too dark, as no white image is "
+        f"given (--white with a MOD_*.RAW, its folder or caldata-"
+        f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); the lenslets are where the "
+        f"picture shows them."
     )
     return grid
 
@@ -117,8 +110,8 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
     files = white_files(where)
     fitting = [one for one in files if _is_alike(one.metadata, facts)]
     for one in sorted(fitting, key=lambda one: _distance(one.metadata, facts)):
-        one.metadata.check_size(one.pixels.size, one.name)  # before that many bytes are read
-        white = LytroPicture(one.metadata, one.pixels.read(), one.name)
+        one.metadata.check_size(one.size, one.name)  # before that many bytes are read
+        white = LytroPicture(one.metadata, one.read(), one.name)
         # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
         if white.mosaic.mean() >= 500 / 4095 * (2**facts.bits - 1):
             LOGGER.info(
@@ -157,23 +150,23 @@ def white_files(where: Path) -> list[WhiteFile]:
     """Find the white images in a folder or an archive, by the names of their files."""
     pairs: dict[str, dict[str, PackedFile]] = {}
     for file in _in_folder(where) if where.is_dir() else _in_archive(where):
-        place = PurePosixPath(file.name)
+        place = PurePosixPath(file[0])
         if named := PAIRED.fullmatch(place.name):
             pairs.setdefault(str(place.parent / named[1].upper()), {})[named[2].upper()] = file
     found = []
     for _, pair in sorted(pairs.items()):
         if len(pair) == 2:
-            text, pixels = pair["TXT"], pair["RAW"]
-            name = str(where / PurePosixPath(pixels.name).name)
-            check_table_size(text.size, name)  # before that many bytes are read
-            metadata = parse_metadata(parse_table(text.read(), name), name)
-            found.append(WhiteFile(name, metadata, pixels))
+            (_, length, read_text), (pixels, size, read) = pair["TXT"], pair["RAW"]
+            name = str(where / PurePosixPath(pixels).name)
+            check_table_size(length, name)  # before that many bytes are read
+            metadata = parse_metadata(parse_table(read_text(), name), name)
+            found.append(WhiteFile(name, metadata, size, read))
     return found
 
 
 def _in_folder(where: Path) -> list[PackedFile]:
     paths = [path for path in where.iterdir() if PAIRED.fullmatch(path.name)]
-    return [PackedFile(path.name, check_regular(path), partial(read_bytes, path)) for path in paths]
+    return [(path.name, check_regular(path), partial(read_bytes, path)) for path in paths]
 
 
 class _Member(tarfile.TarInfo):
@@ -204,4 +197,4 @@ def _in_archive(path: Path) -> list[PackedFile]:
             file = archive.extractfile(member)
             return b"" if file is None else file.read()
 
-    return [PackedFile(one.name, one.size, partial(read, one)) for one in members]
+    return [(one.name, one.size, partial(read, one)) for one in members]

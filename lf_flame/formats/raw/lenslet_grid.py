@@ -73,10 +73,6 @@ class LensletGrid:
         for name in ("pitch", "row_pitch"):
             if not 1 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
-        if not (math.isfinite(self.x0) and math.isfinite(self.y0)):
-            raise InputError(
-                f"x0 and y0 of a micro-image must be finite, got {self.x0} and {self.y0}."
-            )
         if not abs(self.rotation) <= math.pi / 4:
             raise InputError(
                 f"rotation must lie within pi/4 rad; turn the image first, got {self.rotation}."

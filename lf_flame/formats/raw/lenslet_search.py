@@ -93,8 +93,8 @@ def estimate_grid(
 
 def _no_grid(reason: str) -> InputError:
     return InputError(
-        f"No regular array of micro-images was found in the white image: {reason}; it must show "
-        f"bright micro-images on darker gaps."
+        f"No regular array of micro-images was found in the image: {reason}; it must show bright "
+        f"micro-images on darker gaps."
     )
 
 

@@ -137,16 +137,9 @@ def read_frame(path: str | Path) -> np.ndarray:
 
 
 def plan_raw(
-    path: str | Path,
-    *,
-    white=None,
-    lenslets=None,
-    dark=None,
-    pitch=None,
-    layout=None,
+    path: str | Path, white=None, pitch=None, layout=None, views=None, *, lenslets=None, dark=None,
     bayer=None,
-    views=None,
-) -> tuple[DecodePlan, np.ndarray]:
+) -> tuple[DecodePlan, np.ndarray]:  # fmt: skip
     """Read a raw image, and plan its decoding and that of others; arguments as in `read_raw`."""
     files = {"white": white, "dark": dark, "lenslet": lenslets}
     picture = read_lytro(path) if is_lytro(path) else None
