@@ -93,25 +93,6 @@ def test_kinds_of_white_images(rng):
     assert farthest(estimate_grid(white, 14, "hexagonal"), true, shape) < 0.02
 
 
-def spots(darker):
-    """Every micro-image, 24 pixels wide, holds four spots, three of them darker than the fourth."""
-    y, x = np.indices((300, 300))
-    row, column = np.round(y / 12), np.round(x / 12)
-    brightness = 1 - darker * ((row % 2 == 1) | (column % 2 == 1))
-    return 0.05 + brightness * np.clip(5.3 - np.hypot(y - 12 * row, x - 12 * column), 0, 1)
-
-
-def test_structure_within_the_micro_images_is_told_from_the_array():
-    """The spots' distance is the pitch where they are alike: from a correlation of 0.9 on.
-
-    That of pictures of `spots` 12 pixels apart is 0.854 and 0.940 of that 24 pixels apart.
-    """
-    found = estimate_grid(spots(0.35), pitch=26)
-    assert (found.layout, round(found.pitch, 3)) == ("rectangular", 24.0)
-    with pytest.raises(InputError, match="every 12 pixels, not every 26"):
-        estimate_grid(spots(0.24), pitch=26)
-
-
 @pytest.mark.slow
 @given(
     pitch=st.floats(3, 20),

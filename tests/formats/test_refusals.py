@@ -228,6 +228,10 @@ RAW = [
             "at least two whole lenslets",
         ),
     ),
+    (
+        of({"a.tif": EVEN, "b.tif": FLAT}, "a.tif", read_raw, lenslets="b.tif"),
+        "The lenslet image must have the raw image's shape",
+    ),
     (partial(decode_raw, EVEN, SIX, bayer="rgbg"), "one of rggb, bggr, grbg, gbrg, got 'rgbg'"),
     (partial(decode_raw, np.ones((30, 30, 3)), SIX, bayer="rggb"), r"one chan.*\(30, 30, 3\)"),
     (partial(decode_raw, EVEN[1:], SIX, bayer="rggb"), "even number of rows and of columns"),

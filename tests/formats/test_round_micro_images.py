@@ -82,3 +82,4 @@ def test_the_width_of_a_pixel_of_hexagonal_views_is_told(hexagonal, tmp_path, ca
     Reading(white=tmp_path / "white.tif").read(tmp_path / "raw.tif")
     said = "".join(capsys.readouterr())
     assert ('must state layout = "hexagonal"' in said) == hexagonal
+    assert "Black is taken as level 0" in said

@@ -20,9 +20,14 @@ import numpy as np
 from lf_flame._common.input_files import check_regular, printable, readable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro, read_image
-from lf_flame.formats.lytro.container import check_table_size, parse_table, read_bytes
 from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
-from lf_flame.formats.lytro.picture import LytroPicture, read_lytro
+from lf_flame.formats.lytro.picture import (
+    LytroPicture,
+    check_table_size,
+    parse_table,
+    read_bytes,
+    read_lytro,
+)
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 

@@ -40,22 +40,21 @@ class DecodePlan:
     A micro-image is divided into views x views equal parts, so that a slope does not depend on how
     many pixels it has. A view's pixel is the mean radiance of its part, found from the lenslet's
     own pixels alone: those that lie whole in its micro-image, which is round in a hexagonal array,
-    and are lit in the white image. Beyond them light goes on linearly, so that a part's light comes
-    from its centre also at the rim of round micro-images that touch, and none from a neighbour.
-    Between pixels the light is a cubic's, which conserves it (Colella and Woodward 1984). Parts of
-    a rotated array have their true centres; their edges stay parallel to the sensor's, right to
-    first order in the rotation. Each colour of a Bayer mosaic is decoded from its own pixels,
-    without a demosaic.
+    and are lit in the white image. Beyond them light goes on linearly, so that no light comes from
+    a neighbour, and that of a part at the rim from its own centre. Between pixels a cubic conserves
+    the light (Colella and Woodward 1984). Parts of a rotated array have their true centres; their
+    edges stay parallel to the sensor's, right to first order in the rotation. Each colour of a
+    Bayer mosaic is decoded from its own pixels, without a demosaic.
 
     A hexagonal array is resampled to a square grid with the distance of its rows, by linear
     interpolation along each row: slopes are in row distances per view, 2 / sqrt(3) times those in
     pitches per view. An array in straight columns is decoded with rows and columns exchanged.
 
-    A pixel of a view is unknown (`LightField.valid`) if more than
-    2 % of it come from saturated pixels; or, in the views that count, if it is too dark in the
-    white image, or bad pixels change its light there by 2 % (it then holds 0). Views that are
-    mostly dark in the white image get weight 0, and in a hexagonal array those whose parts reach
-    beyond the circle that touches the neighbours.
+    A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it come from saturated
+    pixels; or, in the views that are used, if it is too dark in the white image, or bad pixels
+    change its light there by 2 % (it then holds 0). Views that are mostly dark in the white image
+    get weight 0, and in a hexagonal array those whose parts reach beyond the circle that touches
+    the neighbours.
 
     Parameters
     ----------

@@ -132,10 +132,8 @@ def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, 
     height = correlation[y + 1, x + 1]
     lag = (x + 1 - reach) + 1j * (y + 1 - reach)
     height[np.abs(lag) < 4] = 0  # a smaller micro-image has no shape that could be found
-    # A lag is one of the array's from half of the highest correlation; one that is shorter than a
-    # stated pitch may be structure inside micro-images, and must be as high as others.
-    needed = np.where(np.abs(lag) < 0.7 * (pitch or 0), 0.9, 0.5) * height.max(initial=0)
-    lags = sorted(lag[height >= np.maximum(needed, 0.1)], key=abs)
+    # A lag is one of the array's from half of the highest correlation.
+    lags = sorted(lag[height >= max(0.5 * height.max(initial=0), 0.1)], key=abs)
     if not lags:
         raise _no_grid("it does not repeat itself")
     if pitch is not None and not abs(abs(lags[0]) - pitch) <= 0.3 * pitch:

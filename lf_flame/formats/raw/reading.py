@@ -12,7 +12,7 @@ from lf_flame.formats.lytro.white import find_lenslets, mosaic_like
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import less_dark
+from lf_flame.formats.raw.sensor_images import fitting, less_dark
 from lf_flame.lightfield import LightField
 
 
@@ -157,12 +157,8 @@ def plan_raw(
     flat, black = others["white"], others["dark"]
     shown = flat if others["lenslet"] is None else others["lenslet"]
     if shown is not None:
-        if shown.shape[:2] != image.shape[:2]:
-            raise InputError(
-                f"The image of the lenslets must have the raw image's {image.shape[0]} x "
-                f"{image.shape[1]} pixels, got {shown.shape[0]} x {shown.shape[1]}."
-            )
-        grid = estimate_grid(less_dark(shown, black, "white"), pitch, layout)
+        shown = fitting(shown, "lenslet", image.shape)
+        grid = estimate_grid(less_dark(shown, black, "lenslet"), pitch, layout)
     elif picture is not None:
         grid = find_lenslets(picture)
     elif pitch is not None:
