@@ -190,13 +190,7 @@ class DecodePlan:
     def _upright(self, image: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(image.swapaxes(0, 1)) if self.grid.columns else image
 
-    def _resample(
-        self,
-        image: np.ndarray,
-        black: np.ndarray | None = None,
-        gain: np.ndarray | None = None,
-        valid: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def _resample(self, image: np.ndarray, black=None, gain=None, valid=None) -> np.ndarray:
         """Resample an upright image, (rows, columns, channels): float32, (v, u, t, s, channel)."""
         channels = image.shape[2] if self.bayer is None else 3
         size = self.views, self.views, len(self._rows), self._left.shape[1]

@@ -156,16 +156,13 @@ def _top(before: float, middle: float, after: float) -> float:
 
 def _autocorrelation(patch: np.ndarray) -> np.ndarray:
     """Autocorrelation of a patch, 1 at lag 0, which is at the centre of the result."""
-    contrast = flattened(patch, min(patch.shape) / 4)
-    window = np.hanning(patch.shape[0])[:, None] * np.hanning(patch.shape[1])
-    size = [fft.next_fast_len(2 * n, real=True) for n in patch.shape]  # room for every lag
-    fy, fx = fft.fftfreq(size[0])[:, None], fft.rfftfreq(size[1])
-    low_pass = np.exp(-((2 * math.pi) ** 2) * (fy**2 + fx**2))  # against noise, by a pixel
-    power = np.abs(fft.rfft2(window * contrast, size)) ** 2 * low_pass
-    window_power = np.abs(fft.rfft2(window, size)) ** 2
-    reach = min(patch.shape) // 3
-    lags = np.arange(-reach, reach + 1)
-    correlation, overlap = (fft.irfft2(p, size)[np.ix_(lags, lags)] for p in (power, window_power))
+    (height, width), reach = patch.shape, min(patch.shape) // 3
+    window = np.outer(np.hanning(height), np.hanning(width))
+    contrast = ndimage.gaussian_filter(window * flattened(patch, min(patch.shape) / 4), 1)
+    near = np.s_[height - 1 - reach : height + reach, width - 1 - reach : width + reach]
+    correlation, overlap = (
+        scipy.signal.fftconvolve(one, one[::-1, ::-1])[near] for one in (contrast, window)
+    )
     if not correlation[reach, reach] > 1e-12 * overlap[reach, reach]:
         raise _no_grid("it is uniform")
     correlation = correlation / overlap
