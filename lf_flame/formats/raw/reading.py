@@ -82,7 +82,7 @@ def read_raw(
         White image (flat field), in which the micro-images are found and by which the views are
         divided, as in `DecodePlan`. For a Lytro picture also the camera's folder of MOD_*.RAW and
         MOD_*.TXT, or ``caldata-SERIAL.tar``, of which the nearest in zoom and focus is taken;
-        default: the one in the picture's file; without one the metadata place the lenslets.
+        default: the one in the picture's file; without one the picture shows the lenslets.
     pitch : float, optional
         Distance between micro-images in pixels. With a white image a rough value suffices. Without
         one it is required, and the array is assumed to be upright and centred in the image.
@@ -124,10 +124,8 @@ def read_raw(
     >>> light_field
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    plan, image = plan_raw(
-        path, white=white, lenslets=lenslets, dark=dark, pitch=pitch, layout=layout, views=views,
-        bayer=bayer,
-    )  # fmt: skip
+    stated = {"pitch": pitch, "layout": layout, "views": views, "bayer": bayer}
+    plan, image = plan_raw(path, white=white, lenslets=lenslets, dark=dark, **stated)
     return plan.decode(image), plan.grid
 
 
@@ -137,14 +135,14 @@ def read_frame(path: str | Path) -> np.ndarray:
 
 
 def plan_raw(
-    path: str | Path, white=None, pitch=None, layout=None, views=None, *, lenslets=None, dark=None,
-    bayer=None,
+    path: str | Path, *, white=None, lenslets=None, dark=None, pitch=None, layout=None, bayer=None,
+    views=None,
 ) -> tuple[DecodePlan, np.ndarray]:  # fmt: skip
     """Read a raw image, and plan its decoding and that of others; arguments as in `read_raw`."""
     files = {"white": white, "dark": dark, "lenslet": lenslets}
     picture = read_lytro(path) if is_lytro(path) else None
     if picture is None:
-        image, saturation = read_image(path), None
+        image = read_image(path)
         others = {name: one if one is None else read_image(one) for name, one in files.items()}
     else:
         if not (pitch is layout is bayer is None):
@@ -152,13 +150,13 @@ def plan_raw(
                 f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
                 f"its own."
             )
-        image, bayer, saturation = picture.radiance, picture.metadata.bayer, 1.0
+        image, bayer = picture.radiance, picture.metadata.bayer
         others = {name: mosaic_like(picture, one, name) for name, one in files.items()}
     flat, black = others["white"], others["dark"]
-    shown = flat if others["lenslet"] is None else others["lenslet"]
-    if shown is not None:
-        shown = fitting(shown, "lenslet", image.shape)
-        grid = estimate_grid(less_dark(shown, black, "lenslet"), pitch, layout)
+    kind = "white" if others["lenslet"] is None else "lenslet"
+    if (shown := others[kind]) is not None:
+        light = less_dark(fitting(shown, kind, image.shape), black, kind)
+        grid = estimate_grid(light, pitch, layout)
     elif picture is not None:
         grid = find_lenslets(picture)
     elif pitch is not None:
@@ -168,8 +166,6 @@ def plan_raw(
             f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
             f"must be given."
         )
-    plan = DecodePlan(
-        grid, shape=image.shape, views=views, white=flat, dark=black, bayer=bayer,
-        saturation=saturation,
-    )  # fmt: skip
+    shape = image.shape
+    plan = DecodePlan(grid, shape=shape, views=views, white=flat, dark=black, bayer=bayer)
     return plan, image
