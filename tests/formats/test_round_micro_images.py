@@ -83,3 +83,5 @@ def test_the_width_of_a_pixel_of_hexagonal_views_is_told(hexagonal, tmp_path, ca
     said = "".join(capsys.readouterr())
     assert ('must state layout = "hexagonal"' in said) == hexagonal
     assert "Black is taken as level 0" in said
+    itself = Reading(lenslets=tmp_path / "raw.tif").read(tmp_path / "raw.tif")
+    assert itself.shape[:2] == (15, 15)
