@@ -83,12 +83,11 @@ def describe(source: Path, **options: Any) -> FileFacts:
 def _light_field(source: Path, options: dict[str, Any]) -> FileFacts:
     """Read a light field of any kind, so that all that belongs to it fits."""
     found = find_light_field(source, **options)
-    views = found.light_field.views
-    v, u, t, s, *channels = views.shape
+    counted, (v, u, t, s, *channels) = found.light_field.counted, found.light_field.shape
     colour = f"{channels[0]} channels" if channels else "grey"
     facts = {
         "views": f"{v} x {u}, of {t} x {s} pixels, {colour}",
-        "values": f"{views.min():.4g} to {views.max():.4g}",
+        "values": f"{counted.min():.4g} to {counted.max():.4g}",
     }
     given = [word for name, value in options.items() for word in (f"--{name}", value)]
     notes = [*found.notes, *found.doubts(source), note_on_coding(source)]
@@ -132,12 +131,12 @@ def _image(source: Path) -> FileFacts:
         f"are; for such a camera type: {focused} (or its white image in place of the calibration).",
     ]
     found.missing.append(
-        "what shows the lenslets: the white image (flat field) of a raw image (--white), spots or "
-        "the raw image itself (--lenslets), the number of pixels under a lenslet of a lenslet "
-        "image (--views), or the rows x columns of views that lie side by side (`lf-flame convert "
-        "--mosaic 8x8`)."
+        "what shows the lenslets: the white image (flat field) of a raw image (--white; and --dark, "
+        "if there is one), spots or the raw image itself (--lenslets), the number of pixels under "
+        "a lenslet of a lenslet image (--views), or the rows x columns of views that lie side by "
+        "side (`lf-flame convert --mosaic 8x8`)."
     )
-    found.command = typed("refocus", source, "--white", "WHITE.png", *bayer)
+    found.command = typed("refocus", source, "--white", f"WHITE{source.suffix}", *bayer)
     return found
 
 
