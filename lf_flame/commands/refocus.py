@@ -273,10 +273,10 @@ def refocus(source, camera, out, overwrite, **options):
       lf-flame refocus field.npz --camera simulation.json --depth-mm 10
     \f
 
-    SOURCE is a folder with one image for each view (or a .zip of it), an array (.npy, .npz, .h5,
-    .mat, .zarr), a TIFF of many pages, a lenslet image (--views N), a raw image (--white,
-    --lenslets or --pitch), or a raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE`
-    says what it is, and `lf-flame convert` reads other kinds.
+    SOURCE is a folder with one image for each view, an array (.npy, .npz, .h5, .mat, .zarr), a TIFF
+    of many pages, a lenslet image (--views N), a raw image (--white, --lenslets or --pitch), or a
+    raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it is, and
+    `lf-flame convert` reads other kinds.
 
     The range of --map should exceed the slopes of the scene; auto finds such a range. What one sees
     through, such as a flame before others, has no single slope: lf-flame reconstruct finds its

@@ -131,8 +131,8 @@ def _image(source: Path) -> FileFacts:
         f"are; for such a camera type: {focused} (or its white image in place of the calibration).",
     ]
     found.missing.append(
-        "what shows the lenslets: the white image (flat field) of a raw image (--white; and --dark, "
-        "if there is one), spots or the raw image itself (--lenslets), the number of pixels under "
+        "what shows the lenslets: the white image (flat field) of a raw image (--white; --dark, if "
+        "there is one), spots or the raw image itself (--lenslets), the number of pixels under "
         "a lenslet of a lenslet image (--views), or the rows x columns of views that lie side by "
         "side (`lf-flame convert --mosaic 8x8`)."
     )
