@@ -59,7 +59,9 @@ def trace(
         share = optics.share / (y.rays * x.rays)
         runs = _runs(out.shape[2], out.size * y.rays * x.rays * len(group))
         for some in progress.steps(runs, "tracing rays", len(runs)):
-            kernel(*tables, _only(seen, some), share, out)
+            lines = np.zeros_like(seen.lines)  # those of this run alone
+            lines[:, some] = seen.lines[:, some]
+            kernel(*tables, seen._replace(lines=lines), share, out)
 
 
 def _first_that_dims(planes: list[Plane]) -> int:
@@ -124,13 +126,6 @@ def _stop_tables(optics: OpticalPass, y: RayGrid, x: RayGrid) -> list[StopTable 
         for k, (_, radius) in enumerate(optics.stops)
     ]
     return [*stops, None, None][:2]
-
-
-def _only(seen: SeenTable, some: slice) -> SeenTable:
-    """Restrict the pixels that are traced to some lines c."""
-    lines = np.zeros_like(seen.lines)
-    lines[:, some] = seen.lines[:, some]
-    return seen._replace(lines=lines)
 
 
 def _runs(lines: int, cells: int) -> list[slice]:
