@@ -1,4 +1,4 @@
-"""The slope at which a region of a light field is sharpest, and the range of slopes of a scene.
+"""The slope at which a region of a light field is sharpest.
 
 Sharpness is measured by the semblance of the views' gradients g_a, refocused on the region:
 
