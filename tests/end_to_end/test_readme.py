@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import shutil
-import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -107,30 +106,6 @@ def test_links_lead_to_files_and_headings(path):
             assert anchor in anchors(file.read_text(encoding="utf-8")), link
 
 
-def test_paths_that_contributors_are_sent_to_exist():
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    folders = r"lf_flame|experiments|tests|data_gen"
-    paths = set(re.findall(rf"`((?:{folders})/[\w./]*)`", text))
-    for folder, row in re.findall(r"^\| `([\w/.]+)`.*?\|(.*)$", text, re.MULTILINE):
-        base = Path(folder).parent if folder.endswith(".py") else Path(folder)
-        paths |= {str(base / name) for name in re.findall(r"`(\w+\.(?:py|toml))`", row)}
-    assert paths
-    assert not [path for path in sorted(paths) if not (ROOT / path).exists()]
-
-
-def make_targets():
-    shown = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
-    return set(re.findall(r"^  ([a-z-]+) ", shown.stdout, re.MULTILINE))
-
-
-@pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
-def test_make_targets_exist(path):
-    text = path.read_text(encoding="utf-8")
-    # In code, where a command starts: "to make images" is no target, and a file is none.
-    named = set(re.findall(r"(?m)(?:`|^ {4}(?:\w+=\S+ )*)make ([a-z-]+)\b(?!/)", text))
-    assert named <= make_targets()
-
-
 def check_commands(group, program, text):
     """Check the commands and options that a text names of a program."""
     text = re.sub(r" \\\n +", " ", text)  # lines that go on
@@ -155,12 +130,6 @@ def test_commands_of_the_experiments_exist(path):
     check_commands(program.commands, "-m experiments", path.read_text(encoding="utf-8"))
 
 
-def test_every_command_is_explained():
-    text = "\n".join(path.read_text(encoding="utf-8") for path in TEXTS)
-    for name, command in cli.commands.commands.items():
-        assert command.hidden or re.search(rf"lf-flame {name}\b|`{name}`", text), name
-
-
 def test_tables_are_made_in_a_fresh_clone(asked, tmp_path):
     """Results that came with the clone do not stand for runs that are not there."""
     shutil.copytree(RESULTS / "paper", tmp_path / "experiments" / "results" / "paper")
@@ -171,18 +140,3 @@ def test_tables_are_made_in_a_fresh_clone(asked, tmp_path):
         for kind in ("shapes", "flames"):
             assert re.search(rf"(lf-flame|-m experiments) {step} \S*{kind}", steps), (step, kind)
     assert "--out experiments/" not in steps  # what came with the clone stays as it is
-
-
-def test_every_deviation_the_code_cites_is_listed():
-    text = (ROOT / "experiments" / "DEVIATIONS.md").read_text(encoding="utf-8")
-    listed = set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))
-    files = [*ROOT.glob("lf_flame/**/*.py"), *ROOT.glob("experiments/**/*.py")]
-    files += [*ROOT.glob("*/*.toml"), *ROOT.glob("experiments/studies/*.toml"), *TEXTS]
-    cited = {
-        number
-        for path in files
-        for found in re.findall(r"deviations? \[?(\d+(?: and \d+)?)", path.read_text())
-        for number in found.split(" and ")
-    }
-    assert cited
-    assert cited <= listed

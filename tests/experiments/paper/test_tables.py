@@ -2,17 +2,14 @@
 
 import json
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.inputs import read_history
 from experiments.linear import RIDGE, STRENGTHS, Ridge
 from experiments.paper.evaluation import score_baselines, score_windows
-from experiments.paper.figures import LENSLETS_ENLARGED, enlarged_part
 from experiments.paper.tables import (
     compare_table,
     compare_with_paper,
@@ -124,14 +121,6 @@ def test_ridge_equals_its_primal_form_and_the_validation_chooses_its_strength(rn
     assert STRENGTHS[0] < ridge.strength < STRENGTHS[-1]
     expected = drawn[ridge.strength].reshape(scenes.targets.shape)
     np.testing.assert_allclose(ridge.predict(scenes.inputs), expected, atol=1e-5)
-
-
-def test_micro_images_are_enlarged_where_they_vary():
-    views = np.zeros((3, 3, 40, 50), np.float32)
-    views[1:, :, 10, 30] = 1
-    t, s = enlarged_part(views)
-    assert (t + LENSLETS_ENLARGED // 2, s + LENSLETS_ENLARGED // 2) == (10, 30)
-    assert enlarged_part(np.zeros((3, 3, 4, 5), np.float32)) == (0, 0)
 
 
 @pytest.mark.slow
@@ -263,23 +252,3 @@ def test_damaged_results_are_one_sentence(tmp_path, damage, words):
     damage(folder)
     with pytest.raises(InputError, match=words):
         report_tables([folder])
-
-
-def test_refusals(tmp_path):
-    with pytest.raises(InputError, match=r"must end in .md, got tables.csv"):
-        report_tables([tmp_path], Path("tables.csv"))
-    with pytest.raises(InputError, match="The paper has 4 planes, the model has 2"):
-        compare_with_paper(pd.DataFrame({"ssim": [1, 1]}), PRINTED)
-
-
-def test_a_history_that_was_cut_is_refused(tmp_path):
-    path = tmp_path / "history.csv"
-    whole = "epoch,seconds,val_psnr_db\n0,3.0,1\n1,1.0,2\n2,1.5,3\n"
-    path.write_text(whole)
-    assert list(read_history(path, 2).seconds) == [3.0, 4.0, 5.5]
-    path.write_text(whole.replace("0,3.0,1\n", ""))  # new histories begin with epoch 1
-    assert list(read_history(path, 2).seconds) == [1.0, 2.5]
-    for epochs, text in ((3, whole), (2, whole.replace("1.0", "?")), (2, "")):
-        path.write_text(text)
-        with pytest.raises(InputError, match="damaged"):
-            read_history(path, epochs)

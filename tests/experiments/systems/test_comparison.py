@@ -200,22 +200,3 @@ def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets):
     rows = table.set_index("system")
     assert rows.why_missing["shapes"] == "it was trained on shapes."
     assert rows.psnr_db[["flames"]].eq(np.inf).all()
-
-
-REFUSED = {
-    "slopes": (["--photograph", "small.npy", "1;2"], "got '1;2'"),
-    "small photograph": (["--photograph", "small.npy", "0"],
-                         "small.npy needs views of 35 pixels or more along each side, got 34 x 40"),
-    "steep slopes": (["--photograph", "small.npy", "20"], "needs views of 51 pixels"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("options", "words"), REFUSED.values(), ids=REFUSED)
-def test_bad_input_is_refused_in_one_sentence(tmp_path, options, words):
-    np.save(tmp_path / "small.npy", np.zeros((3, 3, 34, 40)))
-    options = [str(tmp_path / x) if x.endswith(".npy") else x for x in options]
-    with pytest.raises(InputError, match=words):
-        CliRunner().invoke(
-            commands, ["compare", str(tmp_path), "--out", str(tmp_path / "out"), *options],
-            catch_exceptions=False, standalone_mode=False,
-        )  # fmt: skip
