@@ -125,13 +125,14 @@ class Focus:
     background: float | None = None
 
     def with_ends(self, light_field: "LightField") -> "Focus":
-        """Find the ends of the slope map if `map_auto` is set, and print them."""
+        """Find the ends of the slope map if `map_auto` is set."""
         if not self.map_auto:
             return self
         from lf_flame.refocus import find_slope_range
 
         found = find_slope_range(light_field)
-        click.echo(f"slope map {found.describe()}", err=True)
+        if not found.certain:
+            click.echo(f"slope map {found.describe()}", err=True)
         return replace(self, slope_map=(found.low, found.high))
 
     @property
