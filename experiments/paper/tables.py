@@ -203,7 +203,8 @@ def comparison_markdown(
         rows.append([source, length, *cells])
     parts = [
         f"## {paper['title']}",
-        "PSNR (dB), SSIM: means over the test split; ±: standard deviation over the seeds.",
+        "PSNR (dB), SSIM: means over the test split; ±: standard deviation over the seeds. A run "
+        "below the mean training image has learnt nothing yet.",
         markdown(pd.DataFrame(rows, columns=["source", "epochs", *depths])),
     ]
     if pools:

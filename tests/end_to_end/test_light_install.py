@@ -79,9 +79,8 @@ def test_what_needs_no_learning_works_and_the_rest_says_what_to_install(light):
     )
     learning = (
         ["dataset", f"{ROOT}/data_gen/shapes.toml", "--out", "shapes.zarr"],
-        ["train", shapes, "--data", "x", "--out", "run"],
+        ["train", shapes],
         ["train-system", "refocusnet", "--config", systems, "--out", "run"],
-        ["predict", "picture.png", "--model", "run"],
         ["refocus", "field.npy", "--slope", "1", "--network", "."],
     )
     results = run(light, *working, *learning)
