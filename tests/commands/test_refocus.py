@@ -147,6 +147,7 @@ def leaves(tmp_path):
     return tmp_path / "leaves.npy"
 
 
+@pytest.mark.slow
 def test_two_sharp_slopes_are_named(leaves, tmp_path):
     said = run(leaves, "--out", tmp_path / "out").output
     peaks = re.search(r"several slopes are sharp \((.*), (.*)\)", said).groups()

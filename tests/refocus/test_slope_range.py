@@ -63,6 +63,7 @@ def test_where_nothing_tells_slopes_apart_it_is_not_certain(rng, scene):
     assert found.low < found.slope < found.high
 
 
+@pytest.mark.slow
 def test_its_slope_is_one_of_the_scenes(rng):
     """As many tiles on either of two planes; nothing is sharp halfway between."""
     halves = [LEAVES.draw((9, 9), (64, 64), rng).views for _ in range(2)]
