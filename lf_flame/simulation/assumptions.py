@@ -1,4 +1,4 @@
-"""What a data sheet does not state: assume it, and measure what each effect changes."""
+"""Assume causes of effects that a data sheet does not state, and measure what each changes."""
 
 import re
 from collections.abc import Callable, Collection, Iterable
