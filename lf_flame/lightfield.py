@@ -284,19 +284,19 @@ class LightField:
 
     @property
     def counted(self) -> np.ndarray:
-        """Values of known pixels in views that count."""
+        """Values of known pixels in views that count; all values where there are none."""
         some = slice(None) if self.weights is None else self.weights > 0
-        return self.views[some] if self.valid is None else self.views[some][self.valid[some]]
+        found = self.views[some] if self.valid is None else self.views[some][self.valid[some]]
+        return found if found.size else self.views
 
     @property
     def uncounted(self) -> str:
         """Sentence on the number of views with weight 0; empty if there are none."""
         if self.weights is None or self.weights.all():
             return ""
-        lost = int(np.count_nonzero(self.weights == 0))
         return (
-            f"{lost} of the {self.weights.size} views do not count: outermost ones, mostly dark or "
-            f"lit through neighbouring lenslets, or missing ones"
+            f"{np.count_nonzero(self.weights == 0)} of the {self.weights.size} views do not count: "
+            f"outermost ones, mostly dark or lit through neighbouring lenslets, or missing ones"
         )
 
     @property

@@ -48,10 +48,6 @@ def anchors(text):
     return found
 
 
-def test_the_readme_is_one_page():
-    assert len(README.read_bytes()) <= 6000
-
-
 @pytest.mark.slow
 def test_python_examples_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # some write files
