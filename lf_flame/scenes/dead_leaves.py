@@ -8,6 +8,7 @@ fixed order: the bits do not depend on the number of threads.
 """
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,17 @@ from lf_flame.lightfield import LightField
 
 OPAQUE = 1e-3
 """Fraction of light from behind a pixel that is neglected; leaves farther back are then skipped."""
+
+Leaves = namedtuple(
+    "Leaves",
+    "y x slope half_height half_width cosine sine squareness brightness contrast "
+    "wave_y wave_x phase",
+)
+"""Numbers of leaves, nearest first, an array each; lengths are in pixels.
+
+(cosine, sine) is the angle of a leaf's axes; a squareness of 2 makes an ellipse, a larger one a
+superellipse closer to a rectangle.
+"""
 
 
 @strict
@@ -74,37 +86,30 @@ class DeadLeaves:
         """Draw a grey light field of (v, u) views and (t, s) pixels, with values from 0 to 1."""
         leaves = self._draw_leaves(image, rng)
         out = np.empty((*views, *image), np.float32)
-        render_leaves(np.column_stack(list(leaves.values())), rng.uniform(), out)
+        render_leaves(leaves, rng.uniform(), out)
         return LightField(out)
 
-    def _draw_leaves(
-        self, image: tuple[int, int], rng: np.random.Generator
-    ) -> dict[str, np.ndarray]:
-        """Draw the numbers of all leaves, nearest first, in the order of the kernel's columns.
-
-        Lengths are in pixels; (cosine, sine) is the angle of a leaf's axes; a squareness of 2 makes
-        an ellipse, a larger one a superellipse closer to a rectangle.
-        """
+    def _draw_leaves(self, image: tuple[int, int], rng: np.random.Generator) -> Leaves:
         n = self.leaves
         angle = rng.uniform(0, 2 * np.pi, n)
         shortest, longest = np.log(self.wavelength)
         period = np.exp(rng.uniform(shortest, longest, n))
         direction = rng.uniform(0, 2 * np.pi, n)
-        return {
-            "y": rng.uniform(0, image[0], n),
-            "x": rng.uniform(0, image[1], n),
-            "slope": np.sort(rng.uniform(*self.slopes, n)),
-            "half_height": self._draw_lengths(rng),
-            "half_width": self._draw_lengths(rng),
-            "cosine": np.cos(angle),
-            "sine": np.sin(angle),
-            "squareness": rng.choice([2.0, 8.0], n),
-            "brightness": rng.uniform(0, 1, n),
-            "contrast": rng.uniform(0, self.contrast, n),
-            "wave_y": 2 * np.pi / period * np.cos(direction),
-            "wave_x": 2 * np.pi / period * np.sin(direction),
-            "phase": rng.uniform(0, 2 * np.pi, n),
-        }
+        return Leaves(
+            y=rng.uniform(0, image[0], n),
+            x=rng.uniform(0, image[1], n),
+            slope=np.sort(rng.uniform(*self.slopes, n)),
+            half_height=self._draw_lengths(rng),
+            half_width=self._draw_lengths(rng),
+            cosine=np.cos(angle),
+            sine=np.sin(angle),
+            squareness=rng.choice([2.0, 8.0], n),
+            brightness=rng.uniform(0, 1, n),
+            contrast=rng.uniform(0, self.contrast, n),
+            wave_y=2 * np.pi / period * np.cos(direction),
+            wave_x=2 * np.pi / period * np.sin(direction),
+            phase=rng.uniform(0, 2 * np.pi, n),
+        )
 
     def _draw_lengths(self, rng: np.random.Generator) -> np.ndarray:
         """Draw lengths between the smallest and the largest, with density r^-3."""
@@ -113,19 +118,21 @@ class DeadLeaves:
 
 
 @njit
-def shade(leaf, y, x):
+def shade(leaves, n, y, x):
     """Coverage and radiance of a leaf at a position relative to its centre."""
-    down = leaf[5] * y - leaf[6] * x
-    right = leaf[6] * y + leaf[5] * x
-    p = leaf[7]
-    rho = (abs(down / leaf[3]) ** p + abs(right / leaf[4]) ** p) ** (1.0 / p)
+    down = leaves.cosine[n] * y - leaves.sine[n] * x
+    right = leaves.sine[n] * y + leaves.cosine[n] * x
+    p = leaves.squareness[n]
+    rho = (abs(down / leaves.half_height[n]) ** p + abs(right / leaves.half_width[n]) ** p) ** (
+        1.0 / p
+    )
     # Distance to the edge along the ray from the centre, in pixels; the edge is a pixel wide.
     inside = 0.5 + math.hypot(down, right) * (1.0 - rho) / rho if rho > 0.0 else 1.0
     cover = min(max(inside, 0.0), 1.0)
     if cover == 0.0:
         return 0.0, 0.0
-    wave = math.sin(leaf[10] * down + leaf[11] * right + leaf[12])
-    return cover, min(max(leaf[8] + leaf[9] * wave, 0.0), 1.0)
+    wave = math.sin(leaves.wave_y[n] * down + leaves.wave_x[n] * right + leaves.phase[n])
+    return cover, min(max(leaves.brightness[n] + leaves.contrast[n] * wave, 0.0), 1.0)
 
 
 @parallel(lambda out: out.shape[0] * out.shape[1] * out.shape[2])
@@ -136,14 +143,13 @@ def render_leaves(m, leaves, background, out):
     v, u = k // columns - (rows - 1) / 2.0, k % columns - (columns - 1) / 2.0
     for s in range(width):
         light, through = 0.0, 1.0
-        for n in range(leaves.shape[0]):
-            leaf = leaves[n]
-            y = t - leaf[0] - leaf[2] * v
-            x = s - leaf[1] - leaf[2] * u
-            reach = leaf[3] + leaf[4] + 1.0
+        for n in range(len(leaves.slope)):
+            y = t - leaves.y[n] - leaves.slope[n] * v
+            x = s - leaves.x[n] - leaves.slope[n] * u
+            reach = leaves.half_height[n] + leaves.half_width[n] + 1.0
             if abs(y) > reach or abs(x) > reach:
                 continue
-            cover, radiance = shade(leaf, y, x)
+            cover, radiance = shade(leaves, n, y, x)
             light += through * cover * radiance
             through *= 1.0 - cover
             if through < OPAQUE:

@@ -31,13 +31,13 @@ def test_the_nearer_leaf_hides_the_farther_one():
         def _draw_leaves(self, image, rng):
             leaves = super()._draw_leaves(image, rng)
             same = {"y": 20, "x": 20, "half_height": 15, "half_width": 15, "contrast": 0}
-            return leaves | {name: np.full(2, float(x)) for name, x in same.items()}
+            return leaves._replace(**{name: np.full(2, float(x)) for name, x in same.items()})
 
     drawn = TwoLeaves(leaves=2, slopes=(-1, 1))
     leaves = drawn._draw_leaves(IMAGE, np.random.default_rng(5))
     middle = drawn.draw(VIEWS, IMAGE, np.random.default_rng(5)).views[2, 2, 20, 20]
-    assert leaves["slope"][0] < leaves["slope"][1]
-    assert middle == pytest.approx(leaves["brightness"][0], abs=1e-6)
+    assert leaves.slope[0] < leaves.slope[1]
+    assert middle == pytest.approx(leaves.brightness[0], abs=1e-6)
 
 
 def test_lengths_are_as_frequent_as_their_inverse_cube(rng):
