@@ -103,14 +103,13 @@ def test_a_killed_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
     (tmp_path / "make.py").write_text(MAKE)
     settings = json.dumps(config_to_json(tiny)), str(tmp_path / "a.zarr")
     made = tmp_path / "a.zarr.part" / "complete" / "c"
-    for shards in (1, 3):
-        command = [sys.executable, tmp_path / "make.py", *settings]
-        with subprocess.Popen(command) as process:
-            while len(list(made.glob("*"))) < shards:
-                assert process.poll() is None
-                time.sleep(0.02)
-            process.kill()
-        assert not (tmp_path / "a.zarr").exists()
+    command = [sys.executable, tmp_path / "make.py", *settings]
+    with subprocess.Popen(command) as process:
+        while len(list(made.glob("*"))) < 2:
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.kill()
+    assert not (tmp_path / "a.zarr").exists()
     for name in ("a.zarr", "b.zarr"):
         make_dataset(tiny, 160, tmp_path / name)
     assert samples_of(tmp_path / "a.zarr") == samples_of(tmp_path / "b.zarr")
