@@ -68,7 +68,7 @@ class ResNet50(NetworkSystem):
             )
         for slope in slopes:
             if np.abs(self.slopes - slope).min() > NEAR:
-                known = ", ".join(f"{x:.2f}" for x in self.slopes)
+                known = ", ".join(f"{x:z.2f}" for x in self.slopes)
                 raise InputError(f"{self.name} only does the slopes {known}, got {slope:.3g}.")
 
     def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
