@@ -63,7 +63,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
             raise InputError(
                 f"{path} holds inks and no light: convert it by the printer's profile."
             )
-        if image.format == "PPM" and image.mode == "RGB" and netpbm_top(image) > 255:
+        if image.format == "PPM" and image.mode == "RGB" and top_level(image) > 255:
             # Pillow would keep 8 of the bits.
             raise InputError(f"{path} holds colours of 16 bits, which are read from PNG and TIFF.")
         check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
@@ -118,12 +118,10 @@ def open_image(path: str | Path) -> Iterator[ImageFile.ImageFile]:
         yield image
 
 
-def netpbm_top(image: ImageFile.ImageFile) -> int:
-    """Highest level of an open Netpbm file."""
-    codec, _, _, args = image.tile[0]
-    if codec == "raw":
-        return 65535 if args == "I;16B" else 255
-    return args[-1] if isinstance(args, tuple) else 255
+def top_level(image: ImageFile.ImageFile) -> int:
+    """Highest level of an open PNG or Netpbm file."""
+    how = image.tile[0][3]
+    return int(how[-1]) if isinstance(how, tuple) else 65535 if "16B" in str(how) else 255
 
 
 # TIFF ---------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> Non
     changed.
 
     \b
-      lf-flame info photo.lfr                        camera, exposure, lenslets, white image
+      lf-flame info photo.lfr                        camera, sensor, white image
       lf-flame info caldata-B5143909630.tar          for which camera it is
       lf-flame info raw.tif --lenslets spots.tif     lenslets, views, and what is missing
       lf-flame info flame.npz --camera calibration.toml  in mm: pixels, focus, depth

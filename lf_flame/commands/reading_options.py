@@ -142,7 +142,6 @@ class Reading:
 
     def find(self, source: Path) -> "Found":
         """Read a light field of any kind, and print what was found."""
-        from lf_flame.formats.coding import note_on_coding
         from lf_flame.formats.reading import find_light_field
 
         flat = [path.resolve() for path in (self.white, self.dark) if path]  # lenslets may be it
@@ -154,9 +153,9 @@ class Reading:
             tell(printable(line, 600))
         if str(found.order) not in self.orders:
             self.orders.append(str(found.order))
-        if not self.coded and (coded := note_on_coding(source)):
-            self.coded.append(coded)
-            tell(f"Note: {printable(coded, 800)}")
+        if found.coded and not self.coded:
+            self.coded.append(found.coded)
+            tell(f"Note: {printable(found.coded, 800)}")
         return found
 
     def read(self, source: Path) -> "LightField":

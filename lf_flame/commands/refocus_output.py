@@ -15,8 +15,7 @@ from tqdm import tqdm
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import OutputFolder
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_levels, white_of, write_image
-from lf_flame.formats.stacks import write_focal_stack
+from lf_flame.formats.images import to_levels, white_of, write_focal_stack, write_image
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import all_in_focus, farthest_slope, find_sharpest_slope, refocus
 from lf_flame.refocus._arguments import as_weights

@@ -216,7 +216,6 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
     """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
     from lf_flame.flame_video.frames import FrameReader, find_times
-    from lf_flame.formats.coding import note_on_coding
 
     paths = [path.absolute() for path in paths]
     rows, times, notes = find_times(paths, rate or 1.0)
@@ -225,7 +224,7 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
         reader, said = FrameReader(paths[0], reading.stated), Said()
         found = reader.notes
     reading.orders.append(reader.order)
-    notes = [*filter(None, [note_on_coding(paths[0])]), *(notes if rate else [])]
+    notes = [*filter(None, [reader.coded]), *(notes if rate else [])]
     tell_all("Note", notes)
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
     for line in (*found, *on_camera):

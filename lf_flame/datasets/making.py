@@ -26,7 +26,7 @@ from lf_flame.datasets.config import DatasetConfig, config_to_json
 from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.datasets.store import Attributes, check_file
 from lf_flame.errors import InputError
-from lf_flame.formats.zarr_arrays import ZarrFile
+from lf_flame.formats.array_files import ZarrFile
 
 LEAST_TOGETHER, MOST_SHARDS = 16, 1000
 """Smallest number of samples in a shard, and largest number of shards in an array: a million

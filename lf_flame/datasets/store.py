@@ -17,7 +17,7 @@ import numpy as np
 from lf_flame._common.config import build
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.errors import InputError
-from lf_flame.formats.zarr_arrays import ZarrFile
+from lf_flame.formats.array_files import ZarrFile
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ from lf_flame.flame_video import processing
 from lf_flame.flame_video.flame_shape import DOUBTS, row_error
 from lf_flame.flame_video.flicker import Flicker, find_flicker
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
-from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES
+from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_stack
 from lf_flame.formats.reading import Found, find_light_field
-from lf_flame.formats.stacks import is_stack
 from lf_flame.formats.view_files.folder import split_numbers
 from lf_flame.lightfield import LightField
 
@@ -145,6 +144,11 @@ class FrameReader:
     def order(self) -> str:
         """Order in which the views of `model` are stored."""
         return str(self._found.order)
+
+    @property
+    def coded(self) -> str:
+        """Note that `model` is probably gamma-coded, if it is."""
+        return self._found.coded
 
     @property
     def shape(self) -> tuple[int, ...]:

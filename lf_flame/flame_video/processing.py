@@ -26,8 +26,8 @@ from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_lefto
 from lf_flame._common.workers import carry_out
 from lf_flame.errors import InputError
 from lf_flame.flame_video.steps import Frame, Step, Values
+from lf_flame.formats.array_files import ZarrFile
 from lf_flame.formats.reading import read_light_field
-from lf_flame.formats.zarr_arrays import ZarrFile
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 

@@ -1,3 +1,5 @@
+from .images import read_focal_stack as read_focal_stack
+from .images import write_focal_stack as write_focal_stack
 from .images import write_picture as write_picture
 from .lytro.metadata import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture
@@ -9,8 +11,6 @@ from .raw.lenslet_search import estimate_grid as estimate_grid
 from .raw.reading import decode_raw as decode_raw
 from .raw.reading import read_raw as read_raw
 from .reading import read_light_field as read_light_field
-from .stacks import read_focal_stack as read_focal_stack
-from .stacks import write_focal_stack as write_focal_stack
 from .view_files.folder import ViewFolder as ViewFolder
 from .view_files.folder import scan_view_folder as scan_view_folder
 from .writing import write_light_field as write_light_field

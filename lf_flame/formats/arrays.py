@@ -1,26 +1,21 @@
-"""Light fields in files of arrays: NumPy, HDF5, MATLAB and Zarr; nothing is unpickled."""
+"""Files that hold all views in one array of pixels: its axes, and what its file says beside it."""
 
-from dataclasses import replace
-from math import isqrt
+from contextlib import suppress
+from math import gcd, isqrt
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame._common.arrays_in_files import ArrayFile, FileOfArrays
-from lf_flame._common.images import FLOAT, to_unit
+from lf_flame._common.images import FLOAT, read_tiff
+from lf_flame._common.input_files import parse_json
 from lf_flame.errors import InputError
-from lf_flame.formats.hdf5_and_matlab import Hdf5File, MatlabFile, is_matlab_hdf5
-from lf_flame.formats.stacks import cut_views
-from lf_flame.formats.view_files.orders import (
-    AS_STORED,
-    Grid,
-    ViewOrder,
-    find_order,
-    fold,
-    half_turned,
-    stated_order,
-)
-from lf_flame.formats.zarr_arrays import ZarrFile
+from lf_flame.formats.array_files import Hdf5File, MatlabFile, ZarrFile, is_matlab_hdf5
+from lf_flame.formats.images import read_image
+from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
+from lf_flame.formats.raw.sensor_images import check_colours
+from lf_flame.formats.view_files.orders import Grid, read_grid
 from lf_flame.lightfield import LightField
 
 HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
@@ -28,97 +23,120 @@ HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
 ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX)
 """File endings of arrays."""
 
-TOOLBOX, DEPTH = "LF", "GT_DEPTH"
-"""Names of the views in files of HCI and LFToolbox, and of the depths in those of HCI."""
+VIEWS, TOOLBOX, DEPTH, RECORD = "views", "LF", "GT_DEPTH", "record"
+"""Names of views in files of this package, and in those of HCI and LFToolbox; of the depths in
+those of HCI; and of the record in a ``.npz`` file, JSON in bytes."""
 
 COLOURS = 3
 """Number of colours in an array of LFToolbox, after which its weight comes."""
 
-DEFAULT_AXES = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}
-"""Axes of an array for which none are stated, by their number; the first two are raw arrays."""
-
-OTHER_AXES = {
-    2: (),
-    3: ("nts", "tsn", "cts"),
-    4: ("tsvu", "ntsc", "ncts", "cnts", "vtus"),
-    5: ("vucts", "cvuts", "tsvuc", "cstuv"),
+KNOWN_AXES = {
+    2: ("ts",),
+    3: ("tsc", "nts", "tsn", "cts"),
+    4: ("vuts", "tsvu", "ntsc", "ncts", "cnts", "vtus"),
+    5: ("vutsc", "vucts", "cvuts", "tsvuc", "cstuv"),
 }
-"""Axis orders of other programs, beside those of MATLAB, which are backwards in HDF5 files."""
+"""Axes of arrays by their number: first those for which none need be stated (without views, of a
+raw array), then those of other programs. In HDF5 files that MATLAB writes they are backwards."""
 
 
-def read_array(
-    path: str | Path,
-    *,
-    views: int | None = None,
-    axes: str | None = None,
-    grid: Grid | None = None,
-    array: str | None = None,
-    order: str | None = None,
-) -> tuple[LightField, ViewOrder]:
-    """Read views as they are stored, and their order; arguments as in `read_light_field`.
+class Pixels(NamedTuple):
+    """Pixels of all views as a file holds them, and their axes as in `read_light_field`.
+
+    `searched` says that the parallax shows the order of views, and `slopes` the range of the
+    scene's slopes, 5th and 95th percentile, if the file has it.
+    """
+
+    values: np.ndarray
+    axes: str
+    weights: np.ndarray | None = None
+    valid: np.ndarray | None = None
+    searched: bool = False
+    slopes: tuple[float, float] | None = None
+
+
+def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndarray:
+    """Cut a raw lenslet array into views; if `views` does not fit, the error says what would."""
+    if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
+        common = gcd(*raw.shape[:2])
+        fit = [str(n) for n in range(2, min(common, 64) + 1) if common % n == 0]
+        raise InputError(
+            f"To read {source} as a lenslet image, state the pixels under a lenslet (views), which "
+            f"only the camera's data say, and which divide its {raw.shape[0]} x {raw.shape[1]} "
+            f"pixels ({', '.join(fit) or 'only 1 does'}), got {views}; to decode a raw image, give "
+            f"a white image, the lenslets or the pitch; `lf-flame convert` reads focused lenslets, "
+            f"as those of a Raytrix camera (--focused), and views side by side (--mosaic)."
+        )
+    if raw.ndim == 2 and views >= 5:  # with fewer pixels under a lenslet, views look like colours
+        check_colours(raw, grid_from_pitch(raw.shape, views), "lenslet")
+    return LightField.from_raw(raw, views=views).views
+
+
+# Images -------------------------------------------------------------------------------------------
+
+
+def read_lenslets(path: str | Path) -> Pixels:
+    """Read a rectified lenslet image (ESLF of the Lytro cameras), N x N pixels to a lenslet."""
+    image = read_image(path)
+    return Pixels(image, "tsc"[: image.ndim])
+
+
+def read_mosaic(path: str | Path, *, mosaic: Grid | str) -> Pixels:
+    """Read a picture that holds rows and columns of whole views.
+
+    In a lenslet image the pixels of one lenslet are neighbours; here those of one view are.
+    """
+    rows, columns = read_grid(mosaic, "mosaic")
+    picture = read_image(path)
+    height, width = picture.shape[:2]
+    if height % rows or width % columns:
+        raise InputError(
+            f"A mosaic of {rows} x {columns} views needs sides that are multiples of these, and "
+            f"{path} has {height} x {width} pixels: cut off its margins, or state other numbers."
+        )
+    size = (rows, height // rows, columns, width // columns, *picture.shape[2:])
+    return Pixels(picture.reshape(size), "vtusc"[: len(size)], searched=True)
+
+
+def read_pages(path: str | Path) -> Pixels:
+    """Read the pages of a TIFF file: rows and columns if it has two page axes, or a number."""
+    pages, letters, metadata = read_tiff(path, opaque=True)
+    if "slopes" in metadata:
+        raise InputError(f"{path} is a stack of refocused images, not of views.")
+    if len(letters) == 2:
+        return Pixels(pages, "vutsc"[: pages.ndim], searched=True)
+    row = pages.reshape(-1, *pages.shape[len(letters) :])
+    return Pixels(row, "ntsc"[: row.ndim])
+
+
+# Arrays -------------------------------------------------------------------------------------------
+
+
+def read_array(path: str | Path, *, axes: str | None = None, array: str | None = None) -> Pixels:
+    """Read an array of pixels from a NumPy, Zarr, HDF5 or MATLAB file.
 
     The array is the one named ``views`` or ``LF``, or the only one, or the only one of 4 or 5 axes.
-    Arrays of MATLAB have the axes that MATLAB shows. In NumPy and Zarr files an array ``weights``
-    holds the weights of views, and ``valid`` whether each pixel is known. An array ``LF`` of four
-    channels in a ``.mat`` file is one of LFToolbox, whose last channel is a weight. The order is
-    found for views with a running number and in files of the HCI data set.
+    Arrays of MATLAB have the axes that MATLAB shows. Arrays ``weights`` and ``valid`` beside it are
+    those of a light field. An array ``LF`` of four channels in a ``.mat`` file is one of LFToolbox,
+    whose last channel is a weight. The order is searched for in files of the old HCI benchmark.
     """
     file = _open(path)
     name = _choose_array(file, axes, array)
     stored = file.header(name).dtype.itemsize
     # As stored, as floats, and once more after the axes are reordered.
     (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-    beside = set(file.names) - {name} if isinstance(file, ArrayFile | ZarrFile) else set()
     weights, valid = (
-        file.read([one])[0] if one in beside else None for one in ("weights", "valid")
+        file.read([one])[0] if one in file.names and one != name else None
+        for one in ("weights", "valid")
     )
-    if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
-        held, weights, valid = _without_weight(held)
-    is_stated = axes is not None
-    axes = axes.lower() if axes is not None else _default_axes(held.shape, path)
-    of_views = "n" if "n" in axes else "vu" if set(axes) & set("vu") else ""
-    wanted = of_views + "ts" + ("c" if "c" in axes else "")
-    if sorted(axes) != sorted(wanted) or len(axes) != held.ndim:
-        raise InputError(
-            f"axes must be one letter for each axis of {path}, whose shape is {held.shape}: v and "
-            f"u or n for views (none in a raw array), t and s for pixels, c for channels, got "
-            f"{axes!r}."
-        )
-    found = stated_order(order)
-    ours = to_unit(held, path).transpose([axes.index(letter) for letter in wanted])
-    if of_views == "n":
-        ours, found = fold(ours, path, grid, order)
-    elif not of_views:
-        ours = cut_views(ours, views, path)
-    elif found is AS_STORED and not is_stated and isinstance(file, Hdf5File):
-        found = _find_hci_order(file, ours)
-    return LightField(ours, weights=weights, valid=valid), found
-
-
-def _find_hci_order(file: Hdf5File, views: np.ndarray) -> ViewOrder:
-    """Find the order of stored views of the old HCI benchmark, and the sign of their slopes.
-
-    In these HDF5 files (Wanner, Meister, Goldluecke 2013) a point at depth z moves to the left by
-    the disparity ``dH focalLength / z - shift`` from one view to the next on the right, and its
-    slope is minus that. One of the two axes of views is stored the other way round, which no
-    parallax shows and the depths do. Without depths, columns run from left to right.
-    """
-    if TOOLBOX not in file.names or not {"dH", "focalLength", "shift"} <= set(file.numbers):
-        return AS_STORED
-    found = find_order(views)
-    if found.slopes is None or DEPTH not in file.names:
-        return found
-    (depth,) = file.read([DEPTH], copies=3 * FLOAT / file.header(DEPTH).dtype.itemsize + 1)
-    depth, numbers = depth[..., ::4, ::4], file.numbers
-    depth = depth[depth > 0]
-    if not depth.size:
-        return found
-    slopes = numbers["shift"] - numbers["dH"] * numbers["focalLength"] / depth
-    true, (low, high) = np.percentile(slopes, (5, 95)), found.slopes
-    reason = f"{found.reason}, with the sign by the depths of {DEPTH}"
-    if np.abs([-high, -low] - true).sum() < np.abs([low, high] - true).sum():
-        return ViewOrder(half_turned(found.order), reason)
-    return replace(found, reason=reason, slopes=None)
+    is_of_hci, slopes = False, None
+    if name == TOOLBOX and axes is None:
+        if Path(path).suffix.lower() == MATLAB_SUFFIX:
+            held, weights, valid = _without_weight(held)
+        elif isinstance(file, Hdf5File) and len(file.numbers) == 3:
+            is_of_hci, slopes = True, _slopes_of_hci(file)
+    axes = _default_axes(held.shape, path) if axes is None else axes.lower()
+    return Pixels(held, axes, weights, valid, is_of_hci, slopes)
 
 
 def _open(path: str | Path) -> FileOfArrays:
@@ -131,24 +149,34 @@ def _open(path: str | Path) -> FileOfArrays:
     return MatlabFile(path) if suffix == MATLAB_SUFFIX else ArrayFile(path)
 
 
+def made_by(path: str | Path) -> str:
+    """Command and date in the record of a file of `write_light_field`; empty without a record."""
+    record, suffix = None, Path(path).suffix.lower()
+    if suffix == ZARR_SUFFIX:
+        record = ZarrFile(path).attributes.get(RECORD)
+    elif suffix == ".npz" and RECORD in (file := ArrayFile(path)).names:
+        with suppress(InputError):  # the views are of use without it
+            record = parse_json(file.read([RECORD])[0].tobytes().decode("utf-8", "replace"), path)
+    return f"{record.get('command')}, {record.get('date')}" if isinstance(record, dict) else ""
+
+
 def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:
     """Choose the array that holds the views, by its name or its number of axes."""
     if stated is None and len(file.names) == 1:
         return file.names[0]
-    for name in ("views", TOOLBOX) if stated is None else (stated,):
+    for name in (VIEWS, TOOLBOX) if stated is None else (stated,):
         if name in file.names:
             return name
-    headers = {name: file.header(name) for name in file.names[:1000]}
+    shapes = {name: file.header(name).shape for name in file.names}
     ranks = (4, 5) if axes is None else (len(axes),)
-    fitting = [name for name, one in headers.items() if len(one.shape) in ranks]
-    fitting = [name for name in fitting if name != "valid"] or fitting
+    fitting = [name for name, shape in shapes.items() if len(shape) in ranks and name != "valid"]
     if stated is None and len(fitting) == 1:
         return fitting[0]
-    wanted = f"views, or only one of {' or '.join(map(str, ranks))} axes"
-    held = [f"{name} {one.shape}" for name, one in headers.items()]
+    wanted = stated or f"{VIEWS}, or only one of {' or '.join(map(str, ranks))} axes"
+    held = [f"{name} {shape}" for name, shape in shapes.items()]
     raise InputError(
-        f"{file.path} must hold an array of numbers named {wanted if stated is None else stated}, "
-        f"got {', '.join(held[:5]) or 'none'}{' ...' if len(held) > 5 else ''}; name one by "
+        f"{file.path} must hold an array of numbers named {wanted}, got "
+        f"{', '.join(held[:5]) or 'none'}{' ...' if len(held) > 5 else ''}; name one by "
         f"`lf-flame convert --array` (in Python array=...)."
     )
 
@@ -168,20 +196,39 @@ def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, n
     return array[..., :COLOURS], weights, valid
 
 
+def _slopes_of_hci(file: Hdf5File) -> tuple[float, float] | None:
+    """Range of the slopes by the depths in a file of the old HCI benchmark; None without depths.
+
+    In these HDF5 files (Wanner, Meister, Goldluecke 2013) a point at depth z moves to the left by
+    the disparity ``dH focalLength / z - shift`` from one view to the next on the right, and its
+    slope is minus that. One of the two axes of views is stored the other way round, which no
+    parallax shows and the depths do. Without depths, columns run from left to right.
+    """
+    if DEPTH not in file.names:
+        return None
+    (depth,) = file.read([DEPTH], copies=3 * FLOAT / file.header(DEPTH).dtype.itemsize + 1)
+    depth, numbers = depth[..., ::4, ::4], file.numbers
+    depth = depth[depth > 0]
+    if not depth.size:
+        return None
+    slopes = numbers["shift"] - numbers["dH"] * numbers["focalLength"] / depth
+    low, high = np.percentile(slopes, (5, 95)).tolist()
+    return low, high
+
+
 def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
     """Axes of an array for which none are stated; refuse a shape that looks like others."""
-    if len(shape) not in DEFAULT_AXES or 0 in shape:
+    if len(shape) not in KNOWN_AXES or 0 in shape:
         raise InputError(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
             f"raw lenslet array, got shape {shape}."
         )
-    axes = DEFAULT_AXES[len(shape)]
-    others = OTHER_AXES[len(shape)]
+    axes, *others = KNOWN_AXES[len(shape)]
     if Path(path).suffix.lower() in HDF5_SUFFIXES:
-        others = (axes[::-1], *others)  # as MATLAB writes them
-    counts = {one: count for one in others if (count := _count_views(shape, one))}
-    is_spectral = not counts and axes == "vutsc" and _count_views(shape[:-1], axes[:-1])
-    if _count_views(shape, axes) or is_spectral:
+        others = [axes[::-1], *others]
+    counts = {one: count for one in (axes, *others) if (count := _count_views(shape, one))}
+    is_spectral = not counts and len(axes) == 5 and _count_views(shape[:4], axes[:4])
+    if axes in counts or is_spectral:
         return axes
     best = min(counts, key=lambda one: counts[one], default="")
     looks = f", but looks like {best}" if best else ""

@@ -8,43 +8,44 @@ from typing import Any
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.coding import note_on_coding
+from lf_flame.formats.arrays import cut_views, made_by
 from lf_flame.formats.focused.lenslets import is_raytrix, read_raytrix
-from lf_flame.formats.images import IMAGE_SUFFIXES, is_lytro, read_image
+from lf_flame.formats.images import (
+    IMAGE_SUFFIXES,
+    is_lytro,
+    is_stack,
+    read_focal_stack,
+    read_image,
+)
 from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import holds_white_files, white_files
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import check_colours
 from lf_flame.formats.reading import find_light_field, kind_of
-from lf_flame.formats.stacks import is_stack, read_focal_stack
 
 
 @dataclass
 class FileFacts:
-    """Kind and facts of a file.
+    """Kind and facts of a file; what is empty is not printed.
 
-    `facts` are printed in their order, if they are not empty; `notes` and `missing` (files or
-    options that are needed) are sentences; `command` is what to type next, and `shape` the light
-    field's (v, u, t, s), if known.
+    `missing` says which files or options are needed, `command` what to type next; `shape` is the
+    light field's, (v, u, t, s), if known.
     """
 
     kind: str
-    facts: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, str]
     command: str = ""
     notes: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
+    missing: str = ""
     shape: tuple[int, ...] = ()
 
     def text(self, source: Path) -> str:
-        """Describe it in lines: kind, facts, what is missing, and the next command."""
+        """Describe it in lines: kind, facts, notes, what is missing, and the next command."""
         lines = [f"{printable(source)}: {self.kind}"]
-        facts = {name: fact for name, fact in self.facts.items() if fact}
-        lines += [f"  {name:<14}{printable(fact)}" for name, fact in facts.items()]
-        marked = {"note": self.notes, "missing": self.missing, "next": [self.command]}
-        lines += [
-            f"{mark}: {printable(x, 600)}" for mark, some in marked.items() for x in some if x
-        ]
-        return "\n".join(lines)
+        lines += [f"  {name:<14}{printable(fact)}" for name, fact in self.facts.items() if fact]
+        said = [("note", x) for x in self.notes]
+        said += [("missing", self.missing), ("next", self.command)]
+        return "\n".join(lines + [f"{mark}: {printable(x, 800)}" for mark, x in said if x])
 
 
 def typed(*words: str | Path) -> str:
@@ -88,32 +89,33 @@ def _light_field(source: Path, options: dict[str, Any]) -> FileFacts:
     facts = {
         "views": f"{v} x {u}, of {t} x {s} pixels, {colour}",
         "values": f"{counted.min():.4g} to {counted.max():.4g}",
+        "made by": made_by(source),
     }
     given = [word for name, value in options.items() for word in (f"--{name}", value)]
-    notes = [*found.notes, *found.doubts(source), note_on_coding(source)]
-    command = typed("refocus", source, *given)
+    notes = [*found.notes, *found.doubts(source), found.coded]
+    has_light = "lenslets" not in options or "white" in options
+    missing = "" if has_light else "a white image (--white): without it outer views are too dark."
     kind = f"light field, {kind_of(source, options)[0]}"
-    made = FileFacts(kind, facts, command, notes, shape=(v, u, t, s))
-    if "lenslets" in options and "white" not in options:
-        made.missing.append("the white image (--white), without which outer views are too dark.")
-    return made
+    return FileFacts(kind, facts, typed("refocus", source, *given), notes, missing, (v, u, t, s))
 
 
 def _image(source: Path) -> FileFacts:
     """Any single picture; only its user knows which of several kinds it is."""
     image = read_image(source)
     height, width = image.shape[:2]
-    fit = [str(n) for n in range(2, 65) if not (height % n or width % n)]
-    focused = typed("convert", source, "views.npz", "--focused", "CALIBRATION.xml")
-    found = FileFacts("image")
-    found.facts["pixels"] = f"{height} x {width}, {'grey' if image.ndim == 2 else 'colour'}"
-    found.facts["values"] = f"{image.min():.4g} to {image.max():.4g}"
-    found.facts["lenslets"] = "none are seen for certain"
-    bayer = []
+    facts = {
+        "pixels": f"{height} x {width}, {'grey' if image.ndim == 2 else 'colour'}",
+        "values": f"{image.min():.4g} to {image.max():.4g}",
+        "lenslets": "none are seen for certain",
+    }
+    found = FileFacts("image", facts, typed("refocus", source, "--white", f"WHITE{source.suffix}"))
+    try:
+        cut_views(image, None, source)
+    except InputError as error:  # the reader's own list of what it takes
+        found.missing = str(error)
     try:
         grid = estimate_grid(image)
-        found.kind = "image with lenslets"
-        found.facts["lenslets"] = grid.describe()
+        found.kind, facts["lenslets"] = "image with lenslets", grid.describe()
         spots = typed("refocus", "RAW.tif", "--lenslets", source)
         found.notes.append(
             f"the lenslets are those that this picture shows; a white image or closed-aperture "
@@ -123,20 +125,7 @@ def _image(source: Path) -> FileFacts:
     except InputError as error:
         if found.notes:  # the lenslets were found
             found.notes.append(str(error))
-            bayer = ["--bayer", "PATTERN"]  # the note names two
-    found.notes += [
-        f"if this is a lenslet image, N x N pixels to a lenslet, N divides both sides: "
-        f"{', '.join(fit) or 'only 1 does'}; only the camera's data say which N it is.",
-        f"a picture does not say whether the lenslets are focused, as those of a Raytrix camera "
-        f"are; for such a camera type: {focused} (or its white image in place of the calibration).",
-    ]
-    found.missing.append(
-        "what shows the lenslets: the white image (flat field) of a raw image (--white; --dark, if "
-        "there is one), spots or the raw image itself (--lenslets), the number of pixels under "
-        "a lenslet of a lenslet image (--views), or the rows x columns of views that lie side by "
-        "side (`lf-flame convert --mosaic 8x8`)."
-    )
-    found.command = typed("refocus", source, "--white", f"WHITE{source.suffix}", *bayer)
+            found.command += " --bayer PATTERN"  # the note names two
     return found
 
 
@@ -144,26 +133,17 @@ def _lytro_picture(source: Path) -> FileFacts:
     """Picture of a Lytro camera, what is known of its white image, and the next command."""
     picture = read_lytro(source)
     known, (rows, columns) = picture.metadata, picture.metadata.shape
-    lists: dict[str, list[tuple[str, Any]]] = {
-        "camera": [("{}", known.model or None), ("serial number {}", known.serial or None)],
-        "sensor": [(f"{columns} x {rows} pixels of {known.bits} bits, {known.bayer} mosaic", 0)],
-        "lens": [
-            ("zoom step {:g}", known.zoom_step),
-            ("focus step {:g}", known.focus_step),
-        ],
-    }
     facts = {
-        name: ", ".join(form.format(value) for form, value in parts if value is not None)
-        for name, parts in lists.items()
+        "camera": f"{known.model or 'unknown'}, serial number {known.serial or 'unknown'}",
+        "sensor": f"{columns} x {rows} pixels of {known.bits} bits, {known.bayer} mosaic",
+        "white image": "in the file" if picture.white_image is not None else "",
     }
     found = FileFacts("picture of a Lytro camera", facts, typed("refocus", source))
-    if picture.white_image is not None:
-        found.facts["white image"] = "in the file"
-        return found
-    archive = f"caldata-{known.serial or 'SERIAL'}.tar"
-    found.missing.append(
-        f"a white image of this camera, without which vignetting is not corrected: {archive}, "
-        f"or the folder of its MOD_*.RAW and MOD_*.TXT; `{found.command}` does without."
-    )
-    found.command = typed("refocus", source, "--white", archive)
+    if picture.white_image is None:
+        archive = f"caldata-{known.serial or 'SERIAL'}.tar"
+        found.missing = (
+            f"a white image of this camera, without which vignetting is not corrected: {archive}, "
+            f"or the folder of its MOD_*.RAW and MOD_*.TXT; `{found.command}` does without."
+        )
+        found.command = typed("refocus", source, "--white", archive)
     return found

@@ -1,15 +1,30 @@
-"""Image files of 8 and 16 bits, grey and colour, and conversion of their levels."""
+"""Image files: pictures of 8 and 16 bits, grey and colour, their coding, and focal stacks."""
 
+import json
 import struct
 from pathlib import Path
 
 import imagecodecs
 import numpy as np
 import tifffile
+from numpy.typing import ArrayLike
 from PIL import Image, PngImagePlugin
 
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.images import TIFF_SUFFIXES, read_pixels, to_unit
+from lf_flame._common.config import build
+from lf_flame._common.images import (
+    TIFF_SUFFIXES,
+    find_axes,
+    is_tiff,
+    open_image,
+    open_tiff,
+    pictures,
+    read_pixels,
+    read_tiff,
+    to_unit,
+    top_level,
+)
+from lf_flame._common.input_files import parse_json
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
@@ -139,3 +154,137 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
             if linear and levels.dtype == np.uint8:
                 says.add(b"gAMA", struct.pack(">I", 100_000))
             Image.fromarray(levels).save(aside, pnginfo=says)
+
+
+# Coding -------------------------------------------------------------------------------------------
+
+CODED = (
+    "Such files usually hold gamma-coded (sRGB) numbers, which are not linear in light: all "
+    "brightness ratios, and what is computed from them, are then wrong. Use linear data, as the "
+    "camera's raw ones in TIFF or PNG of 16 bits, unless you know that these are linear."
+)
+
+PROFILE = 34675
+"""Tag of the colour profile (ICC) in a TIFF file."""
+
+
+def note_on_coding(path: Path) -> str:
+    """Note that an image is probably gamma-coded; empty if it is not, or the file is no image.
+
+    It is, if it has 8 bits or fewer, unless a PNG states that its levels are linear (gAMA; ISO/IEC
+    15948, 11.2.2 and 11.3.3), or if it has a colour profile (ICC) or states sRGB or a gamma.
+    """
+    if path.suffix.lower() not in IMAGE_SUFFIXES:
+        return ""
+    if is_tiff(path):
+        with open_tiff(path) as file:
+            page = pictures(file, path)[0].keyframe
+            kind, bits = "TIFF", int(np.max(page.bitspersample))
+            has_profile, stated = PROFILE in page.tags, {}
+    else:
+        with open_image(path) as image:
+            kind, stated = image.format or "", image.info
+            bits = top_level(image).bit_length() if kind in ("PNG", "PPM") else 8
+        has_profile = "icc_profile" in stated
+    is_linear = stated.get("gamma", 0.45 if bits <= 8 else 1.0) > 0.99 and "srgb" not in stated
+    if is_linear and not has_profile:
+        return ""
+    profile = " with a colour profile" if has_profile else ""
+    return f"{path} is a {kind} file of {bits} bits{profile}. {CODED}"
+
+
+# Focal stacks -------------------------------------------------------------------------------------
+
+
+def is_stack(path: str | Path) -> bool:
+    """Whether a TIFF file holds more than one image; one in three channels is a colour image."""
+    with open_tiff(path) as file:
+        _, pages, _ = find_axes(pictures(file, path))
+    return bool(pages)
+
+
+def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:
+    """Write refocused images as a TIFF file of float32 pages that ImageJ can open.
+
+    Parameters
+    ----------
+    stack : array_like, shape (n, t, s) or (n, t, s, channels)
+        Refocused images, up to 4 channels; a single channel loses its axis.
+    slopes : sequence of float
+        Slope of each image, stored in the file's description and in the labels of its pages.
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        If stack and slopes do not match, or are larger than ImageJ can open.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import read_focal_stack, write_focal_stack
+    >>> write_focal_stack(np.ones((2, 20, 30), np.float32), [0.0, 1.0], "stack.tif")
+    >>> stack, slopes = read_focal_stack("stack.tif")
+    >>> stack.shape, [float(slope) for slope in slopes]
+    ((2, 20, 30), [0.0, 1.0])
+    """
+    stack = np.asarray(stack, np.float32)
+    numbers = [float(slope) for slope in np.atleast_1d(slopes)]
+    if stack.ndim == 4 and stack.shape[3] == 1:
+        stack = stack[..., 0]
+    fits = stack.ndim in (3, 4) and stack.size and stack.shape[3:] <= (4,)
+    if not fits or len(stack) != len(numbers):
+        raise InputError(
+            f"A focal stack needs one image for each slope, in up to 4 channels, got "
+            f"shape {stack.shape} and {len(numbers)} slopes."
+        )
+    if stack.nbytes > 2**32 - 2**20:  # ImageJ opens classic TIFF, with offsets of 32 bits
+        raise InputError(f"A focal stack must stay below 4 GiB, got {stack.nbytes / 2**30:.1f}.")
+    axes = "ZYX"
+    if stack.ndim == 4:  # ImageJ has no float colour: each channel is a separate page
+        stack, axes = np.moveaxis(stack, 3, 1), "ZCYX"
+    channels = stack.shape[1] if stack.ndim == 4 else 1
+    metadata = {
+        "axes": axes,
+        "slopes": json.dumps(numbers),
+        "Labels": [f"slope {slope:g}" for slope in numbers for _ in range(channels)],
+    }
+    with atomic_write(path) as aside:
+        tifffile.imwrite(aside, stack, imagej=True, photometric="minisblack", metadata=metadata)
+
+
+def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Read a focal stack, with the slopes that `write_focal_stack` stored, if any.
+
+    Returns
+    -------
+    stack : ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        Unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
+    slopes : ndarray of float64, shape (n,), or None
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its pages have more than one axis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import read_focal_stack, write_focal_stack
+    >>> write_focal_stack(np.ones((2, 20, 30), np.float32), [0.0, 1.0], "stack.tif")
+    >>> read_focal_stack("stack.tif")[0].shape
+    (2, 20, 30)
+    """
+    pixels, letters, metadata = read_tiff(path, opaque=True)
+    pages = to_unit(pixels if letters else pixels[None], path)
+    if len(letters) > 1:
+        raise InputError(
+            f"A focal stack has its images in one row, got shape {pages.shape} in {path}."
+        )
+    if "slopes" not in metadata:
+        return pages, None
+    described = parse_json(str(metadata["slopes"]), path)
+    slopes = np.array(build(list[float], described, f"{path}: slopes"))
+    if slopes.shape != (len(pages),):
+        raise InputError(f"{path} has {len(pages)} images, but slopes of shape {slopes.shape}.")
+    return pages, slopes

@@ -2,18 +2,32 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lf_flame._common.images import TIFF_SUFFIXES
+from lf_flame._common.images import TIFF_SUFFIXES, to_unit
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import ARRAY_SUFFIXES, read_array
+from lf_flame.formats.arrays import (
+    ARRAY_SUFFIXES,
+    Pixels,
+    cut_views,
+    read_array,
+    read_lenslets,
+    read_mosaic,
+    read_pages,
+)
 from lf_flame.formats.focused.views import plan_focused
-from lf_flame.formats.images import IMAGE_SUFFIXES, LYTRO_SUFFIXES, is_lytro
+from lf_flame.formats.images import (
+    IMAGE_SUFFIXES,
+    LYTRO_SUFFIXES,
+    is_lytro,
+    is_stack,
+    note_on_coding,
+)
 from lf_flame.formats.raw.reading import plan_raw, read_frame
-from lf_flame.formats.stacks import is_stack, read_lenslets, read_mosaic, read_view_pages
 from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
 from lf_flame.formats.view_files.orders import (
     AS_STORED,
@@ -22,7 +36,9 @@ from lf_flame.formats.view_files.orders import (
     arranged,
     check_grid,
     find_order,
+    fold,
     read_grid,
+    stated_order,
 )
 from lf_flame.lightfield import LightField
 
@@ -130,12 +146,14 @@ class Found:
 
     `order` is that in which the views are stored. `notes` are sentences for the user. `again` reads
     another file of the same kind by what was found in this one: lenslets, and order of views.
+    `coded` notes that the (first) image is probably gamma-coded, if it is.
     """
 
     light_field: LightField
     order: ViewOrder
     notes: list[str]
     again: Callable[[Path], LightField]
+    coded: str = ""
 
     def doubts(self, path: Path) -> list[str]:
         """Sentences on what is excluded or unknown, and on an order that parallax contradicts."""
@@ -163,6 +181,8 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
             )
     dark = None if read in (_read_raw, _read_focused) else options.pop("dark", None)
     found = read(path, **options)
+    if not path.is_dir():
+        found = replace(found, coded=note_on_coding(path))
     if dark is None:
         return found
     black = found.again(Path(dark))  # without light there is no parallax that shows its order
@@ -181,7 +201,7 @@ def kind_of(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Fou
     if is_view_folder(path):
         return "a folder of views", _read_folder, "order grid names first dark"
     if suffix in ARRAY_SUFFIXES:
-        return "an array", _read_ordered(read_array), "axes array views order grid dark"
+        return "an array", partial(_read_pixels, read_array), "axes array views order grid dark"
     if suffix not in IMAGE_SUFFIXES:
         raise InputError(
             f"{path} is no light field: it must be a folder of views (unpacked), an "
@@ -194,11 +214,11 @@ def kind_of(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Fou
     if {"white", "lenslets", "pitch"} & set(options):
         return "a raw image", _read_raw, "white lenslets pitch layout bayer views dark"
     if "mosaic" in options:
-        return "a mosaic of views", _read_ordered(read_mosaic), "mosaic order dark"
+        return "a mosaic of views", partial(_read_pixels, read_mosaic), "mosaic order dark"
     if suffix in TIFF_SUFFIXES and ("grid" in options or is_stack(path)):
-        return "pages of views", _read_ordered(read_view_pages), "order grid dark"
+        return "pages of views", partial(_read_pixels, read_pages), "order grid dark"
     kind = "a lenslet image, as there is neither a white image, lenslets nor a pitch"
-    return kind, _read_ordered(read_lenslets), "views order dark"
+    return kind, partial(_read_pixels, read_lenslets), "views order dark"
 
 
 AS_DECODED = ViewOrder("row,col", "as decoded")
@@ -232,27 +252,45 @@ def _read_focused(path: Path, **options: Any) -> Found:
 def _read_folder(path: Path, **options: Any) -> Found:
     folder = scan_view_folder(path, **options)
     same = options | {"order": folder.found.order, "grid": folder.files.shape}
-    again = lambda one: scan_view_folder(one, **same).read()  # noqa: E731
-    return Found(folder.read(), folder.found, folder.describe().splitlines(), again)
+    return Found(
+        folder.read(),
+        folder.found,
+        folder.describe().splitlines(),
+        lambda one: scan_view_folder(one, **same).read(),
+        note_on_coding(next(file for file in folder.files.flat if file is not None)),
+    )
 
 
-def _read_ordered(read: Callable) -> Callable[..., Found]:
-    """Reader of files whose views `read` gives as stored, with their order."""
-
-    def reader(path: Path, *, grid: Grid | str | None = None, **options: Any) -> Found:
-        if grid is not None:
-            options["grid"] = grid = read_grid(grid)
-        light_field, found = read(path, **options)
-        if found.order != AS_STORED.order:
-            names = ("views", "weights", "valid")
-            given = {x: y for x in names if (y := getattr(light_field, x)) is not None}
-            light_field = LightField(**{x: arranged(y, found.order) for x, y in given.items()})
-        check_grid(grid, light_field.shape[:2], path)
-        again = lambda one: reader(one, **options | {"order": found.order}).light_field  # noqa: E731
-        notes = found.describe() if light_field.shape[:2] != (1, 1) else []
-        return Found(light_field, found, notes, again)
-
-    return reader
+def _read_pixels(
+    read: Callable[..., Pixels], path: Path, *, views=None, grid=None, order=None, **options: Any
+) -> Found:
+    """Read a file with all views in one array of pixels, which `read` gives as it is stored."""
+    grid = None if grid is None else read_grid(grid)
+    pixels = read(path, **options)
+    axes = pixels.axes
+    of_views = "n" if "n" in axes else "vu" if set(axes) & set("vu") else ""
+    wanted = of_views + "ts" + ("c" if "c" in axes else "")
+    if sorted(axes) != sorted(wanted) or len(axes) != pixels.values.ndim:
+        raise InputError(
+            f"axes must be one letter for each axis of {path}, whose shape is "
+            f"{pixels.values.shape}: v and u or n for views (none in a raw array), t and s for "
+            f"pixels, c for channels, got {axes!r}."
+        )
+    stored = to_unit(pixels.values, path).transpose([axes.index(letter) for letter in wanted])
+    if of_views == "n":
+        stored, found = fold(stored, path, grid, order)
+    else:
+        stored = stored if of_views else cut_views(stored, views, path)
+        is_searched = order is None and pixels.searched
+        found = find_order(stored) if is_searched else stated_order(order)
+        found = found.with_sign_of(pixels.slopes)
+    beside = {"weights": pixels.weights, "valid": pixels.valid}
+    given = {name: arranged(x, found.order) for name, x in beside.items() if x is not None}
+    light_field = LightField(arranged(stored, found.order), **given)
+    check_grid(grid, light_field.shape[:2], path)
+    same = options | {"views": views, "grid": grid, "order": found.order}
+    notes = found.describe() if light_field.shape[:2] != (1, 1) else []
+    return Found(light_field, found, notes, lambda one: _read_pixels(read, one, **same).light_field)
 
 
 def _subtract(light_field: LightField, black: LightField, dark: object) -> LightField:
@@ -262,11 +300,9 @@ def _subtract(light_field: LightField, black: LightField, dark: object) -> Light
             f"The dark light field {dark} must have the light field's shape "
             f"{light_field.views.shape}, got {black.views.shape}."
         )
-    weights = [one.weights for one in (light_field, black) if one.weights is not None]
-    valid = [one.valid for one in (light_field, black) if one.valid is not None]
-    return replace(
-        light_field,
-        views=light_field.views - black.views,
-        weights=np.prod(weights, axis=0) if weights else None,
-        valid=np.all(valid, axis=0) if valid else None,
-    )
+    both = {
+        name: np.prod(some, axis=0, dtype=some[0].dtype)
+        for name in ("weights", "valid")
+        if (some := [x for one in (light_field, black) if (x := getattr(one, name)) is not None])
+    }
+    return replace(light_field, views=light_field.views - black.views, **both)

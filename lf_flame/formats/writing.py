@@ -1,14 +1,16 @@
 """One function for writing light fields of all kinds."""
 
-from contextlib import AbstractContextManager
+import json
 from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
 from lf_flame.errors import InputError
+from lf_flame.formats.array_files import EVERY_CHUNK, import_extra
+from lf_flame.formats.arrays import RECORD, VIEWS
 from lf_flame.formats.images import to_levels, write_image
-from lf_flame.formats.zarr_arrays import EVERY_CHUNK, import_zarr
 from lf_flame.lightfield import AXES, LightField
 
 
@@ -27,8 +29,9 @@ def write_light_field(
         Light field; for images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
         Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``; .npz, or .zarr, a new folder: ``views`` and, if there are any,
-        ``weights`` and ``valid``, which no other format stores.
+        .npy, the array ``views``; .npz, or .zarr, a new folder: ``views``, the record of the
+        command, its date and versions, and, if there are any, ``weights`` and ``valid``, all of
+        which no other format stores.
     bits : int, optional
         Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
@@ -50,11 +53,17 @@ def write_light_field(
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix == ".zarr":
-        _write_zarr(light_field, path)
-    elif not suffix:
-        _write_views(light_field, path, bits, linear=linear)
+    suffix, place = path.suffix.lower(), path.resolve()
+    arrays = {VIEWS: light_field.views, "weights": light_field.weights, "valid": light_field.valid}
+    given = {name: array for name, array in arrays.items() if array is not None}
+    if suffix in ("", ".zarr"):
+        if place.exists() and (not place.is_dir() or any(place.iterdir())):
+            raise InputError(f"Views need a new or empty folder, got {place}, which is neither.")
+        with atomic_folder(place) as aside:
+            if suffix:
+                _write_zarr(given, aside)
+            else:
+                _write_views(light_field.filled, aside, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
         raw = light_field.to_raw()
         write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)
@@ -62,51 +71,33 @@ def write_light_field(
         with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)
     elif suffix == ".npz":
-        arrays = {"views": light_field.views}
-        beside = {"weights": light_field.weights, "valid": light_field.valid}
-        arrays |= {name: array for name, array in beside.items() if array is not None}
+        record = json.dumps(provenance.environment()).encode()
+        given[RECORD] = np.frombuffer(record, np.uint8)
         with atomic_write(path) as aside, aside.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            np.savez(file, allow_pickle=False, **given)
     else:
         raise InputError(
             f"A light field is written to a folder, .png, .tif, .npy, .npz or .zarr, got {path}."
         )
 
 
-def _new_folder(path: Path) -> AbstractContextManager[Path]:
-    """Make a folder beside its place; refuse a place that holds anything."""
-    path = path.resolve()
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(f"Views need a new or empty folder, got {path}, which is neither.")
-    return atomic_folder(path)
-
-
-def _write_views(light_field: LightField, path: Path, bits: int, *, linear: bool) -> None:
+def _write_views(views: np.ndarray, folder: Path, bits: int, *, linear: bool) -> None:
     """Write each view as ``view_RR_CC.png`` (floats: ``.tif``) of a folder."""
-    views = light_field.filled
     levels = views if bits == 32 else to_levels(views, bits)
     suffix = ".tif" if bits == 32 else ".png"
     width = max(2, len(str(max(levels.shape[:2]) - 1)))
-    with _new_folder(path) as aside:
-        for v, u in np.ndindex(levels.shape[:2]):
-            name = f"view_{v:0{width}}_{u:0{width}}{suffix}"
-            write_image(aside / name, levels[v, u], linear=linear)
+    for v, u in np.ndindex(levels.shape[:2]):
+        name = f"view_{v:0{width}}_{u:0{width}}{suffix}"
+        write_image(folder / name, levels[v, u], linear=linear)
 
 
-def _write_zarr(light_field: LightField, path: Path) -> None:
-    """Write views, weights and known pixels as a Zarr group, with named axes."""
-    zarr = import_zarr()
-    shape = light_field.shape
-    with _new_folder(path) as aside:
-        group = zarr.create_group(str(aside))
-        views = group.create_array(
-            "views", shape=shape, dtype=np.float32, dimension_names=AXES[: len(shape)],
-            chunks=(1, 1, *shape[2:]), config=EVERY_CHUNK,
+def _write_zarr(arrays: dict[str, np.ndarray], folder: Path) -> None:
+    """Write arrays as a Zarr group, with named axes; one chunk for each view."""
+    group = import_extra("zarr", "Zarr folders", "video").create_group(
+        str(folder), attributes={RECORD: provenance.environment()}
+    )
+    for name, array in arrays.items():
+        group.create_array(
+            name, data=array, dimension_names=AXES[: array.ndim],
+            chunks=(1, 1, *array.shape[2:]) if array.ndim > 2 else array.shape, config=EVERY_CHUNK,
         )  # fmt: skip
-        views[...] = light_field.views
-        for name, axes in (("weights", 2), ("valid", 4)):
-            array = getattr(light_field, name)
-            if array is not None:
-                group.create_array(
-                    name, data=array, dimension_names=AXES[:axes], config=EVERY_CHUNK
-                )

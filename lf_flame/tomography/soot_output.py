@@ -8,7 +8,7 @@ from tabulate import tabulate
 
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import OutputFolder, write_text
-from lf_flame.formats.coding import CODED
+from lf_flame.formats.images import CODED
 from lf_flame.tomography.colour_calibration import ColourCalibration, ColourFit
 from lf_flame.tomography.emission import Place
 from lf_flame.tomography.emission_folder import RECORD as SOURCE

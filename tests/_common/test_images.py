@@ -16,9 +16,8 @@ from lf_flame import InputError
 from lf_flame._common.images import read_pixels, read_shape
 from lf_flame._common.input_files import LIMIT
 from lf_flame.formats import read_focal_stack
-from lf_flame.formats.images import read_image
+from lf_flame.formats.images import is_stack, read_image
 from lf_flame.formats.reading import read_light_field
-from lf_flame.formats.stacks import is_stack
 from lf_flame.scenes.scene_files import read_scene
 
 EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n%%EndComments\n%%EOF\n"

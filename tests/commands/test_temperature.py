@@ -9,7 +9,7 @@ import tifffile
 from builders import write_section
 from programs import run
 
-from lf_flame.formats.coding import CODED
+from lf_flame.formats.images import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
 from lf_flame.tomography.soot_output import temperature_warnings
 

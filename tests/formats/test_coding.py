@@ -8,9 +8,10 @@ import pytest
 from PIL import Image, ImageCms
 from tifffile import imwrite
 
-from lf_flame import LightField, read_light_field
+from lf_flame import LightField
 from lf_flame.formats import write_light_field
-from lf_flame.formats.coding import CODED, note_on_coding
+from lf_flame.formats.images import CODED, note_on_coding
+from lf_flame.formats.reading import find_light_field
 
 
 def chunk(kind, data):
@@ -69,9 +70,6 @@ def by_pillow(**form):
         ("a.pgm", lambda path: path.write_bytes(b"P5 1 1 1023 ab"), None),
         ("a.pgm", lambda path: path.write_bytes(b"P5 1 1 65535 ab"), None),
         ("a.npy", lambda path: np.save(path, GREY.astype(np.uint8)), None),
-        ("a.png", lambda path: path.write_bytes(b"no picture"), None),
-        ("a.tif", lambda path: path.write_bytes(b"no picture"), None),
-        ("a.png", lambda path: None, None),
     ],
 )
 def test_images_are_coded_by_depth_profile_or_what_they_say(tmp_path, name, write, kind):
@@ -83,29 +81,12 @@ def test_images_are_coded_by_depth_profile_or_what_they_say(tmp_path, name, writ
         assert note.endswith(CODED)
 
 
-def test_the_note_says_how_many_pixels_are_saturated(tmp_path):
-    picture = np.full((20, 50, 3), 200, np.uint8)
-    picture[:3, :10, 1] = 255
-    Image.fromarray(picture).save(tmp_path / "a.png")
-    note = note_on_coding(tmp_path / "a.png")
-    assert "is a PNG file of 8 bits, 0.03 of whose pixels are saturated. Such files" in note
-
-
 def test_own_images_say_that_they_are_linear(tmp_path):
     field = LightField(np.full((2, 2, 3, 3), 0.5, np.float32))
     for linear in (True, False):
         for suffix in ("", ".png"):
             path = tmp_path / f"{linear}{suffix}"
             write_light_field(field, path, 8, linear=linear)
-            assert bool(note_on_coding(path)) != linear
-            assert read_light_field(path, views=2 if suffix else None).views[0, 0, 0, 0] == (
-                pytest.approx(128 / 255)
-            )
-
-
-def test_the_first_picture_of_a_folder_counts(tmp_path):
-    assert note_on_coding(tmp_path) == ""
-    by_tifffile("u2")(tmp_path / "b.tif")
-    assert note_on_coding(tmp_path) == ""
-    by_pillow()(tmp_path / "a.jpg")
-    assert "a.jpg is a JPEG file of 8 bits." in note_on_coding(tmp_path)
+            found = find_light_field(path, views=2 if suffix else None)
+            assert bool(found.coded) != linear
+            assert found.light_field.views[0, 0, 0, 0] == pytest.approx(128 / 255)

@@ -109,25 +109,15 @@ def is_view_folder(path: str | Path) -> bool:
     return Path(path).is_dir() and Path(path).suffix.lower() != ".zarr"
 
 
-def first_image(path: Path) -> Path | None:
-    """First image of a folder by its name; None if there is none."""
-    return next(iter(_images(path)), None)
-
-
-def _images(path: Path, names: str = "*") -> list[Path]:
-    """List the images of a folder by name, without hidden files."""
+def _find_files(path: Path, names: str) -> list[Path]:
+    """Find the images whose names differ only in numbers, but for hidden files."""
     if not path.is_dir():
         raise InputError(f"The views cannot be read: {path} is no folder.")
-    return [
+    images = [
         one
         for one in sorted(path.iterdir())
         if one.suffix.lower() in IMAGE_SUFFIXES and fnmatch(one.name, names) and one.name[0] != "."
     ]
-
-
-def _find_files(path: Path, names: str) -> list[Path]:
-    """Find the images whose names differ only in numbers."""
-    images = _images(path, names)
     kinds: dict[str, list[Path]] = {}
     for one, parts in zip(images, split_numbers([one.stem for one in images]), strict=True):
         if len(parts) > 1:

@@ -53,6 +53,15 @@ class ViewOrder:
             )
         return lines
 
+    def with_sign_of(self, true: tuple[float, float] | None) -> "ViewOrder":
+        """Order or its half-turn, by the scene's true `slopes`; itself where these are unknown."""
+        if true is None or self.slopes is None:
+            return self
+        low, high = self.slopes
+        ours, turned = (np.abs(np.subtract(x, true)).sum() for x in ((low, high), (-high, -low)))
+        order = half_turned(self.order) if turned < ours else self.order
+        return ViewOrder(order, f"{self.reason}, with the sign by the depths in the file")
+
 
 AS_STORED = ViewOrder(ORDERS[0], "as stored")
 
@@ -97,7 +106,7 @@ def read_grid(grid: Grid | str, name: str = "grid") -> Grid:
     return rows, columns
 
 
-def check_grid(stated: Grid | None, found: Grid, source: object) -> None:
+def check_grid(stated: Grid | None, found: tuple[int, ...], source: object) -> None:
     """Refuse a stated number of rows and columns that a source does not hold."""
     if stated not in (None, found):
         raise InputError(

@@ -1,0 +1,261 @@
+"""Arrays of numbers in HDF5, MATLAB and Zarr files; shape, type and size are checked first.
+
+No other file is opened, no filter is loaded, and nothing is unpickled.
+"""
+
+import importlib
+import math
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lf_flame._common.arrays_in_files import FileOfArrays, header_of
+from lf_flame._common.input_files import check_memory, check_regular, memory_limit, readable
+from lf_flame.errors import InputError
+
+
+def import_extra(name: str, kind: str, extra: str) -> Any:
+    """Import a library that an extra brings, for a `kind` of files, or say how to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputError(
+            f"{kind} are read and written by {name}: pip install '.[{extra}]'."
+        ) from None
+
+
+# HDF5 ---------------------------------------------------------------------------------------------
+
+DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
+"""Numbers of the filters that are part of the HDF5 library itself."""
+
+
+class Hdf5File(FileOfArrays):
+    """Arrays of numbers in an HDF5 file, or in one of MATLAB 7.3.
+
+    Such a file can name other files (external links, external storage, virtual arrays) and filters
+    that the library would load as programs. Only arrays that lie in the file itself, plain or
+    packed by DEFLATE, are listed, with their groups (``scene/views``); the library is not given any
+    other. MATLAB stores axes in reverse; headers and arrays have the order of axes that it shows.
+    `numbers` are the attributes by which files of HCI say how their cameras stand.
+    """
+
+    def __init__(self, path: str | Path):
+        self._h5py = import_extra("h5py", "HDF5 and MATLAB 7.3 files", "hdf5")
+        self.path, self.headers, self._reversed = Path(path), {}, is_matlab_hdf5(path)
+        with readable(path), self._h5py.File(path, "r") as file:
+            file.visititems(self._note)  # follows hard links only, to each object once
+            self.numbers = {
+                name: float(np.ravel(file.attrs[name])[0])
+                for name in ("dH", "focalLength", "shift")
+                if name in file.attrs
+            }
+        self.names = list(self.headers)
+
+    def _note(self, name: str, one: Any) -> None:
+        """Note an array that lies in the file."""
+        # The library opens the sources of a virtual array to find its shape.
+        if isinstance(one, self._h5py.Dataset) and not (one.is_virtual or one.external):
+            shape, dtype = one.shape, one.dtype
+            if shape is not None and dtype.kind in "biuf":
+                shape = shape[::-1] if self._reversed else shape
+                self.headers[name] = header_of(shape, dtype)
+
+    def _read(self, name: str) -> np.ndarray:
+        with readable(self.path), self._h5py.File(self.path, "r") as file:
+            self._check(file[name], name)
+            array = file[name][()]
+        return array.T if self._reversed else array
+
+    def _check(self, dataset: Any, name: str) -> None:
+        """Refuse filters that the library would load, and chunks that hold more than they say."""
+        made = dataset.id.get_create_plist()
+        filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
+        if not set(filters) <= {DEFLATE, SHUFFLE, CHECKSUM} or filters.count(DEFLATE) > 1:
+            raise InputError(
+                f"{self.path} cannot be read: {name} is packed by filters {filters} of HDF5, and "
+                f"no program is loaded for them; store it with gzip or without compression."
+            )
+        if DEFLATE not in filters:
+            return
+        # The library unpacks a whole chunk, whatever it holds; small ones cannot hold too much.
+        most, large = math.prod(dataset.chunks) * dataset.dtype.itemsize, []
+        check_memory(2 * most, self.path)
+        dataset.id.chunk_iter(
+            # 1032 is the largest ratio by which DEFLATE packs: 258 bytes in 2 bits (RFC 1951).
+            lambda one: large.append(one) if one.size * 1032 > memory_limit() else None
+        )
+        for chunk in large:
+            mask, data = dataset.id.read_direct_chunk(chunk.chunk_offset)
+            if mask >> filters.index(DEFLATE) & 1:  # not packed
+                continue
+            if len(zlib.decompressobj().decompress(data, most + 1)) > most:
+                raise InputError(
+                    f"{self.path} cannot be read: {name} is damaged; a part of it holds more than "
+                    f"the {most:,} bytes that it should."
+                )
+
+
+def is_matlab_hdf5(path: str | Path) -> bool:
+    """Whether a file is one of MATLAB 7.3, by its first bytes."""
+    with readable(path), Path(path).open("rb") as file:
+        return file.read(10) == b"MATLAB 7.3"
+
+
+# MATLAB 5 -----------------------------------------------------------------------------------------
+
+MATRIX, PACKED = 14, 15
+"""Types of the elements that a file consists of."""
+
+HEAD = 4096
+"""Number of bytes in which the kind, sizes and name of an array are looked for."""
+
+STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
+          13: "u8"}  # fmt: skip
+"""Types of stored numbers; MATLAB may store whole numbers of class double as bytes."""
+
+CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8",
+           15: "u8"}  # fmt: skip
+"""Types of the classes of arrays that hold numbers; cells, structures and objects are not read."""
+
+LOGICAL, COMPLEX = 0x200, 0x800
+"""Flags of arrays."""
+
+
+class MatlabFile(FileOfArrays):
+    """Real arrays of numbers in a MATLAB file of version 5 to 7 (little endian, before 7.3).
+
+    The numbers of an array are one block, which NumPy reads (MAT-File Format, MathWorks, 1999-2024,
+    chapter 1). scipy 1.17 takes any type of stored numbers for a place in its memory, which ends
+    the program, and unpacks any amount: to check both first takes as much as to read.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path, self.headers = Path(path), {}
+        self._elements: dict[str, tuple[int, memoryview, np.dtype]] = {}
+        check_memory(check_regular(path), path)
+        with readable(path, "no MATLAB file of version 5 or 7.3 (save it by save(..., '-v7.3'))"):
+            data = memoryview(self.path.read_bytes())
+            if data[126:128] != b"IM":
+                raise ValueError("its head has another mark")
+            for kind, length, element in _elements(data[128:]):
+                if len(element) < length:
+                    raise ValueError("its end is missing")
+                found = _parse(kind, element, HEAD)
+                if found is not None and found[0] not in self.headers:
+                    name, self.headers[name], stored, _ = found
+                    self._elements[name] = kind, element, stored
+        self.names = list(self.headers)
+
+    def _read(self, name: str) -> np.ndarray:
+        header, (kind, element, stored) = self.headers[name], self._elements[name]
+        most = HEAD + header.size * stored.itemsize
+        check_memory(most + 2 * header.nbytes, self.path)  # as stored, and as it is
+        with readable(self.path):
+            *_, numbers = _parse(kind, element, most)  # type: ignore[misc]  # found before
+            array = np.frombuffer(numbers, stored, header.size).reshape(header.shape, order="F")
+            return array.astype(header.dtype)
+
+
+def _parse(
+    kind: int, element: memoryview, most: int
+) -> tuple[str, np.ndarray, np.dtype, memoryview] | None:
+    """Name and header of an array, type and bytes of its numbers; None without real numbers.
+
+    Packed arrays are unpacked to `most` bytes.
+    """
+    if kind == PACKED:
+        unpacked = memoryview(zlib.decompressobj().decompress(element, most))
+        kind, _, element = next(_elements(unpacked))
+    if kind != MATRIX:
+        return None
+    parts = _elements(element)
+    (flags,) = struct.unpack_from("<I", next(parts)[2])
+    dtype = "?" if flags & LOGICAL else CLASSES.get(flags & 0xFF)
+    if dtype is None or flags & COMPLEX:
+        return None
+    (_, _, sizes), (_, _, name), (stored, _, numbers) = islice(parts, 3)
+    shape = struct.unpack(f"<{len(sizes) // 4}I", sizes)
+    header = header_of(shape, np.dtype(dtype))
+    return bytes(name).decode("latin1"), header, np.dtype(f"<{STORED[stored]}"), numbers
+
+
+def _elements(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
+    """Type, length and content of each element; the last content may be cut off."""
+    at = 0
+    while at < len(data):
+        kind, length = struct.unpack_from("<II", data, at)
+        if kind >> 16:  # four bytes or fewer follow their type and length directly
+            yield kind & 0xFFFF, kind >> 16, data[at + 4 : at + 4 + (kind >> 16)]
+            at += 8
+        else:
+            yield kind, length, data[at + 8 : at + 8 + length]
+            at += 8 + length + (-length % 8 if kind != PACKED else 0)
+
+
+# Zarr ---------------------------------------------------------------------------------------------
+
+METADATA = "zarr.json"
+"""Name of the metadata of format 3. Codecs of format 2, which is not read, may run what a chunk
+holds, as ``pickle`` does."""
+
+EVERY_CHUNK = {"write_empty_chunks": True}
+"""Configuration of arrays that we write: also chunks of zeros get files, so that a missing file is
+noticed when the array is read, see `ZarrFile`."""
+
+
+class ZarrFile(FileOfArrays):
+    """Arrays of numbers in a Zarr folder and in its groups; a folder that is one array names it "".
+
+    No file may be a device, a pipe, or larger than the memory limit: Zarr reads whole files.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path, zarr = Path(path), import_extra("zarr", "Zarr folders", "video")
+        self.metadata = self.path / METADATA
+        if not self.metadata.is_file():
+            raise InputError(f"{path} is no Zarr folder of format 3: it holds no {METADATA}.")
+        for file in self.path.rglob("*"):
+            if not file.is_dir():
+                check_memory(check_regular(file), file)
+        # Zarr warns of folders in it that are no arrays.
+        with readable(self.metadata), warnings.catch_warnings(action="ignore"):
+            found = zarr.open(str(self.path), mode="r", zarr_format=3)
+            self.attributes = dict[str, Any](found.attrs)
+            members = [("", found)] if isinstance(found, zarr.Array) else found.members(max_depth=1)
+            arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)]
+            self.arrays = {name: x for name, x in arrays if x.dtype.kind in "biuf"}
+            self.headers = {name: header_of(x.shape, x.dtype) for name, x in self.arrays.items()}
+        self.names = list(self.headers)
+
+    def _read(self, name: str) -> np.ndarray:
+        """Read an array; refuse too large chunks, and missing files."""
+        array = self.arrays[name]
+        check_memory(math.prod(array.chunks) * array.dtype.itemsize, self.path)
+        self.refuse_missing_files(name)
+        return self.read_begun(name)
+
+    def read_begun(self, name: str) -> np.ndarray:
+        """Read an array of which some files need not be written: they hold the fill value."""
+        with readable(self.metadata, f"its array {name} is"):
+            return np.asarray(self.arrays[name][...])
+
+    def refuse_missing_files(self, name: str) -> None:
+        """Refuse an array without all of its files: Zarr reads a missing one as the fill value."""
+        array = self.arrays[name]
+        together = array.shards or array.chunks
+        steps = zip(array.shape, together, strict=True)
+        files = math.prod(-(-size // step) for size, step in steps)
+        filled = array.nchunks_initialized * math.prod(array.chunks) // math.prod(together)
+        if missing := files - filled:
+            raise InputError(
+                f"{Path(self.path, name)} cannot be read: {missing} of its {files} chunk files are "
+                f"missing; if they were left out as they hold zeros, write the array with "
+                f"write_empty_chunks=True."
+            )
