@@ -3,7 +3,7 @@
 from contextlib import suppress
 from math import gcd, isqrt
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -149,15 +149,15 @@ def _open(path: str | Path) -> FileOfArrays:
     return MatlabFile(path) if suffix == MATLAB_SUFFIX else ArrayFile(path)
 
 
-def made_by(path: str | Path) -> str:
-    """Command and date in the record of a file of `write_light_field`; empty without a record."""
-    record, suffix = None, Path(path).suffix.lower()
-    if suffix == ZARR_SUFFIX:
-        record = ZarrFile(path).attributes.get(RECORD)
-    elif suffix == ".npz" and RECORD in (file := ArrayFile(path)).names:
-        with suppress(InputError):  # the views are of use without it
+def record_of(path: Path) -> dict[str, Any]:
+    """Record in a file of `write_light_field`; empty without one that can be read."""
+    record, suffix = None, path.suffix.lower()
+    with suppress(InputError):  # the views are of use without it
+        if suffix == ZARR_SUFFIX:
+            record = ZarrFile(path).attributes.get(RECORD)
+        elif suffix == ".npz" and RECORD in (file := ArrayFile(path)).names:
             record = parse_json(file.read([RECORD])[0].tobytes().decode("utf-8", "replace"), path)
-    return f"{record.get('command')}, {record.get('date')}" if isinstance(record, dict) else ""
+    return record if isinstance(record, dict) else {}
 
 
 def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:

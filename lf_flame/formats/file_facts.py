@@ -8,7 +8,7 @@ from typing import Any
 from lf_flame._common.images import TIFF_SUFFIXES
 from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import cut_views, made_by
+from lf_flame.formats.arrays import cut_views, record_of
 from lf_flame.formats.focused.lenslets import is_raytrix, read_raytrix
 from lf_flame.formats.images import (
     IMAGE_SUFFIXES,
@@ -86,10 +86,11 @@ def _light_field(source: Path, options: dict[str, Any]) -> FileFacts:
     found = find_light_field(source, **options)
     counted, (v, u, t, s, *channels) = found.light_field.counted, found.light_field.shape
     colour = f"{channels[0]} channels" if channels else "grey"
+    record = record_of(source)
     facts = {
         "views": f"{v} x {u}, of {t} x {s} pixels, {colour}",
         "values": f"{counted.min():.4g} to {counted.max():.4g}",
-        "made by": made_by(source),
+        "made by": ", ".join(str(record[x]) for x in ("command", "date") if x in record),
     }
     given = [word for name, value in options.items() for word in (f"--{name}", value)]
     notes = [*found.notes, *found.doubts(source), found.coded]

@@ -18,9 +18,11 @@ from lf_flame.formats.arrays import (
     read_lenslets,
     read_mosaic,
     read_pages,
+    record_of,
 )
 from lf_flame.formats.focused.views import plan_focused
 from lf_flame.formats.images import (
+    CODED,
     IMAGE_SUFFIXES,
     LYTRO_SUFFIXES,
     is_lytro,
@@ -181,7 +183,9 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
             )
     dark = None if read in (_read_raw, _read_focused) else options.pop("dark", None)
     found = read(path, **options)
-    if not path.is_dir():
+    if record_of(path).get("linear") is False:
+        found = replace(found, coded=f"{path} was made of images that are not linear. {CODED}")
+    elif not path.is_dir():
         found = replace(found, coded=note_on_coding(path))
     if dark is None:
         return found

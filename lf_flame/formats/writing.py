@@ -35,7 +35,7 @@ def write_light_field(
     bits : int, optional
         Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
-        Whether values are linear in radiance; an 8-bit PNG then states it.
+        Whether values are linear in radiance. An 8-bit PNG states it if they are, a record if not.
 
     Raises
     ------
@@ -56,12 +56,13 @@ def write_light_field(
     suffix, place = path.suffix.lower(), path.resolve()
     arrays = {VIEWS: light_field.views, "weights": light_field.weights, "valid": light_field.valid}
     given = {name: array for name, array in arrays.items() if array is not None}
+    record = {"linear": linear, **provenance.environment()} if suffix in (".npz", ".zarr") else {}
     if suffix in ("", ".zarr"):
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
             raise InputError(f"Views need a new or empty folder, got {place}, which is neither.")
         with atomic_folder(place) as aside:
             if suffix:
-                _write_zarr(given, aside)
+                _write_zarr(given, record, aside)
             else:
                 _write_views(light_field.filled, aside, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
@@ -71,8 +72,7 @@ def write_light_field(
         with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)
     elif suffix == ".npz":
-        record = json.dumps(provenance.environment()).encode()
-        given[RECORD] = np.frombuffer(record, np.uint8)
+        given[RECORD] = np.frombuffer(json.dumps(record).encode(), np.uint8)
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(file, allow_pickle=False, **given)
     else:
@@ -91,10 +91,10 @@ def _write_views(views: np.ndarray, folder: Path, bits: int, *, linear: bool) ->
         write_image(folder / name, levels[v, u], linear=linear)
 
 
-def _write_zarr(arrays: dict[str, np.ndarray], folder: Path) -> None:
+def _write_zarr(arrays: dict[str, np.ndarray], record: dict, folder: Path) -> None:
     """Write arrays as a Zarr group, with named axes; one chunk for each view."""
     group = import_extra("zarr", "Zarr folders", "video").create_group(
-        str(folder), attributes={RECORD: provenance.environment()}
+        str(folder), attributes={RECORD: record}
     )
     for name, array in arrays.items():
         group.create_array(
