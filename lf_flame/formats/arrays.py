@@ -116,19 +116,18 @@ def read_array(path: str | Path, *, axes: str | None = None, array: str | None =
     """Read an array of pixels from a NumPy, Zarr, HDF5 or MATLAB file.
 
     The array is the one named ``views`` or ``LF``, or the only one, or the only one of 4 or 5 axes.
-    Arrays of MATLAB have the axes that MATLAB shows. Arrays ``weights`` and ``valid`` beside it are
-    those of a light field. An array ``LF`` of four channels in a ``.mat`` file is one of LFToolbox,
-    whose last channel is a weight. The order is searched for in files of the old HCI benchmark.
+    Arrays of MATLAB have the axes that MATLAB shows. In NumPy and Zarr files arrays ``weights`` and
+    ``valid`` are those of the light field. An array ``LF`` of four channels in a ``.mat`` file is
+    one of LFToolbox, whose last channel is a weight. The order is searched for in files of the old
+    HCI benchmark.
     """
     file = _open(path)
     name = _choose_array(file, axes, array)
     stored = file.header(name).dtype.itemsize
     # As stored, as floats, and once more after the axes are reordered.
     (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-    weights, valid = (
-        file.read([one])[0] if one in file.names and one != name else None
-        for one in ("weights", "valid")
-    )
+    beside = set(file.names) - {name} if isinstance(file, ArrayFile | ZarrFile) else set()
+    weights, valid = (file.read([x])[0] if x in beside else None for x in ("weights", "valid"))
     is_of_hci, slopes = False, None
     if name == TOOLBOX and axes is None:
         if Path(path).suffix.lower() == MATLAB_SUFFIX:

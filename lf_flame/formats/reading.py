@@ -184,7 +184,9 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
     dark = None if read in (_read_raw, _read_focused) else options.pop("dark", None)
     found = read(path, **options)
     if record_of(path).get("linear") is False:
-        found = replace(found, coded=f"{path} was made of images that are not linear. {CODED}")
+        found = replace(
+            found, coded=f"{path} was made of images that are probably gamma-coded. {CODED}"
+        )
     elif not path.is_dir():
         found = replace(found, coded=note_on_coding(path))
     if dark is None:
