@@ -129,6 +129,15 @@ def test_levels_of_12_bits_are_fractions_of_the_highest(tmp_path, rng, order):
     np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels / np.float32(4095))
 
 
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize(("packing", "predictor"), [("lzw", None), ("lzw", 3), ("zlib", 3)])
+def test_floats_are_read_in_either_byte_order(tmp_path, rng, order, packing, predictor):
+    values = rng.uniform(size=(9, 8)).astype(np.float32)
+    form = {"byteorder": order, "compression": packing, "predictor": predictor}
+    tifffile.imwrite(tmp_path / "a.tif", values, **form)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), values)
+
+
 PICTURE, THUMBNAIL = np.arange(63, dtype=np.uint16).reshape(7, 9), np.full((2, 3), 7, np.uint16)
 
 
@@ -137,6 +146,7 @@ PICTURE, THUMBNAIL = np.arange(63, dtype=np.uint16).reshape(7, 9), np.full((2, 3
     [
         ([(THUMBNAIL, 1), (PICTURE, 0)], 0),
         ([(PICTURE, 0), (THUMBNAIL, 1)], 0),
+        ([(THUMBNAIL, 1), (PICTURE, 0)], 1),  # as in DNG
         ([(PICTURE, 0), (PICTURE[::2, ::2], 1)], 1),  # a pyramid
     ],
 )
