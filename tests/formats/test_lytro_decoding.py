@@ -96,7 +96,6 @@ def test_slope_without_a_white_image(tmp_path, said):
     light_field = read_light_field(tmp_path / "a.lfp", VIEWS)
     assert measured(light_field, 0.8) == pytest.approx(0.8, rel=0.015)
     assert "vignetting is not corrected" in said()
-    assert "the lenslets are where the picture shows them" in said()
 
 
 def test_white_and_dark_images_from_elsewhere(tmp_path, said):
@@ -118,18 +117,13 @@ def test_white_and_dark_images_from_elsewhere(tmp_path, said):
         # But where a pixel is just lit, which the rounded levels of the white image decide.
         assert np.mean(np.abs(found - wanted) < 6e-4) > 0.999
     assert "White image" in said()
-    assert "at zoom step -297.0 for -297.0 and focus step 309.0 for 309.0" in said()
+    assert "at zoom step -297 for -297 and focus step 309 for 309" in said()
     with pytest.raises(InputError, match="must be a raw file of the camera"):
         read_raw(tmp_path / "a.lfr", tmp_path, dark=tmp_path / "dark.png")
 
 
-def test_white_images_that_do_not_fit_are_refused_or_noted(tmp_path, said):
+def test_a_white_image_of_another_camera_is_noted(tmp_path, said):
     write_picture(tmp_path / "a.lfr", "ILLUM", 0.8)
-    write_picture(tmp_path / "b.lfp", "F01", 0.8)
-    with pytest.raises(
-        InputError, match="must be a mosaic like .*a.lfr, grbg of shape .* got bggr"
-    ):
-        read_raw(tmp_path / "a.lfr", tmp_path / "b.lfp")
     text, packed = own.white_pair(
         "ILLUM", own.metadata("ILLUM", SHAPE), frames("ILLUM", 0)[1], serial="B2"
     )

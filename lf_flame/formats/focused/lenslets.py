@@ -1,4 +1,4 @@
-"""Lenslets of a focused plenoptic camera: positions of the micro-images, and kinds of lenslets.
+"""Lenslets of a focused plenoptic camera: positions, kinds, and virtual depths.
 
 In a focused camera each lenslet images a part of the picture that the main lens forms, so that
 neighbouring micro-images show the same detail, displaced. At the virtual depth v, the distance of
@@ -9,54 +9,37 @@ centres m are those of micro-images, which lie a little wider apart than the len
 by the same ratio as in a camera with its main lens at infinity.
 """
 
+import cmath
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lf_flame._common.input_files import read_text
 from lf_flame.errors import InputError
+from lf_flame.formats.focused._kernels import match
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 
-SIXTH = math.pi / 3
-"""Angle by which a hexagonal array can be turned without a change."""
 
-
-class Array(NamedTuple):
-    """Lenslets around a picture, by row and column of the array.
-
-    `centres`, shape (rows, columns, 2), are the places ``(y, x)`` of the micro-images; `whole` says
-    which lie whole in the picture, and `kinds` which focal length they have, 0 to 2, each of shape
-    (rows, columns). In a rectangular array all are of kind 0.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    centres: np.ndarray
-    whole: np.ndarray
-    kinds: np.ndarray
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FocusedLenslets:
-    """Grid of micro-images, width in pixels of their unused rim, and ranges of virtual depth.
+    """Grid of micro-images in pictures of a shape, their unused rim in pixels, ranges of depth.
 
-    The ranges are those in which the lenslets of each of three kinds are in focus; the lenslet in
-    row i and column j is of the kind ``(j - i % 2) % 3``. Without ranges all lenslets are alike.
+    The ranges are those of virtual depth in which the lenslets of each of three kinds are in focus;
+    the lenslet in row i and column j is of the kind ``(j - i % 2) % 3``. Without ranges all
+    lenslets are taken to be in focus.
     """
 
     grid: LensletGrid
+    shape: tuple[int, ...]
     border: float = 1.0
     ranges: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self):
-        if self.grid.columns:  # a hexagonal array, whose rows are 30 degrees off
-            turn = math.remainder(math.pi / 2 - self.grid.rotation, SIXTH)
-            grid = replace(self.grid, rotation=turn, columns=False)
-            object.__setattr__(self, "grid", grid)
         side = min(self.grid.window)
         if not side >= 8:
             raise InputError(
@@ -74,26 +57,30 @@ class FocusedLenslets:
         """Radius in pixels of the part of a micro-image that is used."""
         return min(self.grid.window) / 2 - self.border
 
-    def array(self, shape: tuple[int, ...]) -> Array:
-        """Lenslets around a picture; refused if fewer than 3 x 3 lie whole in it."""
-        rows, columns = self.grid.indices(shape)
+    @cached_property
+    def array(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres ``(y, x)``, shape (n, 2), and kinds of the lenslets that lie whole in a picture.
+
+        Kinds are 0 to 2, in a rectangular array all 0. Fewer than 3 x 3 lenslets are refused.
+        """
+        rows, columns = self.grid.indices(self.shape)
         centres = np.stack(self.grid.position(rows[:, None], columns), axis=-1)
         reach = self.radius + 1
-        inside = (centres >= reach) & (centres <= np.array(shape[:2]) - 1 - reach)
-        whole = np.logical_and.reduce(inside, axis=2)
+        inside = (centres >= reach) & (centres <= np.array(self.shape[:2]) - 1 - reach)
+        whole = inside.all(axis=2)
         if min(len(np.unique(found)) for found in np.nonzero(whole)) < 3:
             raise InputError(
                 f"Fewer than 3 x 3 micro-images of {self.grid.pitch:.4g} pixels lie whole in the "
-                f"picture of {shape[0]} x {shape[1]}: the calibration does not fit it."
+                f"picture of {self.shape[0]} x {self.shape[1]}: the calibration does not fit it."
             )
         kinds = (columns - rows[:, None] % 2) % (3 if self.grid.layout == "hexagonal" else 1)
-        return Array(rows, columns, centres, whole, kinds)
+        return centres[whole], kinds[whole]
 
-    def in_focus(self, array: Array, depth: np.ndarray) -> np.ndarray:
-        """Whether each lenslet is in focus at its virtual depth: bool, shape (rows, columns)."""
+    def in_focus(self, depth: np.ndarray) -> np.ndarray:
+        """Whether each lenslet is in focus at its virtual depth: bool, shape (n,)."""
         if not self.ranges:
-            return np.ones(array.whole.shape, bool)
-        low, high = np.moveaxis(np.array(self.ranges)[array.kinds], 2, 0)
+            return np.ones(depth.shape, bool)
+        low, high = np.array(self.ranges)[self.array[1]].T
         return (low <= depth) & (depth <= high)
 
     def describe(self) -> str:
@@ -102,6 +89,74 @@ class FocusedLenslets:
         return f"focused lenslets: {self.grid.describe()}" + (
             f", three kinds in focus at virtual depths of {kinds}" if kinds else ""
         )
+
+
+# Virtual depth ------------------------------------------------------------------------------------
+
+
+def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
+    """Find the virtual depth of each lenslet, shape (n,), in a levelled picture.
+
+    A point is displaced by the pitch over the virtual depth from one micro-image to the next
+    (Perwass and Wietzke, Proc. SPIE 8291, 2012). The likeness of a micro-image to its neighbours is
+    their covariance, over the places that both see, relative to the geometric mean of their
+    variances. It is summed over all neighbours within 1.8 pitches; in a hexagonal array those of
+    another kind, which are blurred differently, count little. Its largest value over inverse depths
+    from -0.55 to 0.55 (from 0, where the lenslets have ranges) is refined with all neighbours
+    within 3.1 pitches.
+
+    A depth is NaN without texture (a likeness below 0.5), where several depths fit (another
+    likeness is less than 0.1 lower), or where fewer than two neighbours agree within 10 %: where
+    texture is faint, single ones match by accident.
+    """
+    grey = np.ascontiguousarray(image.mean(axis=2, keepdims=True), np.float32)
+    centres, pitch, near, far = lenslets.array[0], lenslets.grid.pitch, 1.8, 3.1
+    step = 0.5 / (near * pitch)  # displaces the farthest neighbours by half a pixel
+    count = int(np.ceil(0.55 / step))
+    inverses = step * np.arange(-2 if lenslets.ranges else -count, count + 1)
+    coarse = _likeness(grey, lenslets, near, np.zeros(len(centres)), inverses)
+    best = coarse.argmax(axis=1)
+    start = inverses[best]
+    fine = np.arange(-8, 9) * step / 4
+    found = start + _tops(_likeness(grey, lenslets, far, start, fine), fine)
+    # At inverse depths as near as that, likeness is still that of the same peak.
+    apart = np.abs(inverses - start[:, None]) > max(0.07, 2 / pitch)
+    likeness, other = coarse.max(axis=1), np.where(apart, coarse, 0).max(axis=1)
+    known = (likeness >= 0.5) & (likeness - other >= 0.1)
+    known &= (best > 0) & (best < inverses.size - 1)
+    # Above 0.5 no place is seen by two lenslets whole; below 2 pixels any two micro-images match.
+    known &= (np.abs(found) <= 0.52) & (np.abs(found) * pitch >= 2)
+    found[~known] = np.nan
+    pairs = cKDTree(centres).query_pairs(1.1 * pitch, output_type="ndarray")
+    one, other = np.vstack([pairs, pairs[:, ::-1]]).T
+    agree = np.abs(found[one] - found[other]) < 0.1 * np.abs(found[one])
+    found[np.bincount(one[agree], minlength=found.size) < 2] = np.nan
+    return 1 / found
+
+
+def _likeness(grey, lenslets: FocusedLenslets, reach: float, start, steps) -> np.ndarray:
+    """Likeness to the neighbours within a reach in pitches, at inverse depths around `start`."""
+    (centres, kinds), radius = lenslets.array, lenslets.radius
+    stride = max(1.0, radius / 7)  # between places that are compared
+    half = int(radius / stride)
+    spots = stride * np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).T
+    spots = np.ascontiguousarray(spots[np.hypot(*spots.T) <= radius])
+    # A hexagonal array has 37 lenslets within 3.1 pitches, the first of which is the own one.
+    reach *= lenslets.grid.pitch
+    _, near = cKDTree(centres).query(centres, 40, distance_upper_bound=reach)
+    near, out = np.ascontiguousarray(near[:, 1:]), np.zeros((len(centres), len(steps)))
+    match(grey, centres, kinds, near, spots, radius, start, steps, out)
+    return out
+
+
+def _tops(likeness: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Places of the largest likeness, by a parabola through the five values around it."""
+    top = np.clip(likeness.argmax(axis=1), 2, len(steps) - 3)
+    near = np.take_along_axis(likeness, top[:, None] + np.arange(-2, 3), axis=1)
+    slope = near @ np.array([-2, -1, 0, 1, 2]) / 10
+    bend = near @ np.array([2, -1, -2, -1, 2]) / 14
+    shift = np.where(bend < 0, -slope / np.where(bend < 0, 2 * bend, 1), 0)
+    return steps[top] + np.clip(shift, -2, 2) * (steps[1] - steps[0])
 
 
 # Calibration files --------------------------------------------------------------------------------
@@ -134,11 +189,12 @@ def read_raytrix(path: str | Path, shape: tuple[int, ...]) -> FocusedLenslets:
             (shape[1] - 1) / 2 + _number(root, "offset/x"),
             (shape[0] - 1) / 2 - _number(root, "offset/y"),
             _number(root, "diameter"),
-            math.remainder(-_number(root, "rotation"), SIXTH),  # y runs down in a picture
+            # y runs down in a picture; sixths of a turn leave a hexagonal array as it is.
+            math.remainder(-_number(root, "rotation"), math.pi / 3),
             "hexagonal",
         )
         border = 1.0 if root.find("lens_border") is None else _number(root, "lens_border")
-        return FocusedLenslets(grid, border, _ranges(root, grid))
+        return FocusedLenslets(grid, shape, border, _ranges(root, grid))
     except InputError as error:
         raise InputError(f"{path} cannot be used: {error}") from None
 
@@ -152,22 +208,16 @@ def _ranges(root: ElementTree.Element, grid: LensletGrid) -> tuple[tuple[float, 
             raise InputError(
                 f"a range of virtual depth must rise from above 0, got {low} to {high}."
             )
-        right, up = (grid.pitch * _number(kind, f"offset/{axis}") for axis in "xy")
-        found[_kind_at(grid, right, -up)] = (low, high)
+        right, up = (_number(kind, f"offset/{axis}") for axis in "xy")  # in pitches
+        place = complex(right, -up) * cmath.exp(-1j * grid.rotation)
+        row = round(place.imag / math.sqrt(0.75))
+        found[(round(place.real - row % 2 / 2) - row % 2) % 3] = (low, high)
     if len(found) not in (0, 3):
         raise InputError(
             f"it must state none or three kinds of lenslets (lens_type) at different offsets, got "
             f"{len(found)}."
         )
     return tuple(found[kind] for kind in sorted(found))
-
-
-def _kind_at(grid: LensletGrid, right: float, down: float) -> int:
-    """Kind of the lenslet nearest to a place, in pixels from that in row 0 and column 0."""
-    row, column = (axis.ravel() for axis in np.mgrid[-4:5, -6:7])
-    y, x = grid.position(row, column)
-    nearest = np.hypot(y - grid.y0 - down, x - grid.x0 - right).argmin()
-    return int(column[nearest] - row[nearest] % 2) % 3
 
 
 def _number(element: ElementTree.Element, name: str) -> float:

@@ -14,17 +14,15 @@ from lf_flame._common.arrays import centred
 from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.focused._kernels import render
-from lf_flame.formats.focused.lenslets import Array, FocusedLenslets, is_raytrix, read_raytrix
-from lf_flame.formats.focused.virtual_depth import find_virtual_depth
+from lf_flame.formats.focused.lenslets import (
+    FocusedLenslets,
+    find_virtual_depth,
+    is_raytrix,
+    read_raytrix,
+)
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import (
-    as_image,
-    check_bayer,
-    check_colours,
-    fitting,
-    less_dark,
-)
+from lf_flame.formats.raw.sensor_images import check_bayer, check_colours, less_dark
 from lf_flame.lightfield import LightField
 
 REFERENCE = 3.0
@@ -55,30 +53,34 @@ def plan_focused(
         lenslets = read_raytrix(focused, image.shape)
     else:
         shown = read_image(focused)
-        lenslets = FocusedLenslets(estimate_grid(less_dark(shown, black, "white")))
+        grid = estimate_grid(less_dark(shown, black, "white", image.shape))
+        lenslets = FocusedLenslets(grid, image.shape)
         flat = shown if flat is None else flat
     options |= {"white": flat, "dark": black, "bayer": bayer}
-    plan = FocusedPlan(lenslets, shape=image.shape, **options)
+    plan = FocusedPlan(lenslets, **options)
+    light = less_dark(image, black, "raw", image.shape)
     if stated:
-        _check_fit(less_dark(image if flat is None else flat, black, "raw"), plan, focused)
+        shown = light if flat is None else less_dark(flat, black, "white", image.shape)
+        _check_fit(shown, lenslets, focused)
     if bayer is None:
-        check_colours(less_dark(image, black, "raw"), lenslets.grid, "raw")
+        check_colours(light, lenslets.grid, "raw")
     return plan, image
 
 
-def _check_fit(image: np.ndarray, plan: FocusedPlan, calibration: object) -> None:
-    """Refuse a calibration whose lenslets are not where a picture, (rows, columns), shows them.
+def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object) -> None:
+    """Refuse a calibration whose lenslets are not where an image shows them, if it does.
 
-    Micro-images are dark between each other. Where a picture shows no lenslets, nothing is checked.
+    Micro-images are dark between each other.
     """
-    grey = np.atleast_3d(image).mean(axis=2, dtype=np.float64)
+    pitch, layout = lenslets.grid.pitch, lenslets.grid.layout
     try:
-        found = estimate_grid(grey, layout=plan.lenslets.grid.layout).centres(grey.shape)
+        seen = estimate_grid(image, layout=layout)
     except InputError:
         return
-    stated = cKDTree(plan.array.centres.reshape(-1, 2))
-    away = float(stated.query(found.reshape(-1, 2))[0].max())
-    if away > 0.08 * plan.lenslets.grid.pitch:
+    rows, columns = seen.indices(image.shape)
+    shown = np.stack(seen.position(rows[:, None], columns), axis=-1).reshape(-1, 2)
+    away = float(cKDTree(shown).query(lenslets.array[0])[0].max())
+    if away > 0.08 * pitch:
         raise InputError(
             f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
             f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
@@ -108,15 +110,14 @@ class FocusedPlan:
         self,
         lenslets: FocusedLenslets,
         *,
-        shape: tuple[int, ...],
         virtual_depth: float | None = None,
         views: int | None = None,
         white: ArrayLike | None = None,
         dark: ArrayLike | None = None,
         bayer: str | None = None,
     ):
-        self.lenslets, self.shape, self.found = lenslets, tuple(shape), ""
-        self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
+        self.lenslets, self.shape, self.found = lenslets, lenslets.shape, ""
+        self.bayer = check_bayer(bayer, self.shape)
         self.views = 5 if views is None else views
         if not 1 <= self.views <= 64 or self.views != int(self.views):
             raise InputError(
@@ -133,12 +134,11 @@ class FocusedPlan:
         patch = 0.6 * pitch / self.step  # half its width: as far as a lenslet's cell goes
         farthest = max(lenslets.radius - patch, 0.0) / math.sqrt(2)
         self.spacing = 2 * farthest / (self.views - 1) if self.views > 1 else 0.0
-        self.array = lenslets.array(self.shape)
-        self._black = None if dark is None else as_image(dark, "dark")
-        self._fall = None
+        centres = lenslets.array[0]
+        self._black, self._fall = dark, None
         if white is not None:
-            light = fitting(less_dark(white, self._black, "white"), "white", self.shape)
-            self._fall = fall_off(self._coloured(light), self.array)
+            light = less_dark(white, dark, "white", self.shape)
+            self._fall = fall_off(self._coloured(light), centres)
         inner = np.array(self.shape[:2]) - 1
         room = inner - 2 * (lenslets.radius + 1 + self.step * farthest + pitch / 2)
         size = np.floor(np.maximum(room, 0) / self.step).astype(int) + 1
@@ -149,44 +149,41 @@ class FocusedPlan:
             )
         check_memory(self.views**2 * int(size.prod()) * 3 * 4 * 2, "The light field of views")
         self.first, self._size = (inner - (size - 1) * self.step) / 2, size.tolist()
+        # Lenslets within reach of each square of half a pitch: in dense arrays, up to nine. Some of
+        # each kind are as near, anywhere.
+        self._reach, self._cell = 1.1 * pitch, pitch / 2
+        squares = [math.ceil(n / self._cell) for n in self.shape[:2]]
+        places = self._cell * (np.moveaxis(np.indices(squares), 0, -1) + 0.5)
+        farthest = self._reach + math.sqrt(0.5) * self._cell
+        _, self._near = cKDTree(centres).query(places, 12, distance_upper_bound=farthest)
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Put the views of a raw picture of the planned shape together."""
-        image = as_image(raw, "raw")
-        if image.shape != (*self.shape, 1)[:3]:
-            raise InputError(
-                f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
-            )
-        image = self._coloured(less_dark(image, self._black, "raw").astype(np.float32, copy=False))
-        fall = self._fall
-        if fall is None:
-            white = mean_white(image, self.array, self.lenslets.radius)
-            fall = fall_off(white, self.array)
+        image = less_dark(raw, self._black, "raw", self.shape)
+        image = self._coloured(image.astype(np.float32, copy=False))
+        (centres, _), radius = self.lenslets.array, self.lenslets.radius
+        fall = mean_fall_off(image, centres, radius) if self._fall is None else self._fall
         image = np.ascontiguousarray(image / fall, np.float32)
         inverse = self._inverse(image)
-        focused = self.lenslets.in_focus(self.array, 1 / inverse)
         # A lenslet of a kind that is out of focus counts only where no other sees the place.
-        weights = np.where(focused, 1.0, 1e-3) * self.array.whole
+        weights = np.where(self.lenslets.in_focus(1 / inverse), 1.0, 1e-3)
         places = centred(self.views) * self.spacing
         offsets = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
         out = np.empty((len(offsets), *self._size, image.shape[2]), np.float32)
         view = (*self.first.tolist(), self.step, self.reference)
-        first = int(self.array.rows[0]), int(self.array.columns[0])
-        grid, odd = self.lenslets.grid, 0.5 if self.lenslets.grid.layout == "hexagonal" else 0.0
-        turn = math.cos(grid.rotation), math.sin(grid.rotation)
-        lattice = grid.y0, grid.x0, grid.pitch, grid.row_pitch, odd, *turn
-        reach = 1.1 * grid.pitch  # some lenslets of each kind are as near, anywhere
         render(
-            image, lattice, first, inverse, weights, offsets, view, reach, self.lenslets.radius, out
-        )
+            image, centres, inverse, weights, self._near, self._cell, offsets, view, self._reach,
+            radius, out,
+        )  # fmt: skip
         out = out.reshape(self.views, self.views, *out.shape[1:])
         return LightField(out if image.shape[2] > 1 else out[..., 0])
 
     def _inverse(self, image: np.ndarray) -> np.ndarray:
         """Inverse virtual depth of each lenslet, that of the nearest known one where unknown."""
+        centres = self.lenslets.array[0]
         if self._plane is not None:
-            return np.full(self.array.whole.shape, 1 / self._plane)
-        depth = find_virtual_depth(image, self.lenslets, self.array)
+            return np.full(len(centres), 1 / self._plane)
+        depth = find_virtual_depth(image, self.lenslets)
         known = np.isfinite(depth)
         if not known.any():
             raise InputError(
@@ -197,14 +194,11 @@ class FocusedPlan:
         self.reference = float(np.copysign(REFERENCE, np.median(depth[known])))
         low, high = np.percentile(depth[known], [2, 98])
         self.found = (
-            f"virtual depth from {low:.3g} to {high:.3g}, known for "
-            f"{known.sum() / self.array.whole.sum():.0%} of the lenslets; slopes of the views are "
+            f"virtual depth from {low:.3g} to {high:.3g}, known for {known.mean():.0%} of the "
+            f"lenslets; slopes of the views are "
             f"{self.spacing / self.step:.4g} ({self.reference:g} - virtual depth)"
         )
-        nearest = ndimage.distance_transform_edt(
-            ~known, return_distances=False, return_indices=True
-        )
-        return 1 / depth[tuple(nearest)]
+        return 1 / depth[known][cKDTree(centres[known]).query(centres)[1]]
 
     def _coloured(self, image: np.ndarray) -> np.ndarray:
         """Colours of a mosaic, (rows, columns, 1), at all pixels by linear interpolation."""
@@ -221,9 +215,9 @@ class FocusedPlan:
         return sums / counts
 
 
-def fall_off(white: np.ndarray, array: Array) -> np.ndarray:
+def fall_off(white: np.ndarray, centres: np.ndarray) -> np.ndarray:
     """Brightness of a white image relative to the middle of its micro-images, and at least 0.2."""
-    y, x = np.rint(array.centres[array.whole]).astype(int).T
+    y, x = np.rint(centres).astype(int).T
     middle = np.median(white[y, x], axis=0)
     if not np.all(middle > 0):
         raise InputError(
@@ -233,17 +227,15 @@ def fall_off(white: np.ndarray, array: Array) -> np.ndarray:
     return np.maximum(white / middle, 0.2)
 
 
-def mean_white(image: np.ndarray, array: Array, radius: float) -> np.ndarray:
-    """White image by the mean fall-off of a picture's micro-images, which is taken to be round."""
-    apart, half = np.ones(image.shape[:2], bool), int(radius)
-    centres = np.rint(array.centres).astype(int)
-    inside = np.all((centres >= 0) & (centres < apart.shape), axis=2)
-    apart[tuple(centres[inside].T)] = False
+def mean_fall_off(image: np.ndarray, centres: np.ndarray, radius: float) -> np.ndarray:
+    """Find the mean of `fall_off` in a picture's micro-images, which is taken to be round."""
+    apart, rings = np.ones(image.shape[:2], bool), np.arange(int(radius) + 1)
+    apart[tuple(np.rint(centres).astype(int).T)] = False
     away = ndimage.distance_transform_edt(apart)  # from the nearest micro-image's centre
-    rings, white = np.rint(away).astype(np.intp).ravel(), np.empty_like(image)
+    ring, fall = np.rint(away).astype(int), np.empty_like(image)
     for channel in range(image.shape[2]):
-        sums, counts = np.bincount(rings, image[..., channel].ravel()), np.bincount(rings)
-        # A picture without light, or below black, has no fall-off.
-        light = (sums / counts)[: half + 1] if sums[0] > 0 else np.ones(half + 1)
-        white[..., channel] = np.interp(away, np.arange(half + 1), light)
-    return white
+        light = ndimage.mean(image[..., channel], ring, rings)
+        # A picture without light has no fall-off.
+        light = light / light[0] if light[0] > 0 else np.ones(rings.size)
+        fall[..., channel] = np.interp(away, rings, light)
+    return np.maximum(fall, 0.2)

@@ -19,12 +19,12 @@ import numpy as np
 from lf_flame._common.input_files import check_memory, check_regular, parse_json, readable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import CONTAINER_SUFFIXES
-from lf_flame.formats.lytro.metadata import LytroMetadata, NestedValues, parse_metadata
+from lf_flame.formats.lytro.metadata import FRAMES, TABLE, LytroMetadata, find, parse_metadata
 
 START = b"\x89LFP\r\n\x1a\n"
 """First bytes of a container."""
 
-TABLE, CONTENT = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
+CONTENTS, SECTION = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
 """First bytes of the table of contents, and of any other section."""
 
 ALIGNMENT, HEADER = 16, 96
@@ -128,17 +128,10 @@ def read_lytro(path: str | Path) -> LytroPicture:
     """
     path = Path(path)
     if path.suffix.lower() not in CONTAINER_SUFFIXES:
-        size, description = check_regular(path), _description(path)
-        metadata = parse_metadata(description, path)
-        metadata.check_size(size, path)  # before that many bytes are read
-        return LytroPicture(metadata, read_bytes(path), str(path))
+        return LytroPicture(parse_metadata(_description(path), path), read_bytes(path), str(path))
     table, sections = read_container(path)
-    refs = NestedValues(table, path).first_frame().get("frame")
-    held = {
-        name: sections.get(ref.lower())
-        for name, ref in (refs if isinstance(refs, dict) else {}).items()
-        if isinstance(ref, str)
-    }
+    refs = find(table, TABLE, *(f"{place}/frame" for place in FRAMES)) or {}
+    held = {name: sections.get(str(ref).lower()) for name, ref in refs.items()}
     facts, packed = held.get("metadataRef"), held.get("imageRef")
     if facts is None or packed is None:
         raise InputError(
@@ -175,10 +168,10 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     data = read_bytes(path)
     if not data.startswith(START):
         raise InputError(f"{path} is no container of a Lytro camera: it begins otherwise.")
-    tables, sections, offset = [], {}, ALIGNMENT
+    table, sections, offset = None, {}, ALIGNMENT
     while (header := data[offset : offset + HEADER]).strip(b"\0"):  # zeros may follow at the end
         kind, length = header[:8], int.from_bytes(header[8:16], "big")
-        if kind not in (TABLE, CONTENT):
+        if kind not in (CONTENTS, SECTION):
             raise InputError(
                 f"{path} is damaged: at byte {offset:,} no section of a container begins."
             )
@@ -201,12 +194,12 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
                     f"{path} is damaged: its section at byte {offset:,} is not as its SHA-1."
                 )
             sections[name] = content
-        if kind == TABLE:
-            tables.append(content)
+        if kind == CONTENTS and table is None:
+            table = content
         offset = -(-(begin + length) // ALIGNMENT) * ALIGNMENT
-    if not tables:
+    if table is None:
         raise InputError(f"{path} has no table of contents: its end may be missing.")
-    return parse_table(tables[0], path), sections
+    return parse_table(table, path), sections
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -228,13 +221,7 @@ def check_table_size(size: int, source: str | Path) -> None:
 def parse_table(data: bytes, source: str | Path) -> dict[str, Any]:
     """Parse JSON of bounded size that must hold names and values."""
     check_table_size(len(data), source)
-    try:
-        text = data.rstrip(b"\0").decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{source} cannot be read: its metadata are no UTF-8, {error.reason} at {error.start}."
-        ) from None
-    values = parse_json(text, source)
+    values = parse_json(data.rstrip(b"\0").decode("utf-8-sig", "replace"), source)
     if not isinstance(values, dict):
         raise InputError(f"{source} cannot be read: its metadata must hold names and values.")
     return values

@@ -28,12 +28,10 @@ from lf_flame.formats.lytro.picture import (
     read_bytes,
     read_lytro,
 )
-from lf_flame.formats.raw.lenslet_grid import LensletGrid
-from lf_flame.formats.raw.lenslet_search import estimate_grid
 
 LOGGER = logging.getLogger(__name__)
 
-PAIRED = re.compile(r"(MOD_\d{1,8})\.(TXT|RAW)", re.IGNORECASE)
+PAIRED = re.compile(r"(.*/)?MOD_\d{1,8}\.(TXT|RAW)", re.IGNORECASE)
 """Name of a white image's pixels or metadata."""
 
 PackedFile = tuple[str, int, Callable[[], bytes]]
@@ -55,7 +53,6 @@ def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np
     From a raw file of the camera; but for a dark one, also from an image in any unit, or from the
     camera's folder or archive of white images. Default for a white one: that in the picture's file.
     """
-    metadata = picture.metadata
     if path is None:
         own = picture.white_image if name == "white" else None
         return None if own is None else own.radiance
@@ -63,42 +60,18 @@ def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np
         return find_white(picture, path).radiance
     if is_lytro(path):
         other = read_lytro(path)
-        image, bayer, serial = other.radiance, other.metadata.bayer, other.metadata.serial
-        if serial and metadata.serial and serial.upper() != metadata.serial.upper():
+        serial, its = (one.metadata.serial.upper() for one in (picture, other))
+        if serial and its and serial != its:
             LOGGER.warning(
-                f"The {name} image {printable(path)} is of camera {printable(serial, 40)}, the "
-                f"picture of {printable(metadata.serial, 40)}: lenslets and vignetting may not fit."
+                f"The {name} image {printable(path)} is of camera {printable(its, 40)}, the "
+                f"picture of {printable(serial, 40)}: lenslets and vignetting may not fit."
             )
-    elif name != "dark":
-        image, bayer = read_image(path), metadata.bayer
-    else:
+        return other.radiance
+    if name == "dark":
         raise InputError(
             f"The dark image of {picture.source} must be a raw file of the camera, got {path}."
         )
-    if (*image.shape, bayer) != (*metadata.shape, metadata.bayer):
-        raise InputError(
-            f"The {name} image {path} must be a mosaic like {picture.source}, {metadata.bayer} of "
-            f"shape {metadata.shape}, got {bayer} of shape {image.shape}."
-        )
-    return image
-
-
-def find_lenslets(picture: LytroPicture) -> LensletGrid:
-    """Find the lenslets in a picture itself, with a warning that this is no white image."""
-    name = printable(picture.source)
-    try:
-        grid = estimate_grid(picture.radiance)
-    except InputError:
-        raise InputError(
-            f"The lenslets of {name} are not seen in it: give a white image of the camera."
-        ) from None
-    LOGGER.warning(
-        f"{name}: vignetting is not corrected, and outer views are too dark, as no white image is "
-        f"given (--white with a MOD_*.RAW, its folder or caldata-"
-        f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); the lenslets are where the "
-        f"picture shows them."
-    )
-    return grid
+    return read_image(path)
 
 
 def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
@@ -107,43 +80,42 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
     Dark frames, and images with a mean below 12 % of the highest level, are left out.
     """
     where, facts = Path(where), picture.metadata
-    if not facts.serial or facts.zoom_step is None or facts.focus_step is None:
+    zoom, focus = facts.zoom_step, facts.focus_step
+    if not facts.serial or zoom is None or focus is None:
         raise InputError(
             f"{picture.source} does not say which white image fits it (serial number, zoom and "
             f"focus step): name one white image instead of {where}."
         )
+    own = zoom, focus
+
+    def distance(one: WhiteFile) -> list[float]:
+        steps = one.metadata.zoom_step, one.metadata.focus_step
+        return [inf if x is None else abs(x - y) for x, y in zip(steps, own, strict=True)]
+
     files = white_files(where)
-    fitting = [one for one in files if _is_alike(one.metadata, facts)]
-    for one in sorted(fitting, key=lambda one: _distance(one.metadata, facts)):
+    alike = [one for one in files if _camera(one.metadata) == _camera(facts)]
+    fitting = [one for one in alike if not one.metadata.is_dark]
+    for one in sorted(fitting, key=distance):
         one.metadata.check_size(one.size, one.name)  # before that many bytes are read
         white = LytroPicture(one.metadata, one.read(), one.name)
         # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
         if white.mosaic.mean() >= 500 / 4095 * (2**facts.bits - 1):
             LOGGER.info(
                 f"White image {printable(one.name)}, at zoom step {one.metadata.zoom_step} for "
-                f"{facts.zoom_step} and focus step {one.metadata.focus_step} for {facts.focus_step}"
+                f"{zoom} and focus step {one.metadata.focus_step} for {focus}"
             )
             return white
-    serials = sorted({one.metadata.serial or "unknown" for one in files})
-    held = f"{len(files)} of camera {', '.join(serials[:5])}" if files else "none"
+    cameras = sorted({f" of camera {one.metadata.serial or 'unknown'}" for one in files})
     dark = sum(one.metadata.is_dark for one in files) + len(fitting)
     raise InputError(
         f"{where} holds no white image for {picture.source}, of camera {facts.serial} and "
-        f"{facts.shape[0]} x {facts.shape[1]} pixels, got {held}"
-        + (f", of which {dark} are too dark or taken without light." if dark else ".")
+        f"{facts.shape[0]} x {facts.shape[1]} pixels; images found: {len(files)}"
+        f"{' and'.join(cameras[:5])}; too dark or taken without light: {dark}."
     )
 
 
-def _is_alike(white: LytroMetadata, facts: LytroMetadata) -> bool:
-    """Whether a white image is of the same camera and the same form as a picture."""
-    form = (white.shape, white.bits, white.bayer) == (facts.shape, facts.bits, facts.bayer)
-    return form and white.serial.upper() == facts.serial.upper() and not white.is_dark
-
-
-def _distance(white: LytroMetadata, facts: LytroMetadata) -> tuple[float, ...]:
-    """Distance in zoom steps, then in focus steps; infinite if one is not stated."""
-    pairs = ((white.zoom_step, facts.zoom_step), (white.focus_step, facts.focus_step))
-    return tuple(abs((inf if one is None else one) - (other or 0)) for one, other in pairs)
+def _camera(facts: LytroMetadata) -> tuple:
+    return facts.shape, facts.bits, facts.bayer, facts.serial.upper()
 
 
 def holds_white_files(folder: Path) -> bool:
@@ -153,19 +125,14 @@ def holds_white_files(folder: Path) -> bool:
 
 def white_files(where: Path) -> list[WhiteFile]:
     """Find the white images in a folder or an archive, by the names of their files."""
-    pairs: dict[str, dict[str, PackedFile]] = {}
-    for file in _in_folder(where) if where.is_dir() else _in_archive(where):
-        place = PurePosixPath(file[0])
-        if named := PAIRED.fullmatch(place.name):
-            pairs.setdefault(str(place.parent / named[1].upper()), {})[named[2].upper()] = file
-    found = []
-    for _, pair in sorted(pairs.items()):
-        if len(pair) == 2:
-            (_, length, read_text), (pixels, size, read) = pair["TXT"], pair["RAW"]
-            name = str(where / PurePosixPath(pixels).name)
+    held = _in_folder(where) if where.is_dir() else _in_archive(where)
+    files, found = {file[0].upper(): file for file in held}, []
+    for key, (_, length, read_text) in sorted(files.items()):
+        if key.endswith(".TXT") and (pixels := files.get(key[:-3] + "RAW")):
+            name = str(where / PurePosixPath(pixels[0]).name)
             check_table_size(length, name)  # before that many bytes are read
             metadata = parse_metadata(parse_table(read_text(), name), name)
-            found.append(WhiteFile(name, metadata, size, read))
+            found.append(WhiteFile(name, metadata, *pixels[1:]))
     return found
 
 
@@ -195,7 +162,7 @@ def _opened(path: Path) -> Iterator[tarfile.TarFile]:
 def _in_archive(path: Path) -> list[PackedFile]:
     """Plain files of an archive, no links; nothing is written to the disk."""
     with _opened(path) as archive:
-        members = [member for member in archive if member.isreg()]
+        members = [one for one in archive if one.isreg() and PAIRED.fullmatch(one.name)]
 
     def read(member: tarfile.TarInfo) -> bytes:
         with _opened(path) as archive:

@@ -17,9 +17,6 @@ from lf_flame._common.threads import parallel, uncounted
 LANES = 16
 """Number of lines that are integrated side by side, in the lanes of vector instructions."""
 
-BLOCK = 16
-"""Number of lenslets whose parts are written at a time."""
-
 
 class Lattices(NamedTuple):
     """Pixels of each channel, `step` apart, the first one in row `top` and column `left`.
@@ -71,7 +68,7 @@ class Room(NamedTuple):
     Own pixels of each line, and those that continue them, (lines, pixels); light of the parts along
     each line, (u, lines); sums of light. The own pixels of each line are those from `low` to
     `high`, and the own lines of each part across those from `first` to `end`, where `high` and
-    `end` are last + 1, or 0 if there are none.
+    `end` are last + 1, or 0 if there are none (`low` is then beyond the line).
     """
 
     own: np.ndarray
@@ -84,25 +81,14 @@ class Room(NamedTuple):
 
 
 @uncounted
-def find_own_pixels(y, x, lenslets, size):
-    """First and last + 1 of the pixels of a row that belong to a lenslet.
-
-    y: distance of the row from the lenslet's centre. x: place of the centre in the row.
-    """
-    sin, cos, half = lenslets.sin, lenslets.cos, lenslets.half_along
+def is_read(y, x, lenslets, gain, i, j, n):
+    """Whether a pixel, (y, x) from a lenslet's centre, is whole in its micro-image, and lit."""
+    if gain.size > 0 and gain[i, j, n] == 0.0:
+        return False
     if lenslets.is_round:
-        if abs(y) > half:
-            return 0, 0
-        high = np.sqrt(half * half - y * y)
-        low = -high
-    else:
-        low, high = (-half - sin * y) / cos, (half - sin * y) / cos
-        if abs(sin) > 1e-9:
-            one, other = (cos * y - lenslets.half_down) / sin, (cos * y + lenslets.half_down) / sin
-            low, high = max(low, min(one, other)), min(high, max(one, other))
-        elif abs(y) > lenslets.half_down:
-            return 0, 0
-    return max(int(np.ceil(x + low)), 0), min(int(np.floor(x + high)) + 1, size)
+        return y * y + x * x <= lenslets.half_along * lenslets.half_along
+    down, along = lenslets.cos * y - lenslets.sin * x, lenslets.sin * y + lenslets.cos * x
+    return abs(down) <= lenslets.half_down and abs(along) <= lenslets.half_along
 
 
 @uncounted
@@ -190,7 +176,7 @@ def fill_green(own, low, high, odd):
 
 
 @uncounted
-def read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room):
+def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, room):
     """Read a micro-image's own, lit pixels line by line, and continue each line beyond them.
 
     Fills room.own and its ranges. n: number of the lattice. y, x: centre in its pixels. top, left:
@@ -198,23 +184,23 @@ def read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room)
     """
     own, low, high = room.own, room.low, room.high
     step, upper, j = lattices.step[n], lattices.top[n], lattices.left[n]
-    # Channel of each, which may be grey or a mosaic; 0 where there is none.
-    channel = np.uintp(min(n, image.shape[2] - 1))
-    under = np.uintp(max(min(n, black.shape[2] - 1), 0))
-    factor = np.uintp(max(min(n, gain.shape[2] - 1), 0))
+    # Channel of each, which may be grey or a mosaic.
+    channel, factor = np.uintp(min(n, image.shape[2] - 1)), np.uintp(min(n, gain.shape[2] - 1))
     rows, columns = image.shape[0], image.shape[1] // step
     for here in range(low.size):
         row = top + here
-        low[here], high[here] = 0, 0
+        low[here], high[here] = own.shape[1], 0
         if row < 0 or (row + 1) * step > rows:
             continue
-        begin, stop = find_own_pixels(row - y, x, lenslets, columns)
-        i = upper + step * row
-        if gain.size > 0:
-            while begin < stop and gain[i, j + step * begin, factor] == 0.0:
-                begin += 1
-            while begin < stop and gain[i, j + step * (stop - 1), factor] == 0.0:
-                stop -= 1
+        i, begin, stop = upper + step * row, max(left, 0), min(left + own.shape[1], columns)
+        while begin < stop and not is_read(
+            row - y, begin - x, lenslets, gain, i, j + step * begin, factor
+        ):
+            begin += 1
+        while begin < stop and not is_read(
+            row - y, stop - 1 - x, lenslets, gain, i, j + step * (stop - 1), factor
+        ):
+            stop -= 1
         if stop - begin < lenslets.fewest:
             continue
         low[here], high[here] = begin - left, stop - left
@@ -222,40 +208,30 @@ def read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room)
         first, into, stride = np.uintp(j + step * begin), np.uintp(begin - left), np.uintp(step)
         for k in range(count):
             own[line, into + k] = image[row, first + stride * k, channel]
-        if black.size > 0:
-            for k in range(count):
-                own[line, into + k] -= black[row, first + stride * k, under]
         if gain.size > 0:
             for k in range(count):
                 own[line, into + k] *= gain[row, first + stride * k, factor]
     if lattices.green[n] >= 0:
         fill_green(own, low, high, (lattices.green[n] + top + left) % 2)
     for here in range(low.size):
-        if high[here] - low[here] >= lenslets.fewest:
+        if high[here] - low[here] < lenslets.fewest:
+            low[here], high[here] = own.shape[1], 0
+        else:
             continue_linearly(own, here, own.shape[1], low[here], high[here], own.shape[1])
 
 
 @uncounted
-def is_shown(place, line, fewest, room):
-    """Whether a place is in the own pixels of a line, or half a pixel beyond."""
-    low, high = room.low[line], room.high[line]
-    return high - low >= fewest and low - 0.5 <= place <= high + 0.5
-
-
-@uncounted
-def find_own_lines(start, drift, part, fewest, room):
+def find_own_lines(start, drift, part, room):
     """Find the lines that show each part across: those in whose own pixels its middle is.
 
     Or half a pixel beyond. start: place of the first part's middle in line 0; it moves by `drift`.
     """
-    first, end, views = room.first, room.end, room.first.size
+    first, end, low, high, views = room.first, room.end, room.low, room.high, room.first.size
     for u in range(views):
-        place, top, bottom = start + part * u, 0, room.low.size
-        while top < bottom and not is_shown(place + drift * top, top, fewest, room):
-            top += 1
-        while top < bottom and not is_shown(place + drift * (bottom - 1), bottom - 1, fewest, room):
-            bottom -= 1
-        first[u], end[u] = top, bottom if top < bottom else 0
+        first[u], end[u] = low.size, 0
+        for line in range(low.size):
+            if low[line] - 0.5 <= start + part * u + drift * line <= high[line] + 0.5:
+                first[u], end[u] = min(first[u], line), line + 1
     middle = views // 2
     for u in range(middle + 1, views):  # beyond the lit pixels: as the inner neighbour
         if end[u] == 0:
@@ -266,17 +242,17 @@ def find_own_lines(start, drift, part, fewest, room):
 
 
 @uncounted
-def read_micro_image(image, black, gain, lattices, n, y, x, lenslets, room, light):
+def read_micro_image(image, gain, lattices, n, y, x, lenslets, room, light):
     """Find the light of the parts of one micro-image, light[v, u], in one lattice."""
     own, across, margin, views = room.own, room.across, lenslets.margin, room.first.size
     lines, pixels = own.shape
     first, end = room.first, room.end
     top, left = int(np.ceil(y - lenslets.high)), int(np.ceil(x - lenslets.wide))
-    read_lines(image, black, gain, lattices, n, y, x, top, left, lenslets, room)
+    read_lines(image, gain, lattices, n, y, x, top, left, lenslets, room)
     tan, part = lenslets.sin / lenslets.cos, lenslets.part_along
     start = x - left + 0.5 - tan * (top - y) - 0.5 * views * part
     integrate(own, lines, pixels, start, part, views, -tan, room.total, across, margin)
-    find_own_lines(start + 0.5 * part, -tan, part, lenslets.fewest, room)
+    find_own_lines(start + 0.5 * part, -tan, part, room)
     count = lines + 2 * margin
     for u in range(views):
         if end[u] > 0:
@@ -304,46 +280,32 @@ def make_room(lenslets, views):
 
 
 @parallel(lambda out: out.shape[2])
-def resample(r, image, black, gain, lattices, lenslets, rows, columns, left, share, known, out):
+def resample(r, image, gain, lattices, lenslets, rows, columns, left, share, out):
     """Find the light of all parts of the micro-images in a row of lenslets.
 
-    image: (rows, columns, channels). black, gain: float32, of this shape or with one channel;
-    empty without dark or white image; gain is 0 where a pixel is dark. lattices: one for each
+    image: (rows, columns, channels). gain: factors of its pixels, 0 where they are dark in the
+    white image, with as many channels or one; empty without a white image. lattices: one for each
     channel of `out`. lenslets: in pixels, and in pairs of pixels. rows, columns: those of the
     array. left, share: first column and share of the second in each of `out`, by the row's parity.
-    known: (v, u, row, column), False where `out` is 0; empty if it is so nowhere. out: (v, u, row,
-    column, channel).
+    out: (v, u, row, column, channel).
     """
-    views, size, channels = out.shape[0], columns.size, out.shape[4]
+    views, channels, parity = out.shape[0], out.shape[4], rows[r] % 2
     rooms = (make_room(lenslets[0], views), make_room(lenslets[1], views))
-    # So many lenslets at a time, and the one before, stay in the processor's caches. Each has a
-    # row and some columns to spare, which `integrate` needs.
-    found = np.zeros((BLOCK + 2, channels, views + 1, views + LANES), np.float32)
-    parity, done = rows[r] % 2, 0
-    left, share = left[parity], share[parity]
-    for begin in range(0, size, BLOCK):
-        end = min(begin + BLOCK, size)
-        found[0] = found[BLOCK]
-        for n in range(channels):
-            step = lattices.step[n]
-            own, room = lenslets[step - 1], rooms[step - 1]
-            down, offset = own.row_pitch * rows[r], 0.5 * parity if own.is_round else 0.0
-            for c in range(begin, end):
-                along = own.pitch * (columns[c] + offset)
-                y = own.y - lattices.top[n] / step + own.sin * along + own.cos * down
-                x = own.x - lattices.left[n] / step + own.cos * along - own.sin * down
-                read_micro_image(
-                    image, black, gain, lattices, n, y, x, own, room, found[1 + c - begin, n]
-                )
-        first = done
-        while done < out.shape[3] and left[done] + (share[done] > 0) < end:
-            done += 1
-        for v in range(np.uintp(views)):  # unsigned, as above
-            for u in range(np.uintp(views)):
-                for c in range(np.uintp(first), np.uintp(done)):
-                    near = np.uintp(left[c] + 1 - begin)
-                    is_known = known.size == 0 or known[v, u, np.uintp(r), c]
-                    for n in range(np.uintp(channels)):
-                        low, high = found[near, n, v, u], found[near + np.uintp(1), n, v, u]
-                        value = low + share[c] * (high - low)
-                        out[v, u, np.uintp(r), c, n] = value if is_known else np.float32(0.0)
+    # With a row and some columns to spare, which `integrate` needs, and a lenslet.
+    found = np.zeros((columns.size + 1, channels, views + 1, views + LANES), np.float32)
+    for n in range(channels):
+        step = lattices.step[n]
+        own, room = lenslets[step - 1], rooms[step - 1]
+        down, offset = own.row_pitch * rows[r], 0.5 * parity if own.is_round else 0.0
+        for c in range(columns.size):
+            along = own.pitch * (columns[c] + offset)
+            y = own.y - lattices.top[n] / step + own.sin * along + own.cos * down
+            x = own.x - lattices.left[n] / step + own.cos * along - own.sin * down
+            read_micro_image(image, gain, lattices, n, y, x, own, room, found[c, n])
+    for v in range(np.uintp(views)):  # unsigned, as above
+        for u in range(np.uintp(views)):
+            for c in range(np.uintp(out.shape[3])):
+                near = np.uintp(left[parity, c])
+                for n in range(np.uintp(channels)):
+                    low, high = found[near, n, v, u], found[near + np.uintp(1), n, v, u]
+                    out[v, u, np.uintp(r), c, n] = low + share[parity, c] * (high - low)

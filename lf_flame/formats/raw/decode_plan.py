@@ -118,7 +118,7 @@ class DecodePlan:
                 f"shape {shape}."
             )
         self.grid, self.shape, self.views = grid, tuple(shape), _count_views(grid, views)
-        self.bayer = None if bayer is None else sensor.check_bayer(bayer, self.shape)
+        self.bayer = sensor.check_bayer(bayer, self.shape)
         # All else is of rows: images of an array in columns are transposed, and so are the views.
         self._grid, pattern, size = grid.upright, self.bayer, self.shape[:2]
         if grid.columns:
@@ -162,20 +162,15 @@ class DecodePlan:
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
             pattern of a mosaic that is not stated, or does not fit the white or the dark image.
         """
-        image = sensor.as_image(raw, "raw")
-        if image.shape != (*self.shape, 1)[:3]:
-            raise InputError(
-                f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
-            )
-        image = self._upright(image)
+        image = self._upright(sensor.fitting(raw, "raw", self.shape))
         saturated = sensor.find_saturated(image, self._saturation)
+        light = image if self._black is None else image - self._black
         if self._is_new:
-            self._check(image, saturated)
+            self._check(light, saturated)
             self._is_new = False
-        valid = self._valid
-        # Pixels that the white image leaves unknown become 0. Saturated ones keep their value, a
-        # lower bound of the light.
-        views = self._resample(image, self._black, self._gain, valid)
+        valid, views = self._valid, self._resample(light, self._gain)
+        if valid is not None:  # saturated pixels keep their value, a lower bound of the light
+            views[~valid] = 0.0
         if saturated is not None:
             share = self._resample(np.any(saturated, axis=2)[..., None].astype(np.float32))
             known = np.abs(share, out=share).max(axis=4) <= TOUCHED
@@ -190,23 +185,19 @@ class DecodePlan:
     def _upright(self, image: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(image.swapaxes(0, 1)) if self.grid.columns else image
 
-    def _resample(self, image: np.ndarray, black=None, gain=None, valid=None) -> np.ndarray:
+    def _resample(self, image: np.ndarray, gain=None) -> np.ndarray:
         """Resample an upright image, (rows, columns, channels): float32, (v, u, t, s, channel)."""
         channels = image.shape[2] if self.bayer is None else 3
         size = self.views, self.views, len(self._rows), self._left.shape[1]
-        black, gain = (np.empty((0, 0, 0), np.float32) if x is None else x for x in (black, gain))
-        known = np.empty((0, 0, 0, 0), bool) if valid is None else self._exchanged(valid)
+        gain = np.empty((0, 0, 1), np.float32) if gain is None else gain
         out = np.empty((*size, channels), np.float32)
         resample(
-            image, black, gain, self._lattices, self._lenslets, self._rows, self._columns,
-            self._left, self._share, known, out,
+            image, gain, self._lattices, self._lenslets, self._rows, self._columns, self._left,
+            self._share, out,
         )  # fmt: skip
-        return self._exchanged(out)
-
-    def _exchanged(self, views: np.ndarray) -> np.ndarray:
-        """Exchange the axes of views of an array in columns, which is decoded transposed."""
-        turned = views.swapaxes(0, 1).swapaxes(2, 3)
-        return np.ascontiguousarray(turned) if self.grid.columns else views
+        if self.grid.columns:  # which are decoded as rows
+            out = np.ascontiguousarray(out.swapaxes(0, 1).swapaxes(2, 3))
+        return out
 
     def _use_white(self, white: np.ndarray, pattern: str | None) -> None:
         """Set the factors of the pixels, the lit views, and what is known of their pixels."""
@@ -242,7 +233,7 @@ class DecodePlan:
             is_lit &= pixels < 1.5 * highest
             np.divide(most, pixels, out=gain[at], where=is_lit)
         # Decoded by itself a white image is even, but where pixels among lit ones are not lit.
-        even = self._resample(light, None, gain)
+        even = self._resample(light, gain)
         even -= level.astype(np.float32)
         valid &= (np.abs(even, out=even) <= TOUCHED * level).all(axis=4)
         del even
@@ -256,9 +247,8 @@ class DecodePlan:
         if self._grid.pitch >= 5 and self.weights.sum() < 9:
             sensor.refuse_spots(self.weights)
 
-    def _check(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
+    def _check(self, light: np.ndarray, saturated: np.ndarray | None) -> None:
         """Refuse what does not fit, and warn of what is doubtful."""
-        light = image if self._black is None else image - self._black
         if self.bayer is None:
             sensor.check_colours(light, self._grid, "raw")
         means = sensor.mean_micro_images(light, self._grid, self._step)
@@ -270,7 +260,7 @@ class DecodePlan:
         if saturated is not None:
             clipped = np.count_nonzero(saturated)
             LOGGER.warning(
-                f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: what they "
+                f"{clipped} pixels ({clipped / light.size:.2g} of all) are saturated: what they "
                 f"touch in the views is unknown, and left out; expose less."
             )
 
@@ -347,15 +337,13 @@ def _join(grid: LensletGrid, columns: int) -> tuple[np.ndarray, np.ndarray]:
 
     Gives the column on the left and the share of the one on the right, (parity of the row, column).
     """
-    if grid.layout == "rectangular":  # as they are
-        left = np.tile(np.arange(columns), (2, 1))
-        return left, np.zeros(left.shape, np.float32)
-    spacing = grid.row_pitch / grid.pitch
-    count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0
+    is_square = grid.layout == "rectangular"  # its columns stay as they are
+    spacing, offset = (1.0, 0.0) if is_square else (grid.row_pitch / grid.pitch, 0.5)
+    count = math.floor((columns - 1 - offset) / spacing) + 1
     if count < 1:
         raise InputError(
             f"A hexagonal array needs at least two whole lenslets along a row, got {columns}."
         )
-    place = 0.5 + spacing * np.arange(count) - np.array([[0.0], [0.5]])  # in pitches along the row
-    left = np.minimum(place.astype(int), columns - 2)
+    place = spacing * np.arange(count) + np.array([[offset], [0.0]])  # in pitches along the row
+    left = place.astype(int)
     return left, (place - left).astype(np.float32)

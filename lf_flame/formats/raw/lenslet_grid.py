@@ -152,7 +152,9 @@ class LensletGrid:
         )
 
     def indices(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of an upright array that may be in the image, and a few more."""
+        """Rows and columns of the array that may be in the image, and a few more."""
+        if self.columns:
+            return self.upright.indices(shape[1::-1])
         y, x = np.meshgrid([0.0, shape[0]], [0.0, shape[1]])
         back = replace(self, rotation=-self.rotation)
         down, along = back.turned(y - self.y0, x - self.x0)

@@ -1,19 +1,23 @@
 """Raw lenslet images: reading and decoding them, and planning that for many."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro, read_image
 from lf_flame.formats.lytro.picture import read_lytro
-from lf_flame.formats.lytro.white import find_lenslets, mosaic_like
+from lf_flame.formats.lytro.white import mosaic_like
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import fitting, less_dark
+from lf_flame.formats.raw.sensor_images import less_dark
 from lf_flame.lightfield import LightField
+
+LOGGER = logging.getLogger(__name__)
 
 
 def decode_raw(
@@ -98,7 +102,8 @@ def read_raw(
     dark : str or Path, optional
         Image without light, which is subtracted from raw, white and lenslet image.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
-        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: those that a Lytro
+        picture states, otherwise no mosaic.
 
     Returns
     -------
@@ -140,25 +145,24 @@ def plan_raw(
 ) -> tuple[DecodePlan, np.ndarray]:  # fmt: skip
     """Read a raw image, and plan its decoding and that of others; arguments as in `read_raw`."""
     files = {"white": white, "dark": dark, "lenslet": lenslets}
-    picture = read_lytro(path) if is_lytro(path) else None
-    if picture is None:
+    if is_lytro(path):
+        picture = read_lytro(path)
+        image, bayer = picture.radiance, bayer or picture.metadata.bayer
+        others = {name: mosaic_like(picture, one, name) for name, one in files.items()}
+        if others["white"] is None:
+            LOGGER.warning(
+                f"{printable(path)}: vignetting is not corrected, and outer views are too dark, as "
+                f"no white image is given (--white)."
+            )
+            if others["lenslet"] is None:  # they are where the picture shows them
+                others["lenslet"] = image
+    else:
         image = read_image(path)
         others = {name: one if one is None else read_image(one) for name, one in files.items()}
-    else:
-        if not (pitch is layout is bayer is None):
-            raise InputError(
-                f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
-                f"its own."
-            )
-        image, bayer = picture.radiance, picture.metadata.bayer
-        others = {name: mosaic_like(picture, one, name) for name, one in files.items()}
     flat, black = others["white"], others["dark"]
     kind = "white" if others["lenslet"] is None else "lenslet"
     if (shown := others[kind]) is not None:
-        light = less_dark(fitting(shown, kind, image.shape), black, kind)
-        grid = estimate_grid(light, pitch, layout)
-    elif picture is not None:
-        grid = find_lenslets(picture)
+        grid = estimate_grid(less_dark(shown, black, kind, image.shape), pitch, layout)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout or "rectangular")
     else:

@@ -20,8 +20,10 @@ PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 """Colours of the upper left 2 x 2 pixels of a Bayer mosaic, row by row."""
 
 
-def check_bayer(pattern: str, shape: tuple[int, ...]) -> str:
+def check_bayer(pattern: str | None, shape: tuple[int, ...]) -> str | None:
     """Return the pattern in small letters; refuse another one, and an image that is no mosaic."""
+    if pattern is None:
+        return None
     if str(pattern).lower() not in PATTERNS:
         raise InputError(f"bayer must be one of {', '.join(PATTERNS)}, got {pattern!r}.")
     if len(shape) > 2 or any(n % 2 for n in shape):
@@ -53,21 +55,20 @@ def as_image(image: ArrayLike, name: str) -> np.ndarray:
 
 
 def fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Check a white or dark image, which may be grey where the raw images are coloured."""
+    """Check an image of a camera; all but a raw one may be grey where the raw ones are coloured."""
     image = as_image(image, name)
-    if image.shape not in ((*shape, 1)[:3], (*shape[:2], 1)):
+    if image.shape != (*shape, 1)[:3] and (name == "raw" or image.shape != (*shape[:2], 1)):
         raise InputError(
-            f"The {name} image must have the raw image's shape {shape}, got {image.shape}."
+            f"The {name} image must have the shape {tuple(shape)} of the camera's raw images, got "
+            f"{image.shape}."
         )
     return image
 
 
-def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray:
-    """Subtract a dark image, which may be grey; gives (rows, columns, channels)."""
-    image = as_image(image, name)
-    if dark is None:
-        return image
-    return image - fitting(dark, "dark", image.shape).astype(np.float32)
+def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str, shape: tuple) -> np.ndarray:
+    """Check an image of a camera and subtract the dark one; gives (rows, columns, channels)."""
+    image = fitting(image, name, shape)
+    return image if dark is None else image - fitting(dark, "dark", shape).astype(np.float32)
 
 
 def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray | None:
@@ -170,13 +171,11 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
     bright = np.percentile(lit.mean(axis=1).max(axis=1), 95)
     error = max(0.05 * abs(bright), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
     low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))
-    wrong = f"less it, the raw image's gaps between micro-images are at {low:.3g}, below 0"
-    if shown > error:
-        wrong = f"it shows the micro-images, {shown:.3g} brighter than the gaps between them"
     if low < -error or shown > error:
         raise InputError(
-            f"The dark image does not fit: {wrong}; it must be taken with the lens covered, at the "
-            f"exposure and with the number of bits of the raw image."
+            f"The dark image does not fit: less it, the raw image is at {low:.3g} for 0 between "
+            f"micro-images, and the dark image itself is {shown:.3g} brighter in them than between "
+            f"them; take it with the lens covered, at the raw image's exposure and bits."
         )
 
 
