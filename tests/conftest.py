@@ -12,6 +12,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from click.testing import CliRunner  # noqa: E402
+from filelock import FileLock  # noqa: E402
 from hypothesis import Phase, settings  # noqa: E402
 
 from lf_flame import PAPER_CAMERA  # noqa: E402
@@ -83,8 +84,21 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session")
 def system_runs(tmp_path_factory, coarse_data):
-    """A folder of runs in which two networks were trained, for a moment."""
-    folder = tmp_path_factory.mktemp("runs")
+    """A folder of runs in which two networks were trained, for a moment.
+
+    Tests side by side share it: whoever comes first makes it.
+    """
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "system_runs"
+    with FileLock(folder.with_suffix(".lock")):
+        if not folder.exists():
+            _train_systems(folder, coarse_data)
+    return folder
+
+
+def _train_systems(folder, coarse_data):
+    aside = folder.with_suffix(".part")
+    aside.mkdir()
     text = "\n".join(
         [
             "seed = 1\n[training_samples]",
@@ -95,10 +109,10 @@ def system_runs(tmp_path_factory, coarse_data):
             "[systems.volumetric]\nepochs = 1\npatch = 24",
         ]
     )
-    (folder / "systems.toml").write_text(text)
+    (aside / "systems.toml").write_text(text)
     for name in ("refocusnet", "volumetric"):
-        arguments = ["train-system", name, "--config", folder / "systems.toml", "--preset",
-                     "smoke", "--seed", 9, "--out", folder / name]  # fmt: skip
+        arguments = ["train-system", name, "--config", aside / "systems.toml", "--preset",
+                     "smoke", "--seed", 9, "--out", aside / name]  # fmt: skip
         CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
-        assert json.loads((folder / name / "run.json").read_text())["seed"] == 9
-    return folder
+        assert json.loads((aside / name / "run.json").read_text())["seed"] == 9
+    aside.rename(folder)

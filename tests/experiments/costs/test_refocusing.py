@@ -28,7 +28,7 @@ from lf_flame.refocus import fourier_refocus
 
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
-VALUES = shapes(12, coarser=3)
+VALUES = shapes(12, (20, 32), coarser=3, sides_mm=(5.0, 4.5), off_axis_mm=5.0)
 """Small shape light fields with two planes."""
 
 
@@ -102,7 +102,7 @@ def test_scenes_are_those_of_the_test_split_as_the_network_saw_them(config, run)
     without = find_scenes(config, run / "none")
     assert without.indices == (9, 10, 11)
     slopes = Dataset(run / "shapes.zarr").attrs["slopes"]
-    np.testing.assert_allclose(without.slopes, slopes, atol=0.01)
+    np.testing.assert_allclose(without.slopes, slopes, atol=0.02)
 
 
 @pytest.mark.parametrize("views", [4, 5])
