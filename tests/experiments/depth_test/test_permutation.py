@@ -48,30 +48,28 @@ def config():
 
 
 @pytest.fixture(scope="module")
-def runs(config, tmp_path_factory):
-    """Two small networks, shown the raw image and three views."""
+def run_folder(config, tmp_path_factory):
+    """A small network, shown three views; beside it the raw images of the same scenes."""
     folder = tmp_path_factory.mktemp("runs")
-    training = build(TrainingConfig, TRAINING, "here")
     for kind in ("raw", "views"):
         make_dataset(replace(config, input=InputEncoding(kind)), 24, folder / f"{kind}.zarr")
-        train(training, "smoke", folder / f"{kind}.zarr", folder / kind)
-    return [folder / "raw", folder / "views"]
+    training = build(TrainingConfig, TRAINING, "here")
+    train(training, "smoke", folder / "views.zarr", folder / "views")
+    return folder / "views"
 
 
-@pytest.mark.slow
-def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(runs):
-    for folder in runs:
-        system, dataset = ResNet50.of_run(folder), open_run(folder).open_dataset()
-        views = render_sample(dataset.config, 3)[0].views
-        stack = system.refocus(views, system.slopes, dataset.config.block)
-        expected = system.model.predict(dataset.inputs[3:4], verbose=0)[0, ..., 0]
-        np.testing.assert_allclose(stack, np.clip(expected, 0, 1), atol=1e-5)
-        backwards = system.refocus(views, system.slopes[::-1], dataset.config.block)
-        np.testing.assert_array_equal(backwards, stack[::-1])
+def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(run_folder):
+    system, dataset = ResNet50.of_run(run_folder), open_run(run_folder).open_dataset()
+    views = render_sample(dataset.config, 3)[0].views
+    stack = system.refocus(views, system.slopes, dataset.config.block)
+    expected = system.model.predict(dataset.inputs[3:4], verbose=0)[0, ..., 0]
+    np.testing.assert_allclose(stack, np.clip(expected, 0, 1), atol=1e-5)
+    backwards = system.refocus(views, system.slopes[::-1], dataset.config.block)
+    np.testing.assert_array_equal(backwards, stack[::-1])
 
 
-def test_a_run_of_the_papers_network_is_entered_with_its_training(runs):
-    found = resnet_entry(runs[1])
+def test_a_run_of_the_papers_network_is_entered_with_its_training(run_folder):
+    found = resnet_entry(run_folder)
     assert found.name == "ResNet-50, smoke preset, 1 epochs, views"
     assert len(found.load().view_indices(5, 5)) == 3
 
@@ -110,22 +108,21 @@ def test_the_share_memorised_lies_between_both_references(rng):
     assert np.isnan(share_memorised(noise, reference, reference))
 
 
-@pytest.mark.slow
-def test_what_has_memorised_its_scenes_is_found_out(runs, tmp_path):
+def test_what_has_memorised_its_scenes_is_found_out(run_folder, tmp_path):
     """The ridge regression has; each score is that of images which are drawn here, one by one."""
-    views = runs[1].with_name("views.zarr")  # a data set alone will do
+    raw = run_folder.with_name("raw.zarr")  # a data set alone will do
     result = CliRunner().invoke(
         commands,
-        ["depth-test", str(runs[0]), str(views), "--out", str(tmp_path), "--samples", "3"],
+        ["depth-test", str(run_folder), str(raw), "--out", str(tmp_path), "--samples", "3"],
     )
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "depth_test.csv")
     means = table.set_index(["scenario", "system"])
-    network = f"{runs[0]}: input raw, fixed depths; smoke, no backbone"
-    linear = f"{RIDGE}: input raw, fixed depths"
+    network = f"{run_folder}: input views, fixed depths; smoke, no backbone"
+    linear = f"{RIDGE}: input views, fixed depths"
     assert set(table.system) == {
         "shift-and-sum of 3 views", "shift-and-sum of 9 views", network, linear,
-        f"{RIDGE}: input views, fixed depths",
+        f"{RIDGE}: input raw, fixed depths",
     }  # fmt: skip
     rows = means.xs(linear, level="system")
     assert rows.psnr_db["as trained"] > rows.psnr_db["first and last exchanged"] + 5
@@ -134,13 +131,13 @@ def test_what_has_memorised_its_scenes_is_found_out(runs, tmp_path):
     views = means.xs("shift-and-sum of 9 views", level="system")
     assert views.share_memorised.dropna().abs().max() < 0.2
     assert (views.psnr_db > 25).all()
-    found = open_run(runs[0])
+    found = open_run(run_folder)
     exchanged = make_scenarios(found.config)[1]
     dataset = found.open_dataset()
     ridge = Ridge(dataset, split_indices(len(dataset), (0.75, 0.125, 0.125), 1))
     reference, *drawn = zip(*[
         (ShiftAndSum().refocus(field, found.slopes, found.config.block),
-         ResNet50.of_run(runs[0]).refocus(field, found.slopes, found.config.block),
+         ResNet50.of_run(run_folder).refocus(field, found.slopes, found.config.block),
          ridge.predict(dataset.config.encode(field)[None])[0])
         for field in draw_scenario(found.config, exchanged, 3)
     ], strict=True)  # fmt: skip
@@ -153,10 +150,10 @@ def test_what_has_memorised_its_scenes_is_found_out(runs, tmp_path):
     assert "first and last exchanged" in result.output
 
 
-def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
-    shutil.copytree(runs[0], tmp_path / "other", ignore=shutil.ignore_patterns("checkpoint*"))
-    shutil.copytree(runs[0].with_name("raw.zarr"), tmp_path / "other.zarr")
-    record = json.loads((runs[0] / "run.json").read_text()) | {"data": "../other.zarr"}
+def test_what_cannot_be_tested_is_one_sentence(run_folder, tmp_path):
+    shutil.copytree(run_folder, tmp_path / "other", ignore=shutil.ignore_patterns("checkpoint*"))
+    shutil.copytree(run_folder.with_name("views.zarr"), tmp_path / "other.zarr")
+    record = json.loads((run_folder / "run.json").read_text()) | {"data": "../other.zarr"}
     group = json.loads((tmp_path / "other.zarr" / "zarr.json").read_text())
     for config in (record["dataset"]["config"], group["attributes"]["config"]):
         config["camera"]["views"] = 3
@@ -164,7 +161,7 @@ def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
     (tmp_path / "other.zarr" / "zarr.json").write_text(json.dumps(group))
     for among, samples, words in (
         ([tmp_path], 1, "no finished run"),
-        ([runs[0], tmp_path / "other"], 1, "is of other scenes"),
+        ([run_folder, tmp_path / "other"], 1, "is of other scenes"),
     ):
         with pytest.raises(InputError, match=words):
             run_depth_test(among, tmp_path / "out", samples)
