@@ -172,6 +172,15 @@ def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
         np.testing.assert_array_equal(turned, back.swapaxes(0, 1))
 
 
+def test_two_axes_of_pages_are_rows_and_columns(tmp_path, rng):
+    """Thirty-six pages would be a square, too."""
+    pages = levels(rng, (4, 9, 10, 12))
+    tifffile.imwrite(tmp_path / "a.tif", pages, photometric="minisblack")
+    np.testing.assert_array_equal(
+        read_light_field(tmp_path / "a.tif").views, pages / np.float32(255)
+    )
+
+
 def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):
     pages = levels(rng, (9, 3, 10, 12), bits=16)
     tifffile.imwrite(tmp_path / "a.tif", pages, imagej=True, metadata={"axes": "ZCYX"})
