@@ -84,7 +84,7 @@ def container(model, facts, packed, serial="B5143909630", white=None, more=None)
     return START + b"".join([head, *sections] if model == "F01" else [*sections, head])
 
 
-def white_pair(model, facts, mosaic, serial="B5143909630", dark=False):
+def white_pair(model, facts, mosaic, serial="B5143909630"):
     """Metadata and pixels of a white image of the camera's own set, MOD_*.TXT and MOD_*.RAW."""
     frame = {
         "frame": {
@@ -92,7 +92,6 @@ def white_pair(model, facts, mosaic, serial="B5143909630", dark=False):
             "metadata": facts,
             "imageRef": "unknown",
         },
-        "parameters": {"vendorContent": {"com.lytro.tags": {"darkFrame": dark}}},
     }
     text = json.dumps({"master": {"picture": {"frameArray": [frame]}}})
     return text.encode(), pack(mosaic, SIDES[model][0])

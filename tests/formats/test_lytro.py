@@ -57,7 +57,7 @@ def test_metadata_of_both_cameras(tmp_path, rng, model):
     facts = read_lytro(path).metadata
     assert (facts.shape, facts.model, facts.serial) == ((6, 8), model, "B5143909630")
     assert facts.bayer == {"F01": "bggr", "ILLUM": "grbg"}[model]
-    assert (facts.zoom_step, facts.focus_step, facts.is_dark) == (-297, 309, False)
+    assert (facts.zoom_step, facts.focus_step) == (-297, 309)
 
 
 @pytest.mark.parametrize("first", ["r", "gr", "gb", "b"])
@@ -124,11 +124,11 @@ def test_the_white_image_is_chosen_by_serial_zoom_and_focus(tmp_path, rng, packe
     assert sorted(tmp_path.rglob("*")) == sorted([tmp_path / "a.lfp", *before])
 
 
-def test_dark_white_images_and_dark_frames_are_left_out(tmp_path, rng):
+def test_dark_white_images_are_left_out(tmp_path, rng):
     picture = read_lytro(written(tmp_path, "F01", levels(rng, "F01")))
-    for k, (level, is_dark) in enumerate([(499, False), (3000, True), (501, False)]):
+    for k, level in ((0, 499), (2, 501)):
         facts = own.metadata("F01", (6, 8), focus=309 + k)
-        pair = own.white_pair("F01", facts, np.full((6, 8), level), dark=is_dark)
+        pair = own.white_pair("F01", facts, np.full((6, 8), level))
         for ending, data in zip(("TXT", "RAW"), pair, strict=True):
             (tmp_path / f"MOD_{k:04d}.{ending}").write_bytes(data)
     assert np.all(find_white(picture, tmp_path).mosaic == 501)
@@ -140,5 +140,5 @@ def test_dark_white_images_and_dark_frames_are_left_out(tmp_path, rng):
     (tmp_path / "MOD_0002.TXT").unlink()
     assert np.all(find_white(picture, tmp_path).mosaic == 502)  # the only one left
     (tmp_path / "MOD_0003.TXT").unlink()
-    with pytest.raises(InputError, match=r"no white image for .*a.lfp, of camera B5143909630"):
+    with pytest.raises(InputError, match=r"of camera B5143909630; images found: 1 .* too dark: 1"):
         find_white(picture, tmp_path)

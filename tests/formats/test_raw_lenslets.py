@@ -297,12 +297,8 @@ def test_colour_mosaics_are_refused_and_grey_images_are_not(pitch, layout, rng):
     decode_raw(grey, grid, white=white)
     for order in ORDERS:
         left = "rggb or bggr" if order[0] != "green" else "grbg or gbrg"
-        with pytest.raises(
-            InputError, match=rf"white image is a colour mosaic.*--bayer {left}"
-        ) as found:
+        with pytest.raises(InputError, match=rf"white image is a colour mosaic.*--bayer {left}"):
             decode_raw(as_mosaic(grey, order), grid, white=as_mosaic(white, order))
-        shown = str(found.value).split("ratio ")[1].split(";")[0].split(", ")
-        np.testing.assert_allclose([float(x) for x in shown], [BAYER[n] for n in order], atol=0.04)
         with pytest.raises(InputError, match="raw image is a colour mosaic"):
             decode_raw(as_mosaic(grey, order), grid)
 

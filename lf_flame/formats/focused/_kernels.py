@@ -5,15 +5,6 @@ from numba import njit
 
 from lf_flame._common.threads import parallel
 
-FARTHEST, FEWEST = 1.6, 12
-"""Largest displacement, in radii, of micro-images that are compared; fewest places in both."""
-
-OTHER_KIND = 0.03
-"""Weight of neighbours of another kind; the only ones that see the same at small depths."""
-
-FAR = 1e-6
-"""Weight of a lenslet that does not see a place, in case none does."""
-
 
 @njit
 def between(image, y, x, channel):
@@ -33,7 +24,7 @@ def compare(own, image, y, x, spots, down, right, radius):
     """Covariance of a micro-image and another, centred at (y, x), and root of their variances.
 
     own: the micro-image at the places `spots`, from its centre. The other is compared at the same
-    places less (down, right), where these are within the radius; 0 and 0 if too few are.
+    places less (down, right), where these are within the radius; 0 and 0 if fewer than 12 are.
     """
     count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(spots)):
@@ -47,7 +38,7 @@ def compare(own, image, y, x, spots, down, right, radius):
         aa += own[n] * own[n]
         bb += other * other
         ab += own[n] * other
-    if count < FEWEST:
+    if count < 12:
         return 0.0, 0.0
     here, there = aa - a * a / count, bb - b * b / count
     return ab - a * b / count, np.sqrt(max(here, 0.0) * max(there, 0.0))
@@ -79,11 +70,11 @@ def match(i, image, centres, kinds, near, spots, radius, start, steps, likeness)
             down, right = inverse * (its_y - y), inverse * (its_x - x)
             # Weights fall to 0 with the part that both see, so that the likeness has no steps
             # where neighbours begin to count.
-            weight = 1 - (down * down + right * right) / (FARTHEST * radius) ** 2
+            weight = 1 - (down * down + right * right) / (1.6 * radius) ** 2
             if weight <= 0:
                 continue
-            if kinds[j] != kinds[i]:
-                weight *= OTHER_KIND
+            if kinds[j] != kinds[i]:  # at small depths, only these see the same
+                weight *= 0.03
             both, spread = compare(own, image, its_y, its_x, spots, down, right, radius)
             common += weight * both
             total += weight * spread
@@ -124,9 +115,9 @@ def render(
             weight = weights[j] * (1 - distance / reach) ** 2
             at_y, at_x = offsets[n, 0] + down * inverse[j], offsets[n, 1] + right * inverse[j]
             away = np.sqrt(at_y * at_y + at_x * at_x)
-            if away > radius:
+            if away > radius:  # the lenslet does not see the place, and counts if none does
                 at_y, at_x = at_y * radius / away, at_x * radius / away
-                weight *= FAR
+                weight *= 1e-6
             total += weight
             for channel in range(image.shape[2]):
                 light = between(image, centres[j, 0] + at_y, centres[j, 1] + at_x, channel)

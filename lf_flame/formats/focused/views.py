@@ -21,6 +21,7 @@ from lf_flame.formats.focused.lenslets import (
     read_raytrix,
 )
 from lf_flame.formats.images import read_image
+from lf_flame.formats.raw.decode_plan import count_views
 from lf_flame.formats.raw.lenslet_search import estimate_grid
 from lf_flame.formats.raw.sensor_images import check_bayer, check_colours, less_dark
 from lf_flame.lightfield import LightField
@@ -28,9 +29,6 @@ from lf_flame.lightfield import LightField
 REFERENCE = 3.0
 """Absolute virtual depth at which views coincide by default; Raytrix cameras use depths from 2 on.
 It is the same for all pictures, so that their slopes are comparable."""
-
-NEAREST = 1.5
-"""Smallest virtual depth at which patches fit into their micro-images."""
 
 
 def plan_focused(
@@ -53,11 +51,10 @@ def plan_focused(
         lenslets = read_raytrix(focused, image.shape)
     else:
         shown = read_image(focused)
-        grid = estimate_grid(less_dark(shown, black, "white", image.shape))
-        lenslets = FocusedLenslets(grid, image.shape)
+        light = less_dark(shown, black, "white", image.shape)
+        lenslets = FocusedLenslets(estimate_grid(light), image.shape)
         flat = shown if flat is None else flat
-    options |= {"white": flat, "dark": black, "bayer": bayer}
-    plan = FocusedPlan(lenslets, **options)
+    plan = FocusedPlan(lenslets, white=flat, dark=black, bayer=bayer, **options)
     light = less_dark(image, black, "raw", image.shape)
     if stated:
         shown = light if flat is None else less_dark(flat, black, "white", image.shape)
@@ -72,15 +69,14 @@ def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object
 
     Micro-images are dark between each other.
     """
-    pitch, layout = lenslets.grid.pitch, lenslets.grid.layout
     try:
-        seen = estimate_grid(image, layout=layout)
+        seen = estimate_grid(image, layout=lenslets.grid.layout)
     except InputError:
         return
     rows, columns = seen.indices(image.shape)
     shown = np.stack(seen.position(rows[:, None], columns), axis=-1).reshape(-1, 2)
     away = float(cKDTree(shown).query(lenslets.array[0])[0].max())
-    if away > 0.08 * pitch:
+    if away > 0.08 * lenslets.grid.pitch:
         raise InputError(
             f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
             f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
@@ -118,16 +114,13 @@ class FocusedPlan:
     ):
         self.lenslets, self.shape, self.found = lenslets, lenslets.shape, ""
         self.bayer = check_bayer(bayer, self.shape)
-        self.views = 5 if views is None else views
-        if not 1 <= self.views <= 64 or self.views != int(self.views):
-            raise InputError(
-                f"views must be a whole number from 1 to 64 for focused lenslets, got {views}."
-            )
+        self.views = count_views(lenslets.grid, 5 if views is None else views)
         pitch, self._plane = lenslets.grid.pitch, virtual_depth
-        if virtual_depth is not None and not NEAREST <= abs(virtual_depth) <= pitch / 2:
+        # Nearer, patches do not fit into their micro-images.
+        if virtual_depth is not None and not 1.5 <= abs(virtual_depth) <= pitch / 2:
             raise InputError(
-                f"A virtual depth must be from {NEAREST:g} to {pitch / 2:.4g}, half the pixels "
-                f"under a lenslet, or the same below 0, got {virtual_depth}."
+                f"A virtual depth must be from 1.5 to {pitch / 2:.4g}, half the pixels under a "
+                f"lenslet, or the same below 0, got {virtual_depth}."
             )
         self.reference = REFERENCE if virtual_depth is None else float(virtual_depth)
         self.step = abs(self.reference)

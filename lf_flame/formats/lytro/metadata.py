@@ -17,7 +17,7 @@ MOSAICS = {"r": "r gr gb b", "gr": "gr r b gb", "gb": "gb b r gr", "b": "b gb gr
 FRAMES = ("master/picture/frameArray", "picture/frameArray", "frames")
 """Places of the list of frames in tables of contents and in the metadata of white images."""
 
-TEXT, NUMBER, TABLE, FLAG = (str,), (int, float), (dict,), (bool,)
+TEXT, NUMBER, TABLE = (str,), (int, float), (dict,)
 
 
 def find(values: Any, types: tuple[type, ...], *paths: str) -> Any:
@@ -53,8 +53,6 @@ class LytroMetadata:
         Name and serial number of the camera.
     zoom_step, focus_step : float or None
         Positions of the lens's motors, by which white images are chosen.
-    is_dark : bool
-        Whether the frame was taken without light.
     """
 
     shape: tuple[int, int]
@@ -66,7 +64,6 @@ class LytroMetadata:
     serial: str
     zoom_step: float | None
     focus_step: float | None
-    is_dark: bool
 
     def check_size(self, size: int, source: str | Path) -> None:
         """Refuse packed pixels of another number of bytes than the frame's."""
@@ -82,7 +79,7 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
     """Take the facts out of the metadata of a frame of either camera.
 
     values: metadata of a frame; or a table with a list of frames, the first of which holds its
-    metadata, private metadata and parameters.
+    metadata and private metadata.
     """
     around = find(values, TABLE, *FRAMES) or {"frame": {"metadata": values}}
     tree = find(around, TABLE, "frame/metadata")
@@ -132,5 +129,4 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
         serial=(private or find(tree, TEXT, "camera/serialNumber") or "").strip(),
         zoom_step=find(tree, NUMBER, "devices/lens/zoomStep"),
         focus_step=find(tree, NUMBER, "devices/lens/focusStep"),
-        is_dark=find(around, FLAG, "parameters/vendorContent/com.lytro.tags/darkFrame") is True,
     )

@@ -21,17 +21,11 @@ from lf_flame.errors import InputError
 from lf_flame.formats.images import CONTAINER_SUFFIXES
 from lf_flame.formats.lytro.metadata import FRAMES, TABLE, LytroMetadata, find, parse_metadata
 
-START = b"\x89LFP\r\n\x1a\n"
-"""First bytes of a container."""
-
 CONTENTS, SECTION = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
 """First bytes of the table of contents, and of any other section."""
 
 ALIGNMENT, HEADER = 16, 96
 """Number of bytes of which the offset of a section is a multiple, and of a section's header."""
-
-NAME = re.compile(rb"(sha1-[0-9a-fA-F]{40})\0*")
-"""Name of a section, from the SHA-1 of its data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +160,7 @@ def _description(path: Path) -> dict[str, Any]:
 def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Read the table of contents, and the sections by their names in small letters."""
     data = read_bytes(path)
-    if not data.startswith(START):
+    if not data.startswith(b"\x89LFP\r\n\x1a\n"):
         raise InputError(f"{path} is no container of a Lytro camera: it begins otherwise.")
     table, sections, offset = None, {}, ALIGNMENT
     while (header := data[offset : offset + HEADER]).strip(b"\0"):  # zeros may follow at the end
@@ -175,7 +169,7 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
             raise InputError(
                 f"{path} is damaged: at byte {offset:,} no section of a container begins."
             )
-        named = NAME.fullmatch(header[16:])
+        named = re.fullmatch(rb"(sha1-[0-9a-fA-F]{40})\0*", header[16:])
         if named is None and length > 0:
             raise InputError(
                 f"{path} is damaged: the section at byte {offset:,} has no SHA-1 for name."

@@ -77,7 +77,7 @@ def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np
 def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
     """Find the white image of a picture's camera, at the nearest zoom step, and focus step.
 
-    Dark frames, and images with a mean below 12 % of the highest level, are left out.
+    Images with a mean below 12 % of the highest level are left out, as frames without light are.
     """
     where, facts = Path(where), picture.metadata
     zoom, focus = facts.zoom_step, facts.focus_step
@@ -92,30 +92,23 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
         steps = one.metadata.zoom_step, one.metadata.focus_step
         return [inf if x is None else abs(x - y) for x, y in zip(steps, own, strict=True)]
 
-    files = white_files(where)
-    alike = [one for one in files if _camera(one.metadata) == _camera(facts)]
-    fitting = [one for one in alike if not one.metadata.is_dark]
-    for one in sorted(fitting, key=distance):
+    files, serial = white_files(where), facts.serial.upper()
+    alike = [one for one in files if one.metadata.serial.upper() == serial]
+    for one in sorted(alike, key=distance):
         one.metadata.check_size(one.size, one.name)  # before that many bytes are read
         white = LytroPicture(one.metadata, one.read(), one.name)
         # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
-        if white.mosaic.mean() >= 500 / 4095 * (2**facts.bits - 1):
+        if white.mosaic.mean() >= 500 / 4095 * (2**white.metadata.bits - 1):
             LOGGER.info(
                 f"White image {printable(one.name)}, at zoom step {one.metadata.zoom_step} for "
                 f"{zoom} and focus step {one.metadata.focus_step} for {focus}"
             )
             return white
     cameras = sorted({f" of camera {one.metadata.serial or 'unknown'}" for one in files})
-    dark = sum(one.metadata.is_dark for one in files) + len(fitting)
     raise InputError(
-        f"{where} holds no white image for {picture.source}, of camera {facts.serial} and "
-        f"{facts.shape[0]} x {facts.shape[1]} pixels; images found: {len(files)}"
-        f"{' and'.join(cameras[:5])}; too dark or taken without light: {dark}."
+        f"{where} holds no white image for {picture.source}, of camera {facts.serial}; images "
+        f"found: {len(files)}{' and'.join(cameras[:5])}; too dark: {len(alike)}."
     )
-
-
-def _camera(facts: LytroMetadata) -> tuple:
-    return facts.shape, facts.bits, facts.bayer, facts.serial.upper()
 
 
 def holds_white_files(folder: Path) -> bool:

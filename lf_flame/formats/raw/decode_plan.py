@@ -112,12 +112,7 @@ class DecodePlan:
         bayer: str | None = None,
         saturation: float | None = None,
     ):
-        if len(shape) not in (2, 3):
-            raise InputError(
-                f"A raw lenslet image must be grey or coloured, (rows, columns[, channels]), got "
-                f"shape {shape}."
-            )
-        self.grid, self.shape, self.views = grid, tuple(shape), _count_views(grid, views)
+        self.grid, self.shape, self.views = grid, tuple(shape), count_views(grid, views)
         self.bayer = sensor.check_bayer(bayer, self.shape)
         # All else is of rows: images of an array in columns are transposed, and so are the views.
         self._grid, pattern, size = grid.upright, self.bayer, self.shape[:2]
@@ -265,7 +260,8 @@ class DecodePlan:
             )
 
 
-def _count_views(grid: LensletGrid, views: int | None) -> int:
+def count_views(grid: LensletGrid, views: int | None) -> int:
+    """Check a number of views along each axis; default: the largest odd one up to the pitch."""
     if views is None:
         pixels = round(grid.pitch)
         return pixels - 1 + pixels % 2

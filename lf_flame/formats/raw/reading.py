@@ -14,7 +14,7 @@ from lf_flame.formats.lytro.white import mosaic_like
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import less_dark
+from lf_flame.formats.raw.sensor_images import as_image, less_dark
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
@@ -59,9 +59,9 @@ def decode_raw(
     >>> decode_raw(raw, grid_from_pitch(raw.shape, 10.0))
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    shape = np.shape(raw)
+    image, shape = as_image(raw, "raw"), np.shape(raw)
     plan = DecodePlan(grid, shape=shape, views=views, white=white, dark=dark, bayer=bayer)
-    return plan.decode(raw)
+    return plan.decode(image)
 
 
 def read_raw(

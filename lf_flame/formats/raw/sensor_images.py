@@ -124,14 +124,11 @@ def check_colours(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     least = max(0.03 if is_even else 0.6, 8 * contrast.std(ddof=1) / math.sqrt(8))
     if abs(contrast.mean()) < least:
         return
-    levels = sums.sum(axis=0) / sums.sum(axis=0).max()
     brighter = [one for one in PATTERNS if (one[0] == "g") == (contrast.mean() > 0)]
     raise InputError(
-        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
-        f"have mean levels in the ratio {', '.join(f'{level:.2f}' for level in levels.flat)}; "
-        f"decode it as a raw image and state the colours of the upper left four pixels, row by "
-        f"row, as the camera's maker gives them: --bayer {' or '.join(brighter)}, as the brighter "
-        f"diagonal is green in most light."
+        f"The {name} image is a colour mosaic (Bayer), not grey; decode it as a raw image and "
+        f"state the colours of the upper left four pixels, row by row, as the camera's maker gives "
+        f"them: --bayer {' or '.join(brighter)}, as the brighter diagonal is green in most light."
     )
 
 
