@@ -1,7 +1,7 @@
 from .images import read_focal_stack as read_focal_stack
 from .images import write_focal_stack as write_focal_stack
 from .images import write_picture as write_picture
-from .lytro.metadata import LytroMetadata as LytroMetadata
+from .lytro.picture import LytroMetadata as LytroMetadata
 from .lytro.picture import LytroPicture as LytroPicture
 from .lytro.picture import read_lytro as read_lytro
 from .raw.decode_plan import DecodePlan as DecodePlan

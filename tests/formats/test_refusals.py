@@ -207,7 +207,7 @@ RAW = [
         grid_from_pitch,
         (((90, 100), 0.5), "pitch must be at least 1 pixel, got 0.5"),
         (((90, 100), NAN), "pitch must be at least 1 pixel, got nan"),
-        (((90, 100), 10, "square"), "layout must be one of"),
+        (((90, 100), 10, "square"), "layout must be rectangular or hexagonal, got 'square'"),
     ),
     (partial(LensletGrid, 3, 4, 10, 1.0), "rotation must lie within pi/4"),
     (partial(LensletGrid(0, 0, 40).block, (30, 300)), "No micro-image"),

@@ -20,10 +20,11 @@ import numpy as np
 from lf_flame._common.input_files import check_regular, printable, readable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro, read_image
-from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
 from lf_flame.formats.lytro.picture import (
+    LytroMetadata,
     LytroPicture,
     check_table_size,
+    parse_metadata,
     parse_table,
     read_bytes,
     read_lytro,

@@ -15,8 +15,6 @@ import numpy as np
 from lf_flame._common.arrays import Number
 from lf_flame.errors import InputError
 
-LAYOUTS = ("rectangular", "hexagonal")
-
 
 @dataclass(frozen=True)
 class LensletGrid:
@@ -63,8 +61,8 @@ class LensletGrid:
     columns: bool = False
 
     def __post_init__(self):
-        if self.layout not in LAYOUTS:
-            raise InputError(f"layout must be one of {', '.join(LAYOUTS)}, got {self.layout!r}.")
+        if self.layout not in ("rectangular", "hexagonal"):
+            raise InputError(f"layout must be rectangular or hexagonal, got {self.layout!r}.")
         if self.row_pitch is None:
             rows = math.sqrt(3) / 2 if self.layout == "hexagonal" else 1.0
             object.__setattr__(self, "row_pitch", rows * self.pitch)
