@@ -238,7 +238,7 @@ def test_options_that_do_not_fit_focused_lenslets_are_refused(call, words, messa
 @pytest.mark.slow
 @pytest.mark.parametrize("columns", [False, True])
 def test_a_white_image_takes_the_place_of_a_calibration(columns, tmp_path):
-    camera = Camera(offset=(1.3, 2.2), columns=columns)
+    camera = Camera(shape=(250, 430), offset=(1.3, 2.2), columns=columns)
     raw, white = camera.record(3.1, Waves()), camera.white()
     for name, image in (("raw", raw), ("white", white)):
         write_image(tmp_path / f"{name}.png", np.rint(40000 * image).astype(np.uint16))

@@ -106,7 +106,7 @@ def test_the_white_image_is_chosen_by_serial_zoom_and_focus(tmp_path, rng, packe
     """The nearest zoom step counts first: -300 beside -297, not -280 with the very focus step."""
     files, mosaics = own.white_set(rng)
     others, _ = own.white_set(rng, serial="B0000000000")
-    files |= {name.replace("_0", "_1"): data for name, data in others.items()}
+    files = {name.replace("_0", "_1"): data for name, data in files.items()} | others
     where = tmp_path / "caldata.tar"
     if packed:  # names that lead nowhere, as nothing is unpacked
         members = {f"../../{name}": data for name, data in files.items()}
