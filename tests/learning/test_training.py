@@ -88,7 +88,7 @@ def test_training_on_stored_features_is_training_the_whole_network(rng):
     )  # fmt: skip
     features, decoder = compute_features(parts, inputs), parts.get_layer("decoder")
     for network in (whole, decoder):
-        network.compile(keras.optimizers.Adam(1e-3), "mse", jit_compile=False)
+        network.compile(keras.optimizers.Adam(1e-3), "mse", run_eagerly=True)
     losses = [
         [float(network.train_on_batch(x[k], targets[k])) for k in (slice(0, 2), slice(2, 4))]
         for network, x in ((whole, inputs), (decoder, features))
