@@ -179,6 +179,7 @@ def test_from_data_set_to_table(tmp_path):
         "paper_ssim", "paper_psnr_db", "n_test", "psnr_foreground_db", "psnr_foreground_sd",
     ]  # fmt: skip
     assert list(table.depth_mm) == [20, 10, 0, -10]
+    assert f"{table.psnr_db[0]:.3f} |           41.64 |" in result.stdout
     assert table.psnr_db.between(3, 60).all()
     assert (table.psnr_foreground_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
