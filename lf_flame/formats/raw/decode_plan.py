@@ -130,6 +130,7 @@ class DecodePlan:
         self._gain: np.ndarray | None = None
         self._valid: np.ndarray | None = None
         self._flat: np.ndarray | None = None
+        self._unknown = np.empty(0, int)  # numbers of the pixels that are not valid
         if dark is not None:
             black = self._upright(sensor.fitting(dark, "dark", self.shape))
             self._black = black.astype(np.float32, copy=False)
@@ -164,8 +165,8 @@ class DecodePlan:
             self._check(light, saturated)
             self._is_new = False
         valid, views = self._valid, self._resample(light, self._gain)
-        if valid is not None:  # saturated pixels keep their value, a lower bound of the light
-            views[~valid] = 0.0
+        # Saturated pixels keep their value, a lower bound of the light.
+        views.reshape(-1, views.shape[4])[self._unknown] = 0.0
         if saturated is not None:
             share = self._resample(np.any(saturated, axis=2)[..., None].astype(np.float32))
             known = np.abs(share, out=share).max(axis=4) <= TOUCHED
@@ -238,7 +239,7 @@ class DecodePlan:
         lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
         self.weights &= lit >= 0.85
         valid[~self.weights] = True
-        self._valid = None if valid.all() else valid
+        self._valid, self._unknown = None if valid.all() else valid, np.flatnonzero(~valid)
         if self._grid.pitch >= 5 and self.weights.sum() < 9:
             sensor.refuse_spots(self.weights)
 
