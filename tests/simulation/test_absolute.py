@@ -98,7 +98,7 @@ def rendered(scene, camera, case):
     return render(scene, camera, case.tolerance, **options).views.astype(float)
 
 
-def compared(case, count=16, rays=2**11):
+def compared(case, count=12, rays=2**11):
     """Difference from the tracer in some pixels, its standard error, and the brightest pixel."""
     scene, camera = Scene(case.layers), replace(case.camera, **case.changes)
     pixels = draw_pixels(camera, count, seed=len(case.layers) + camera.views)

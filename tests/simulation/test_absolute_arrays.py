@@ -52,7 +52,7 @@ slow = pytest.mark.slow
 )
 def test_images_are_those_of_rays(layers, changes):
     camera, scene = replace(BASE, **changes), Scene(layers)
-    pixels = np.random.default_rng(1).integers(0, (5, 5, 12, 15), (40, 4))
+    pixels = np.random.default_rng(1).integers(0, (5, 5, 12, 15), (28, 4))
     traced, error = trace_pixels(scene, camera, pixels, rays=1024)
     last = scene.layers[-1]
     matter = last.thickness_mm or last.optical_thickness.any()
