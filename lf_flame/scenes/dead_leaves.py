@@ -19,9 +19,6 @@ from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
-OPAQUE = 1e-3
-"""Fraction of light from behind a pixel that is neglected; leaves farther back are then skipped."""
-
 Leaves = namedtuple(
     "Leaves",
     "y x slope half_height half_width cosine sine squareness brightness contrast "
@@ -123,9 +120,8 @@ def shade(leaves, n, y, x):
     down = leaves.cosine[n] * y - leaves.sine[n] * x
     right = leaves.sine[n] * y + leaves.cosine[n] * x
     p = leaves.squareness[n]
-    rho = (abs(down / leaves.half_height[n]) ** p + abs(right / leaves.half_width[n]) ** p) ** (
-        1.0 / p
-    )
+    tall, wide = abs(down) / leaves.half_height[n], abs(right) / leaves.half_width[n]
+    rho = (tall**p + wide**p) ** (1.0 / p)
     # Distance to the edge along the ray from the centre, in pixels; the edge is a pixel wide.
     inside = 0.5 + math.hypot(down, right) * (1.0 - rho) / rho if rho > 0.0 else 1.0
     cover = min(max(inside, 0.0), 1.0)
@@ -152,6 +148,6 @@ def render_leaves(m, leaves, background, out):
             cover, radiance = shade(leaves, n, y, x)
             light += through * cover * radiance
             through *= 1.0 - cover
-            if through < OPAQUE:
+            if through < 1e-3:  # light from leaves farther back is neglected
                 break
         out[k // columns, k % columns, t, s] = light + through * background
