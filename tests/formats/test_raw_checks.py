@@ -126,7 +126,7 @@ def levels_of(scene=textured, black=0.01, noise=0.002, bits=16):
     ("wrong", "said"),
     [
         (lambda raw, white, dark: dark, ""),
-        (lambda raw, white, dark: dark + 0.2 * 45000, "The dark image .* at -9e.03 for 0"),
+        (lambda raw, white, dark: dark + 0.2 * 45000, "The dark image .* at -9e.03 between"),
         (lambda raw, white, dark: raw, "The dark image does not fit: "),
         (lambda raw, white, dark: 16 * dark + 5000, "The dark image does not fit"),
     ],

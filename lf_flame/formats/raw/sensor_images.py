@@ -160,8 +160,8 @@ def warn_of_saturation(white: np.ndarray) -> None:
 def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
     """Refuse a dark image that is brighter than the raw image's gaps, or shows the lenslets.
 
-    All are `mean_micro_images`: of the dark image, and less it of the raw and of the white image,
-    or again of the raw one.
+    All are `mean_micro_images`: of the dark image, and of the raw and the white (or again the raw)
+    image after it was subtracted.
     """
     gaps = raw[np.arange(len(raw)), :, raw.mean(axis=1).argmin(axis=1)]
     # The least of some hundred means of noise is 1.3 of these standard deviations too small.
@@ -170,9 +170,10 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
     low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))
     if low < -error or shown > error:
         raise InputError(
-            f"The dark image does not fit: less it, the raw image is at {low:.3g} for 0 between "
-            f"micro-images, and the dark image itself is {shown:.3g} brighter in them than between "
-            f"them; take it with the lens covered, at the raw image's exposure and bits."
+            f"The dark image does not fit: without it the raw image is at {low:.3g} between "
+            f"micro-images, where it must be 0, and the dark image is {shown:.3g} brighter in "
+            f"them than between them; take it with the lens covered, at the raw image's exposure "
+            f"and bits."
         )
 
 
