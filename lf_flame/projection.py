@@ -1,10 +1,10 @@
 """Refocused images directly from a scene, without a light field.
 
 Where light only adds, the way from scene to image is linear and separable. A plane with cells of
-radiance ``X`` gives view (v, u) as ``K[v] X K[u]'`` (`lf_flame.simulation.exact`); shift-and-sum
-shifts and averages lines of K, and blocks average them again. A refocused image is therefore
-``B X B'``, with ``B`` the mean over v of ``K[v]``, shifted by ``slope (v - vc)`` and averaged over
-blocks. Both B are narrow bands, and no light field is formed.
+radiance ``X`` gives view (v, u) as ``K[v] X K[u]'`` (`lf_flame.simulation.integration`);
+shift-and-sum shifts and averages lines of K, and blocks average them again. A refocused image is
+therefore ``B X B'``, with ``B`` the mean over v of ``K[v]``, shifted by ``slope (v - vc)`` and
+averaged over blocks. Both B are narrow bands, and no light field is formed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus._arguments import as_block, as_slopes, as_view_indices
 from lf_flame.refocus.shift import shift_taps, view_shifts
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.exact import bundle_bands
+from lf_flame.simulation.integration import bundle_bands
 from lf_flame.simulation.optical_pass import OpticalPass, optical_passes
 from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.rendering import planned_planes

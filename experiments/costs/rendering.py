@@ -29,7 +29,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
-from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.integration import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.planning.plan import plan_effects
 from lf_flame.simulation.rays import trace

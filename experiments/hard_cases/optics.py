@@ -8,7 +8,7 @@ import numpy as np
 from experiments.hard_cases.report import UNIT, Values, as_exact, hard_case
 from lf_flame.optics.camera import PAPER_CAMERA
 from lf_flame.optics.ray_bundle import chain, free_space, inverse, thin_lens, trace_footprint
-from lf_flame.simulation.exact import trapezoid_cdf
+from lf_flame.simulation.integration import trapezoid_cdf
 
 CAMERA = PAPER_CAMERA
 F, A0, I0 = CAMERA.main_lens_focal_mm, CAMERA.focus_distance_mm, CAMERA.image_distance_mm

@@ -11,6 +11,7 @@ Both axes have this form; with square lenslets and square pixels they are indepe
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -127,7 +128,6 @@ def lenslet_places_mm(
     return part.first_mm[axis] + np.arange(count) * part.spacing_mm[axis]
 
 
-@lru_cache(maxsize=32)  # the scenes of a data set use the same depths
 def trace_footprint(
     camera: PlenopticCamera,
     depth_mm: float,
@@ -151,21 +151,18 @@ def trace_footprint(
     return _trace(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part)
 
 
-def trace_stop(
-    camera: PlenopticCamera,
-    distance_mm: float,
-    axis: int,
-    focal_mm: float | None = None,
-    lenslet_scale: float = 1.0,
-    neighbour: int = 0,
-    part: ArrayPart | None = None,
+def trace_stop(camera: PlenopticCamera, distance_mm: float, axis: int, *grid: Any) -> Footprint:
+    """Trace the ray bundles to a stop at a distance in front of the main lens; 0 is the lens.
+
+    grid: further arguments of `trace_footprint`.
+    """
+    return _trace(camera, distance_mm - camera.focus_distance_mm, axis, *grid)
+
+
+@lru_cache(maxsize=32)  # the scenes of a data set use the same depths, all planes the same stops
+def _trace(
+    camera, depth_mm, axis: int, focal_mm=None, lenslet_scale=1.0, neighbour=0, part=None
 ) -> Footprint:
-    """Trace the ray bundles to a stop at a distance in front of the main lens; 0 is the lens."""
-    depth_mm = distance_mm - camera.focus_distance_mm
-    return _trace(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part)
-
-
-def _trace(camera, depth_mm, axis: int, focal_mm, lenslet_scale, neighbour, part) -> Footprint:
     """Compose the affine maps of the bundles.
 
     With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor

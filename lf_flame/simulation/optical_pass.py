@@ -338,27 +338,16 @@ def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
     return stops
 
 
-def share_cut(
-    camera: PlenopticCamera,
-    distance_mm: float,
-    radius_mm: float,
-    view: int | None = None,
-    aside: tuple[float, float] | None = None,
-) -> float:
-    """Share that a round stop cuts off the worst bundle of all views or of one.
+def share_cut(camera: PlenopticCamera, distance_mm: float, radius_mm: float) -> float:
+    """Share that a round stop cuts off the worst bundle: it lies farthest from the axis along both.
 
-    The worst bundle lies farthest from the axis along both. Counted on a grid of points,
-    with a margin for the grid cells that the stop's edge crosses.
-
-    aside: displacement of lenslets along y and x, in mm; default: the camera's.
+    Counted on a grid of points, with a margin for the grid cells that the stop's edge crosses.
     """
     points, places = 48, []
-    misplaced = aside_mm(camera) if aside is None else aside
     for axis in (0, 1):
         footprint = trace_stop(camera, distance_mm, axis)
-        centres = np.abs(footprint.centres_mm)
-        farthest = centres.max() if view is None else centres[view].max()
-        farthest += abs(footprint.shift_per_lenslet_shift) * misplaced[axis]
+        farthest = np.abs(footprint.centres_mm).max()
+        farthest += abs(footprint.shift_per_lenslet_shift) * aside_mm(camera)[axis]
         half = footprint.half_width_mm
         places.append(np.linspace(farthest - half, farthest + half, points))
     if np.hypot(places[0][-1], places[1][-1]) <= radius_mm:

@@ -1,24 +1,14 @@
-"""Rays of all bundles, and the tables of them that the kernels read.
+"""Tables of rays that the kernels read, and the rays of all bundles along one axis.
 
 Numba takes these named tuples as they are. In their shapes (a, c) is the place of a pixel along y
 and (b, d) along x, as in `lf_flame.simulation.optical_pass`: a and b count views, c and d rows and
 columns. i and j count a pixel's rays along y and x, p the planes from front to back, k the stops.
-Arrays are float64 where nothing else is said. The places of the rays are laid out along one axis at
-a time, by `ray_grid`.
+Arrays are float64 where nothing else is said.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
-
-from lf_flame.optics.ray_bundle import Footprint
-from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange
-from lf_flame.simulation.slabs import Plane
-
-LENSLET_FINER = 1.5
-"""Ratio of tiles along the lenslet to tiles along the pixel where the images of both are equally
-wide; by trial, about this ratio takes the fewest rays."""
 
 
 class PlaneTable(NamedTuple):
@@ -195,152 +185,3 @@ class RayGrid(NamedTuple):
     seen: np.ndarray  # bool, (e, f): whether a pixel can see any of the planes
     tiling: Tiling
     rays: int  # number of rays of each pixel
-
-
-def ray_grid(
-    planes: list[Plane],
-    optics: OpticalPass,
-    layout: Layout,
-    rays: int,
-    axis: int,
-) -> RayGrid:
-    """Lay the rays of all bundles over some planes along an axis, at least so many for a pixel."""
-    footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
-    edges = [plane.layer.cell_edges_mm[axis] for plane in planes]
-    tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
-    seen = [_meets(*one, optics, axis) for one in zip(footprints, edges, strict=True)]
-    return RayGrid(
-        planes=_on_planes(footprints, edges, tiling, optics, layout, axis),
-        stops=_on_stops(tiling, optics, layout, axis),
-        seen=np.any([arrange(pixels, layout, axis) for pixels in seen], axis=0),
-        tiling=tiling,
-        rays=tiling.along_pixel.size,
-    )
-
-
-def _on_planes(
-    footprints, layer_edges, tiling: Tiling, optics: OpticalPass, layout: Layout, axis: int
-) -> PlaneRays:
-    """Lay the rays over planes, in cells of the layers or in wider ones."""
-    # Without defocus a plane sees the pixel as a point; a stop never does.
-    boxes_mm = np.array([_box_mm(one, tiling, optics.defocus) for one in footprints])
-    edges_mm = tuple(
-        _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
-    )
-    cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
-    positions = [
-        (_hits_mm(footprint, tiling, optics.defocus, layout, axis) - edges[0]) / width
-        for footprint, edges, width in zip(footprints, edges_mm, cell_mm, strict=True)
-    ]
-    return PlaneRays(
-        edges_mm=edges_mm,
-        positions=np.stack(positions),
-        boxes=np.minimum(boxes_mm / cell_mm, 1.0),
-        gains=_gains(footprints) / cell_mm,
-        lenslet_cells=np.array([footprint.lenslet_width_mm for footprint in footprints]) / cell_mm,
-        cells=np.array([edges.size - 1 for edges in edges_mm]),
-    )
-
-
-def _on_stops(tiling: Tiling, optics: OpticalPass, layout: Layout, axis: int) -> StopRays:
-    """Lay the rays over the round stops of a pass."""
-    stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
-    # On a stop the pixel's image is far wider than the lenslet's: its tiles alone do not overlap.
-    return StopRays(
-        places_mm=[_hits_mm(stop, tiling, True, layout, axis) for stop in stops],
-        boxes_mm=[stop.pixel_width_mm / tiling.on_pixel for stop in stops],
-        gains=_gains(stops),
-    )
-
-
-def _widths_in_cells(footprints, edges_mm, optics: OpticalPass) -> np.ndarray:
-    """Images of lenslet and pixel on each plane, in its cells, shape (p, 2)."""
-    cells_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
-    widths = [(f.lenslet_width_mm, f.pixel_width_mm * optics.defocus) for f in footprints]
-    return np.abs(widths) / cells_mm[:, None]
-
-
-def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPass) -> Tiling:
-    """Tile pixel and lenslet.
-
-    Tiles along the lenslet cover its image without a gap, so that the smallest number that fits the
-    cells is enough, and all further rays go along the pixel. Where planes attenuate each other,
-    their cells in one tile count as independent: tiles then shrink along both, to images about as
-    wide as long on the planes, unless cells or a stop require narrower tiles along the pixel.
-
-    rays: smallest number of rays; widths: images of lenslet and pixel in cells, shape (p, 2).
-    """
-    root = math.ceil(rays**0.5)
-    cells, pixel_cells = widths.max(axis=0)
-    on_pixel = root if optics.stops else min(math.ceil(pixel_cells), root)
-    dims = any(plane.transmission is not None for plane in planes)
-    balanced = math.sqrt(rays * LENSLET_FINER * _aspect(widths)) if dims else 0
-    on_lenslet = min(math.ceil(min(balanced, rays)), rays // max(on_pixel, 1))
-    on_lenslet = max(on_lenslet, math.ceil(min(cells, rays**0.5)), 1)
-    if optics.stops:  # the edge of a stop cuts the lenslet's image, too: tiles as long as wide
-        camera = optics.camera
-        seen = round(math.sqrt(rays * camera.lenslet_pitch_mm / camera.view_step_mm))
-        on_lenslet = max(on_lenslet, min(seen, root))
-    spread = optics.defocus or optics.stops or optics.every_lenslet
-    on_pixel = math.ceil(rays / on_lenslet) if spread else 1
-    pixel_places, lenslet_places = ((np.arange(n) + 0.5) / n - 0.5 for n in (on_pixel, on_lenslet))
-    return Tiling(
-        np.repeat(pixel_places, on_lenslet), np.tile(lenslet_places, on_pixel), on_pixel, on_lenslet
-    )
-
-
-def _aspect(widths: np.ndarray) -> float:
-    """Ratio of the lenslet's image to the pixel's, each a mean over all pairs of planes.
-
-    The covariance of a tile's places on two planes is the product of its images on both, summed
-    over the lenslet's tile and the pixel's.
-    """
-    pairs = np.triu_indices(len(widths), 1)
-    lenslet, pixel = (np.outer(column, column)[pairs].sum() for column in widths.T)
-    if pixel <= lenslet * 1e-18:
-        return math.inf if lenslet else 0.0
-    return math.sqrt(lenslet / pixel)
-
-
-def _hits_mm(
-    footprint: Footprint, tiling: Tiling, wide: bool, layout: Layout, axis: int
-) -> np.ndarray:
-    """Places of all rays on a plane, [e, f, i]; the pixel is a point if not `wide`."""
-    pixel_mm = footprint.pixel_width_mm * wide
-    offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
-    return arrange(footprint.centres_mm, layout, axis)[..., None] + offsets
-
-
-def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
-    """Breadth of the box with the variance of a tile's image, a convolution of two boxes."""
-    pixel_mm = footprint.pixel_width_mm * wide / tiling.on_pixel
-    return math.hypot(footprint.lenslet_width_mm / tiling.on_lenslet, pixel_mm)
-
-
-def _meets(
-    footprint: Footprint, edges_mm: np.ndarray, optics: OpticalPass, axis: int
-) -> np.ndarray:
-    """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
-    reach = footprint.half_width_mm
-    if optics.every_lenslet:  # the light of a lenslet reaches no farther from the pixel
-        tangent = abs(optics.lenslet_tangent)
-        micro_image = optics.camera.views * optics.camera.pixel_mm / 2
-        moved = micro_image + optics.micro_image_reach_mm * (1 + tangent)
-        reach += moved * abs(footprint.shift_per_lenslet_shift)
-        reach += tangent * abs(footprint.lenslet_width_mm) / 2
-    centres = footprint.centres_mm
-    return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
-
-
-def _gains(footprints) -> np.ndarray:
-    """Displacement of bundles on each plane, per displacement of their lenslets."""
-    return np.array([footprint.shift_per_lenslet_shift for footprint in footprints])
-
-
-def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
-    """Edges of a layer's cells; cells finer than a ray's box give way to cells of its width."""
-    length, cells = edges_mm[-1] - edges_mm[0], edges_mm.size - 1
-    if box_mm * cells <= length:
-        return edges_mm
-    count = math.ceil(length / box_mm)
-    return (edges_mm[0] + edges_mm[-1]) / 2 + (np.arange(count + 1) - count / 2) * box_mm

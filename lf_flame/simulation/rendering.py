@@ -1,10 +1,11 @@
 """Rendering: a scene through a plenoptic camera into a light field.
 
 The effect plan (`lf_flame.simulation.planning.plan`) says what is simulated and by which of two
-integrators (`lf_flame.simulation.exact`, `lf_flame.simulation.rays`); both share one ray transfer
-chain. A pixel holds the mean radiance over its ray bundle: a uniform layer that fills the field
-gives its own brightness in every pixel, before cos^4, stops and sensor. The mean is over the true
-lenslet: one made larger by a pitch error collects more light, and the pixel is divided by its area.
+integrators (`lf_flame.simulation.integration`, `lf_flame.simulation.rays`); both share one chain of
+ray transfer. A pixel holds the mean radiance over its ray bundle: a uniform layer that fills the
+field gives its own brightness in every pixel, before cos^4, stops and sensor. The mean is over the
+true lenslet: one made larger by a pitch error collects more light, and the pixel is divided by its
+area.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +25,7 @@ from lf_flame.simulation.diffraction import (
     leaves_gaps,
     tiled_sensor,
 )
-from lf_flame.simulation.exact import gather
+from lf_flame.simulation.integration import gather
 from lf_flame.simulation.optical_pass import OpticalPass, as_views, optical_passes
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, find_counts
 from lf_flame.simulation.planning.plan import EffectPlan, plan_effects

@@ -30,7 +30,7 @@ from lf_flame.learning.training_config import MOST_EPOCHS, check_seed
 from lf_flame.projection import Projector
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.exact import blank_image
+from lf_flame.simulation.integration import blank_image
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.base import NetworkSystem, ViewIndices

@@ -1,10 +1,10 @@
 """Light field of cells or nodes in space as a linear operator, with its exact adjoint.
 
 A pixel's weights of the cells are the closed-form integral with which scenes are rendered
-(`lf_flame.simulation.exact`), so that operator and simulation agree. The cells of a plane grow with
-their distance as pixels do, so that a view sees a plane by the same few weights at every pixel: the
-light field is a sum of short convolutions along both axes, and the adjoint has the same weights. An
-axisymmetric flame is cut into slabs, whose weights are banded matrices K: ``Ky X Kx'`` for each.
+(`lf_flame.simulation.integration`), so that operator and simulation agree. The cells of a plane
+grow with their distance as pixels do, so that a view sees a plane by the same few weights at every
+pixel: the light field is a sum of short convolutions along both axes, the adjoint with the same
+weights. A round flame is cut into slabs; their weights are banded matrices K: ``Ky X Kx'`` each.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.lens import Lens
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.exact import band_weights
+from lf_flame.simulation.integration import band_weights
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
 

@@ -11,7 +11,7 @@ from lf_flame._common.threads import Kernel
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _ray_kernels
-from lf_flame.simulation.exact import integrate_columns, integrate_rows
+from lf_flame.simulation.integration import integrate_columns, integrate_rows
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene

@@ -7,10 +7,9 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.simulation import rays as rays_module
-from lf_flame.simulation.exact import blank_image
+from lf_flame.simulation.integration import blank_image
 from lf_flame.simulation.optical_pass import Lines, OpticalPass
-from lf_flame.simulation.ray_tables import ray_grid
-from lf_flame.simulation.rays import trace
+from lf_flame.simulation.rays import ray_grid, trace
 from lf_flame.simulation.slabs import slice_scene
 
 WHITE = Scene([Layer([[0.8]], 0.0, (90.0, 90.0))])

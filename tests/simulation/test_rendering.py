@@ -68,20 +68,33 @@ def test_sinusoid_has_the_closed_form_of_its_trapezoid(small_camera):
     np.testing.assert_allclose(views[1, :, 5, :], expected, rtol=2e-7)
 
 
-def test_two_images_that_agree_by_chance_do_not_do():
-    """The first two counts never decide; later ones do."""
-    level = {1: 1.0, 2: 1.0, 4: 1.2, 8: 1.205, 16: 1.2051, 32: 1.2051}
+LEVELS = {1: 1.0, 2: 1.0, 4: 1.2, 8: 1.205, 16: 1.2051}
+FALLING = {n: 1 + n**-2 for n in (1, 2, 4, 8, 16)}
+
+
+@pytest.mark.parametrize(
+    ("levels", "first", "allowance", "fewest", "count", "last"),
+    [
+        (LEVELS, 1, 0.02, 2, 1, 2),  # the first two agree by chance
+        (LEVELS, 1, 0.02, 3, 4, 8),
+        (LEVELS, 2, 0.02, 3, 4, 8),
+        (LEVELS, 2, 0.01, 3, 8, 8),
+        (FALLING, 1, 0.055, 3, 8, 4),  # from 4 to 8 images change by 0.046, from 8 to 16 by 0.012
+        (FALLING, 1, 0.016, 3, 16, 4),
+    ],
+)
+def test_a_number_is_doubled_until_images_agree(levels, first, allowance, fewest, count, last):
+    """The last images, with twice and four times the number, need not be rendered."""
     tried = []
 
     def image(count):
         tried.append(count)
-        return np.full((2, 3), level[count], np.float32)
+        return np.full((2, 3), levels[count], np.float32)
 
-    assert refine(image, 1, 32, 0.02, "parts") == 4
-    assert refine(image, 2, 32, 0.02, "parts") == 4
-    assert refine(image, 2, 32, 0.01, "parts") == 8
-    with pytest.raises(InputError, match="the number of parts would exceed 4"):
-        refine(image, 2, 4, 0.02, "parts")
+    assert refine(image, first, 32, allowance, "parts", fewest=fewest) == count
+    assert tried[-1] == last
+    with pytest.raises(InputError, match="the number of parts would exceed 2"):
+        refine(image, first, 2, allowance, "parts", fewest=3)
 
 
 @pytest.mark.parametrize("axis", [0, 1])

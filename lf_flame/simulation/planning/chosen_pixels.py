@@ -6,18 +6,19 @@ integrators render them with every effect but diffraction.
 
 The tolerance that effects which are left out do not use is divided among the numbers that are
 finite: slabs of thick layers, colours of a chromatic lens, parts of pixels for diffraction, and
-rays. Each is doubled until the chosen pixels change by less than its share.
+rays. Each is doubled, with few of the others, until the chosen pixels change by less than its
+share, or will after two more doublings: that takes a fraction of the time of a large image.
 """
 
 import math
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -28,27 +29,29 @@ from lf_flame.simulation.diffraction import (
     main_lens_share_leaving,
     tiled_sensor,
 )
-from lf_flame.simulation.exact import gather
-from lf_flame.simulation.optical_pass import Lines, OpticalPass, as_views, optical_passes
+from lf_flame.simulation.integration import gather
+from lf_flame.simulation.optical_pass import Lines, OpticalPass, optical_passes
 from lf_flame.simulation.slabs import Plane, slice_scene
 
 BRIGHTEST, CHANGING, EVEN = 4, 8, 12
-"""Number of lines along each axis: brightest, changing most, and spread evenly."""
+"""Number of lines along each axis: brightest of the central view, changing most, and spread evenly
+over all views."""
 
-TIMED_CROSSINGS = 4_000_000
-"""Number of crossings of rays and planes that are timed: a tenth of a second."""
+ENOUGH_LINES = 72
+"""Number of lines of an image along an axis; if it has fewer, fewer are chosen in proportion."""
+
+TIMED_CROSSINGS = 1_000_000
+"""Number of crossings of rays and planes that are timed: some hundredths of a second."""
 
 MOST_VIEWS, MOST_LENSLETS = 15, 1024
 """Largest numbers of views and lenslets along an axis among which lines are chosen."""
 
 FEWEST_RAYS = 4
-"""Number of rays along each axis from which they are doubled; with as many the light is found."""
+"""Number of rays along each axis from which they are doubled. Slabs and colours are found with
+twice as many, parts of pixels with as many in each."""
 
 LEFT_OUT_SHARE = 0.25
 """Fraction of the tolerance that all effects that are left out may use together."""
-
-RAYS_OF_PARTS = 16
-"""Largest number of rays along each axis of a part while the number of parts is found."""
 
 MOST = {"slabs": 1024, "colours": 1024, "parts": 32, "rays": 2048}
 """Largest numbers of slabs of a layer, colours, parts of a pixel and rays along each axis."""
@@ -104,10 +107,16 @@ class ChosenPixels:
             steps = np.abs(np.diff(image, axis=0, prepend=image[:1])).max(axis=1)
             steps[candidates % self.camera.lenslets[axis] == 0] = 0  # the next view begins
             change, bright = np.maximum(change, steps), np.maximum(bright, image.max(axis=1))
+        changing, brightest, even = (
+            math.ceil(lines * min(1, candidates.size / ENOUGH_LINES))
+            for lines in (CHANGING, BRIGHTEST, EVEN)
+        )
+        # The brightest ones in the central view, which stops darken least.
+        aside = np.abs(candidates // self.camera.lenslets[axis] - self.camera.views // 2)
         best = [
-            *np.argsort(change, kind="stable")[-CHANGING:],
-            *np.argsort(bright, kind="stable")[-BRIGHTEST:],
-            *_spread(candidates.size, EVEN),
+            *np.argsort(change, kind="stable")[-changing:],
+            *np.lexsort((bright, -aside))[-brightest:],
+            *_spread(candidates.size, even),
         ]
         return candidates[np.unique(best)]
 
@@ -130,18 +139,19 @@ class ChosenPixels:
         slabs: Sequence[int] | None = None,
         colours: int = 1,
         rays: int | None = None,
+        camera: PlenopticCamera | None = None,
         lines: Lines | None = None,
     ) -> np.ndarray:
         """Render the chosen pixels without diffraction: float32, shape (1, 1, rows, columns).
 
-        The parameters are those of an `EffectPlan`; slabs: one for each layer by default. Other
-        lines may be given.
+        The parameters are those of an `EffectPlan`; slabs: one for each layer by default. Another
+        camera and other lines may be given.
         """
         counts = [1] * len(self.scene.layers) if slabs is None else slabs
         parts = dict(zip(self.scene.layers, counts, strict=True))
         planes = slice_scene(self.scene, parts, "self_absorption" in kept, set(traced))
-        passes = optical_passes(self.camera, kept, traced, colours)
-        return gather(planes, passes, self.lines if lines is None else lines, rays)
+        passes = optical_passes(camera or self.camera, kept, traced, colours)
+        return gather(planes, passes, lines or self.lines, rays)
 
     def peak(self) -> float:
         """Radiance of the brightest pixel, from few rays, with every effect that is stated."""
@@ -157,7 +167,7 @@ class ChosenPixels:
         traced = [name for name, stated in causes.items() if stated]
         kept = [*traced, "defocus", "cos4", "lenslet_pitch_error"]
         slabs = [4 if layer.depth_extent_mm else 1 for layer in layers]
-        colours = 3 if camera.chromatic_shift else 1
+        colours = 2 if camera.chromatic_shift else 1
         rays = 2 * FEWEST_RAYS if traced else None
         image = self.render(kept, traced, slabs=slabs, colours=colours, rays=rays)
         peak = float(image.max())
@@ -168,35 +178,38 @@ class ChosenPixels:
         sensor = camera.sensor
         return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
 
-    def time(self, **options) -> float:
-        """Time in seconds that the whole image takes, by that of pixels spread evenly over it."""
-        crossings = (options.get("rays") or 1) ** 2 * sum(options["slabs"])
-        count = max(16, min(256, math.isqrt(TIMED_CROSSINGS // crossings)))
-        lines = Lines(*(_spread(self.camera.views * n, count) for n in self.camera.lenslets))
-        started = time.perf_counter()
-        self.render(lines=lines, **options)
-        pixels = self.camera.views**2 * math.prod(self.camera.lenslets)
-        share = lines.rows.size * lines.columns.size / pixels
-        return (time.perf_counter() - started) / share
+    def time(self, kept: Collection[str], traced: Collection[str], counts: "Counts") -> float:
+        """Time in seconds that the whole image takes, by that of pixels spread evenly over it.
 
-    def windows(self, parts: int) -> tuple[PlenopticCamera, Lines]:
-        """Sensor with pixels cut into parts, and the lines of whole windows of lenslets on it."""
-        tiled, lines = tiled_sensor(self.camera, parts), []
-        for axis, count in enumerate(self.camera.lenslets):
-            chosen = np.unique(self.lines[axis] % count)
-            size = min(WINDOW, count)
-            first = np.clip(chosen[_spread(chosen.size, WINDOW)] - size // 2, 0, count - size)
-            lenslets = (first[:, None] + np.arange(size)).ravel()
-            lines.append((np.arange(tiled.views) * count + lenslets[:, None]).ravel())
-        return tiled, Lines(*lines)
+        It is that of two slabs of each layer in one colour; others take as long.
+        """
+        slabs = [min(count, 2) for count in counts.slabs]
+        crossings = (counts.rays or 1) ** 2 * sum(slabs)
+        seen = tiled_sensor(self.camera, counts.parts) if counts.parts > 1 else self.camera
+        lengths = [seen.views * n for n in seen.lenslets]
+        some = min(TIMED_CROSSINGS // crossings, math.prod(lengths) // 20, 2**16)
+        lines = Lines(*(_spread(n, max(math.isqrt(some), 4)) for n in lengths))
+        started = time.perf_counter()
+        self.render(kept, traced, slabs=slabs, rays=counts.rays, camera=seen, lines=lines)
+        share = lines.rows.size * lines.columns.size / math.prod(lengths)
+        share *= sum(slabs) / (sum(counts.slabs) * counts.colours)
+        return (time.perf_counter() - started) / share
 
     def diffracted(
         self, kept: Collection[str], traced: Collection[str], parts: int, rays: int | None
     ) -> np.ndarray:
-        """Middle lenslets of some windows, diffracted by the light on parts of the pixels."""
-        tiled, lines = self.windows(parts)
-        planes = slice_scene(self.scene, {}, "self_absorption" in kept, set(traced))
-        tiles = gather(planes, optical_passes(tiled, kept, traced, 1), lines, rays)[0, 0]
+        """Pixels of some windows of lenslets, diffracted by the light on their parts."""
+        tiled, sides = tiled_sensor(self.camera, parts), []
+        for axis, count in enumerate(self.camera.lenslets):
+            chosen = np.unique(self.lines[axis] % count)
+            side = min(WINDOW, count)
+            middles = chosen[_spread(chosen.size, WINDOW)]
+            if count < 3 * WINDOW:  # others would overlap with it
+                middles = middles[[middles.size // 2]]
+            first = np.clip(middles - side // 2, 0, count - side)
+            lenslets = (first[:, None] + np.arange(side)).ravel()
+            sides.append((np.arange(tiled.views) * count + lenslets[:, None]).ravel())
+        tiles = self.render(kept, traced, rays=rays, camera=tiled, lines=Lines(*sides))[0, 0]
         size = min(WINDOW, self.camera.lenslets[0]), min(WINDOW, self.camera.lenslets[1])
         window, around = replace(self.camera, lenslets=size), replace(tiled, lenslets=size)
         high, wide = (n * tiled.views for n in size)
@@ -205,7 +218,7 @@ class ChosenPixels:
             for left in range(0, tiles.shape[1], wide):
                 part = tiles[top : top + high, left : left + wide]
                 raw = blur_on_sensor(part, around, window)[None, None]
-                found.append(as_views(raw, window)[:, :, size[0] // 2, size[1] // 2])
+                found.append(raw[0, 0])
         return np.array(found)
 
 
@@ -233,43 +246,40 @@ def find_counts(
     """
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
-    diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm is not None
     chromatic, counted = "chromatic" in kept, rays is None and (bool(traced) or by_rays)
-    diffracts = diffracts and rays is None
-    number = len(thick) + chromatic + diffracts + counted
+    diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm and rays is None
+    number = len(thick) + chromatic + bool(diffracts) + counted
     share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
-    slabs, colours, parts, few = [1] * len(layers), 1, 1, rays
-    weights = pixels.weights
+    slabs, colours, parts, weights = [1] * len(layers), 1, 1, pixels.weights
+    low = 2 * FEWEST_RAYS if counted else rays
 
-    def image(**options: Any) -> np.ndarray:
-        given: dict[str, Any] = {"slabs": slabs, "colours": colours, "rays": few} | options
-        return pixels.render(kept, traced, **given)
+    @cache
+    def image(slabs: tuple[int, ...], colours: int, rays: int | None) -> np.ndarray:
+        return pixels.render(kept, traced, slabs=slabs, colours=colours, rays=rays)
 
-    def count_rays(first: int) -> int:
-        return refine(lambda n: image(rays=n), first, MOST["rays"], share, "rays", weights)
-
-    if counted:
-        few = count_rays(FEWEST_RAYS)
     for k in thick:
 
         def sliced(n: int, k: int = k) -> np.ndarray:
-            return image(slabs=[*slabs[:k], n, *slabs[k + 1 :]])
+            return image((*slabs[:k], n, *slabs[k + 1 :]), 1, low)
 
         slabs[k] = refine(sliced, 1, MOST["slabs"], share, "slabs", weights)
+    some = tuple(min(count, max(count // 4, 2)) for count in slabs)
     if chromatic:
-        many = MOST["colours"]
-        colours = refine(lambda n: image(colours=n), 1, many, share, "colours", weights)
-    if counted and (thick or chromatic):  # from half of what was enough without them
-        few = count_rays(max((few or 1) // 2, FEWEST_RAYS))
+        most = MOST["colours"]
+        colours = refine(lambda n: image(some, n, low), 1, most, share, "colours", weights)
+    if counted:
+        most = MOST["rays"]
+        rays = refine(lambda n: image(some, 1, n), FEWEST_RAYS, most, share, "rays", weights, 3)
     if diffracts:
 
         def diffracted(n: int) -> np.ndarray:
-            some = few and min(max(math.ceil(few / n), FEWEST_RAYS), RAYS_OF_PARTS)
-            return pixels.diffracted(kept, traced, n, some)
+            few = rays and min(max(math.ceil(rays / n), 2), FEWEST_RAYS)
+            return pixels.diffracted(kept, traced, n, few)
 
         parts = refine(diffracted, 1, MOST["parts"], share, "parts of pixels")
-        few = few and max(math.ceil(few / parts), FEWEST_RAYS)
-    return Counts(tuple(slabs), colours, parts, few)
+        # Rays tile pixel and lenslet; a part has less of the pixel, but all of the lenslet.
+        rays = rays and max(math.ceil(rays / parts), math.ceil(math.sqrt(rays)), FEWEST_RAYS)
+    return Counts(tuple(slabs), colours, parts, rays)
 
 
 def refine(
@@ -279,24 +289,33 @@ def refine(
     allowance: float,
     what: str,
     weights: np.ndarray | None = None,
+    fewest: int = 2,
 ) -> int:
     """Double a number of parts until the chosen pixels change by no more than an allowance.
 
     The error falls about as one over the number or faster: with the doubled number it is at most
-    about the change. allowance: of the root mean square, relative to the brightest pixel; weights:
-    share of the image for which each pixel stands. Raises InputError if the largest number is not
-    enough; `what` names the parts.
+    about the change. As soon as it falls so, up to two more doublings are not rendered; changes are
+    taken to fall on alike, at most as one over the square. Raises InputError if the largest number
+    is not enough.
+
+    allowance: of the root mean square, relative to the brightest pixel. what: name of the parts.
+    weights: share of the image for which each pixel stands. fewest: number of images that decide;
+    two with few rays agree about an edge that both miss.
     """
     counts = [first * 2**k for k in range(1, 16) if first * 2**k <= most]
-    coarse, before = image(first), first
-    for count in progress.steps(counts, f"finding the number of {what}", len(counts)):
+    coarse, before, last = image(first), first, 0.0
+    for images, count in enumerate(counts, 2):
         fine = image(count)
         squares = np.square(fine - coarse, dtype=np.float64)
-        change, most_light = math.sqrt(np.average(squares, weights=weights)), float(fine.max())
-        # The first two may agree because both miss the same edge.
-        if change <= allowance * most_light and before > first:
-            return before if 4 * change <= allowance * most_light else count
-        coarse, before = fine, count
+        change = math.sqrt(np.average(squares, weights=weights)) / max(float(fine.max()), 1e-300)
+        if images >= fewest:
+            if 4 * change <= allowance:
+                return before
+            fall = min(last / change, 4)
+            for skipped in range(3 if fall >= 2 else 1):
+                if change <= allowance * fall**skipped and count << skipped <= most:
+                    return count << skipped
+        coarse, before, last = fine, count, change
     raise InputError(
         f"The tolerance cannot be met: the number of {what} would exceed {most}; allow more, or "
         f"force the effect that needs them off."

@@ -37,15 +37,14 @@ from lf_flame.simulation.planning.scene_bounds import (
     assuming,
     box_mm,
     crosstalk,
-    dimmed_inside,
     displaced,
     farthest_move_mm,
     focus_spread,
     lenslets_moved,
     measured_change,
+    mixed_inside,
     share_vignetted,
     smeared,
-    stopped_inside,
 )
 from lf_flame.simulation.slabs import self_absorbed
 
@@ -121,8 +120,7 @@ def _thickness(bounds: SceneBounds) -> Estimate:
     measured = measured_change(bounds, "thickness")
     change = min(moved, measured)
     for layer in layers:
-        change += stopped_inside(bounds, layer) * layer.texture.max()
-        change += dimmed_inside(bounds, layer)
+        change += mixed_inside(bounds, layer)
     thickest = max(layer.depth_extent_mm for layer in layers)
     words = f"{thickest:.3g} mm thick{MEASURED if measured < moved else ''}"
     return Estimate(bounds.relative(bounds.overlap * change), words)

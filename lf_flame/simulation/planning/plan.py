@@ -291,8 +291,7 @@ def plan_effects(
     undivided = (1,) * len(scene.layers)
     plan = EffectPlan(tolerance, planned, undivided, 1, traced, tolerance_by_noise=by_noise)
     counts = find_counts(bounds.pixels, plan.kept, traced, tolerance, rays)
-    options = {"slabs": counts.slabs, "colours": counts.colours, "rays": counts.rays}
-    seconds = counts.parts**2 * bounds.pixels.time(kept=plan.kept, traced=traced, **options)
+    seconds = bounds.pixels.time(plan.kept, traced, counts)
     found = typical_bounds(bounds, stated) if typical else {}
     return replace(plan, **counts._asdict(), seconds=seconds, typical=found)
 

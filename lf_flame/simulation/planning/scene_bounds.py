@@ -197,26 +197,19 @@ def _largest_step(cells: np.ndarray, axis: int) -> float:
     return float(np.abs(np.diff(np.pad(cells, border), axis=axis)).max())
 
 
-def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
-    """Bound on the fraction of a thick layer's light that is behind matter within its depth."""
-    inside = 0.0
+def mixed_inside(bounds: SceneBounds, layer: Layer) -> float:
+    """Bound on the radiance that matter stops at depths at which a thick layer lies, too.
+
+    As one plane the layer stands wholly in front of what is there, or behind it.
+    """
+    stopped, behind = 0.0, 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
         if other is layer or apart <= (other.depth_extent_mm + layer.depth_extent_mm) / 2:
-            inside += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
-    return min(inside, 1.0)
-
-
-def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
-    """Bound on the radiance of other layers within a thick layer that its matter attenuates."""
-    if not layer.optical_thickness.any():
-        return 0.0
-    inside = 0.0
-    for other in bounds.layers:
-        apart = abs(other.depth_mm - layer.depth_mm)
-        if other is not layer and apart <= (other.depth_extent_mm + layer.depth_extent_mm) / 2:
-            inside += other.texture.max()
-    return float(-math.expm1(-layer.optical_thickness.max()) * inside)
+            stopped += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
+            behind += 0.0 if other is layer else float(other.texture.max())
+    own = min(stopped, 1.0) * float(layer.texture.max())
+    return own - math.expm1(-layer.optical_thickness.max()) * behind
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
@@ -229,22 +222,18 @@ def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
     return max(abs(footprint.lenslet_width_mm), pixel)
 
 
-def change_rate(steps: LightSteps, box: float) -> float:
-    """Bound on the change of a pixel, per mm by which its bundle moves on a layer.
+def displaced(bounds: SceneBounds, layer: Layer, axis: int, shift_mm: float, box: float) -> float:
+    """Bound on the change of a pixel if its bundle, a box of this width in mm, moves on a layer.
 
     If a box of width a moves by d over cells of width c, a fraction d/a of it crosses each boundary
     between cells, and there are at most ``a/c + 1`` boundaries. The change is therefore at most
     ``d * min(whole / a, next * (1/c + 1/a))``. Wider weights are averages of such boxes.
     """
-    return min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
-
-
-def displaced(bounds: SceneBounds, layer: Layer, axis: int, shift_mm: float, box: float) -> float:
-    """Bound on the change of a pixel if its bundle, a box of this width in mm, moves on a layer."""
     steps = bounds.steps[layer, axis]
     if box <= 0:
         return steps.whole if shift_mm > 0 else 0.0
-    return min(steps.whole, shift_mm * change_rate(steps, box))
+    rate = min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
+    return min(steps.whole, shift_mm * rate)
 
 
 def smeared(

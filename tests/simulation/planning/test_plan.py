@@ -1,10 +1,13 @@
-"""How many slabs a plan takes: the numbers of its bound, and the bound against images."""
+"""What effects that are left out may use of the tolerance, and what planning costs."""
 
+import math
 from dataclasses import replace
 
+import builders
 import pytest
 
-from lf_flame import Layer, Scene, plan_effects
+from lf_flame import Layer, PlenopticCamera, Scene, plan_effects
+from lf_flame.simulation.planning import chosen_pixels
 
 
 @pytest.mark.parametrize("name", ["cos4", "thickness", "chromatic"])
@@ -30,3 +33,22 @@ def test_effects_left_out_share_that_quarter(small_camera, rng):
     plan = plan_effects(scene, camera, tolerance, {"defocus": True})
     assert len(plan.kept & {"cos4", "chromatic"}) == 1
     assert plan.left_out_bound == min(bounds)
+
+
+def test_planning_takes_a_fraction_of_the_work_of_rendering(monkeypatch, rng):
+    """Rays through planes, in front of a sensor with hardly more pixels than are chosen."""
+    work, gather = [], chosen_pixels.gather
+
+    def counted(planes, passes, layout, rays):
+        image = gather(planes, passes, layout, rays)
+        work.append(len(planes) * len(passes) * image.size * (rays or 1) ** 2)
+        return image
+
+    monkeypatch.setattr(chosen_pixels, "gather", counted)
+    layer = Layer(rng.uniform(size=(9, 9)), 12.0, (1.2, 1.4), thickness_mm=8.0)
+    camera = PlenopticCamera(
+        **builders.camera(2, (6, 8)), aperture_diameter_mm=90.0, chromatic_shift=1e-3
+    )
+    plan = plan_effects(Scene([layer]), camera, 0.01)
+    pixels = camera.views**2 * math.prod(camera.lenslets)
+    assert sum(work) < 0.2 * pixels * plan.rays**2 * sum(plan.slabs) * plan.colours

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import Layer, Scene, plan_effects, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.simulation.optical_pass import rotation_shifts_mm
 from lf_flame.simulation.planning.scene_bounds import bound_scene
 
@@ -26,6 +26,14 @@ def test_the_brightest_pixel_lies_between_its_bounds(small_camera, rng):
         assert brightest <= bounds.radiance
         assert bounds.relative(bounds.peak) == 1
         assert bounds.relative(0.0) == 0
+
+
+def test_the_brightest_pixel_is_found_where_stops_darken_outer_views():
+    """A patch in focus, which all views see alike; a round aperture darkens those in the corners."""
+    camera = replace(PAPER_CAMERA, views=11, lenslets=(200, 300))
+    camera = replace(camera, aperture_diameter_mm=camera.aperture_mm)
+    scene = Scene([Layer([[0.7]], 0.0, (2.0, 2.0), (3.0, 4.0))])
+    assert 0.95 * 0.7 <= bound_scene(scene, camera).peak <= 0.7
 
 
 def test_only_matter_has_light_behind_it(small_camera, rng):
