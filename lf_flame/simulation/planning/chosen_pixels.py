@@ -309,9 +309,9 @@ def refine(
         squares = np.square(fine - coarse, dtype=np.float64)
         change = math.sqrt(np.average(squares, weights=weights)) / max(float(fine.max()), 1e-300)
         if images >= fewest:
-            if 4 * change <= allowance:
+            if 4 * change <= allowance and before > 1:  # one alone would hide the effect
                 return before
-            fall = min(last / change, 4)
+            fall = min(last / max(change, 1e-300), 4)
             for skipped in range(3 if fall >= 2 else 1):
                 if change <= allowance * fall**skipped and count << skipped <= most:
                     return count << skipped
