@@ -79,8 +79,8 @@ FALLING = {n: 1 + n**-2 for n in (1, 2, 4, 8, 16)}
         (LEVELS, 1, 0.02, 3, 4, 8),
         (LEVELS, 2, 0.02, 3, 4, 8),
         (LEVELS, 2, 0.01, 3, 8, 8),
-        (FALLING, 1, 0.055, 3, 8, 4),  # from 4 to 8 images change by 0.046, from 8 to 16 by 0.012
-        (FALLING, 1, 0.016, 3, 16, 4),
+        (FALLING, 1, 0.11, 3, 8, 4),  # from 2 to 4 images change by 0.18, then by less
+        (FALLING, 1, 0.06, 3, 16, 4),
     ],
 )
 def test_a_number_is_doubled_until_images_agree(levels, first, allowance, fewest, count, last):
@@ -91,10 +91,13 @@ def test_a_number_is_doubled_until_images_agree(levels, first, allowance, fewest
         tried.append(count)
         return np.full((2, 3), levels[count], np.float32)
 
-    assert refine(image, first, 32, allowance, "parts", fewest=fewest) == count
+    assert refine("slabs", image, first, allowance, fewest=fewest) == count
     assert tried[-1] == last
-    with pytest.raises(InputError, match="the number of parts would exceed 2"):
-        refine(image, first, 2, allowance, "parts", fewest=3)
+
+
+def test_a_number_that_is_never_enough_is_refused():
+    with pytest.raises(InputError, match="the number of colours would exceed 1024"):
+        refine("colours", lambda count: np.full(1, float(count)), 1, 0.02)
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -37,7 +37,7 @@ BRIGHTEST, CHANGING, EVEN = 4, 8, 12
 """Number of lines along each axis: brightest of the central view, changing most, and spread evenly
 over all views."""
 
-ENOUGH_LINES = 72
+ENOUGH_LINES = 24
 """Number of lines of an image along an axis; if it has fewer, fewer are chosen in proportion."""
 
 TIMED_CROSSINGS = 1_000_000
@@ -53,7 +53,7 @@ twice as many, parts of pixels with as many in each."""
 LEFT_OUT_SHARE = 0.25
 """Fraction of the tolerance that all effects that are left out may use together."""
 
-MOST = {"slabs": 1024, "colours": 1024, "parts": 32, "rays": 2048}
+MOST = {"slabs": 1024, "colours": 1024, "parts of pixels": 32, "rays": 2048}
 """Largest numbers of slabs of a layer, colours, parts of a pixel and rays along each axis."""
 
 PEAK_ERROR = 0.02
@@ -262,46 +262,43 @@ def find_counts(
         def sliced(n: int, k: int = k) -> np.ndarray:
             return image((*slabs[:k], n, *slabs[k + 1 :]), 1, low)
 
-        slabs[k] = refine(sliced, 1, MOST["slabs"], share, "slabs", weights)
+        slabs[k] = refine("slabs", sliced, 1, share, weights)
     some = tuple(min(count, max(count // 4, 2)) for count in slabs)
     if chromatic:
-        most = MOST["colours"]
-        colours = refine(lambda n: image(some, n, low), 1, most, share, "colours", weights)
+        colours = refine("colours", lambda n: image(some, n, low), 1, share, weights)
     if counted:
-        most = MOST["rays"]
-        rays = refine(lambda n: image(some, 1, n), FEWEST_RAYS, most, share, "rays", weights, 3)
+        rays = refine("rays", lambda n: image(some, 1, n), FEWEST_RAYS, share, weights, 3)
     if diffracts:
 
         def diffracted(n: int) -> np.ndarray:
             few = rays and min(max(math.ceil(rays / n), 2), FEWEST_RAYS)
             return pixels.diffracted(kept, traced, n, few)
 
-        parts = refine(diffracted, 1, MOST["parts"], share, "parts of pixels")
+        parts = refine("parts of pixels", diffracted, 1, share)
         # Rays tile pixel and lenslet; a part has less of the pixel, but all of the lenslet.
         rays = rays and max(math.ceil(rays / parts), math.ceil(math.sqrt(rays)), FEWEST_RAYS)
     return Counts(tuple(slabs), colours, parts, rays)
 
 
 def refine(
+    what: str,
     image: Callable[[int], np.ndarray],
     first: int,
-    most: int,
     allowance: float,
-    what: str,
     weights: np.ndarray | None = None,
     fewest: int = 2,
 ) -> int:
-    """Double a number of parts until the chosen pixels change by no more than an allowance.
+    """Double a number of rays, slabs, ... until chosen pixels change by no more than an allowance.
 
     The error falls about as one over the number or faster: with the doubled number it is at most
-    about the change. As soon as it falls so, up to two more doublings are not rendered; changes are
-    taken to fall on alike, at most as one over the square. Raises InputError if the largest number
-    is not enough.
+    about the change. As soon as it falls so, up to two more doublings are not rendered, each of
+    which divides the change by 1.75 or more. Raises InputError if `MOST` are too few.
 
-    allowance: of the root mean square, relative to the brightest pixel. what: name of the parts.
-    weights: share of the image for which each pixel stands. fewest: number of images that decide;
-    two with few rays agree about an edge that both miss.
+    allowance: of the root mean square, relative to the brightest pixel. weights: share of the image
+    for which each pixel stands. fewest: number of images that decide; two with few rays agree about
+    an edge that both miss.
     """
+    most = MOST[what]
     counts = [first * 2**k for k in range(1, 16) if first * 2**k <= most]
     coarse, before, last = image(first), first, 0.0
     for images, count in enumerate(counts, 2):
@@ -311,9 +308,8 @@ def refine(
         if images >= fewest:
             if 4 * change <= allowance and before > 1:  # one alone would hide the effect
                 return before
-            fall = min(last / max(change, 1e-300), 4)
-            for skipped in range(3 if fall >= 2 else 1):
-                if change <= allowance * fall**skipped and count << skipped <= most:
+            for skipped in range(3 if last >= 2 * change else 1):
+                if change <= allowance * 1.75**skipped and count << skipped <= most:
                     return count << skipped
         coarse, before, last = fine, count, change
     raise InputError(

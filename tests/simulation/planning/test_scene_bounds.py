@@ -29,7 +29,7 @@ def test_the_brightest_pixel_lies_between_its_bounds(small_camera, rng):
 
 
 def test_the_brightest_pixel_is_found_where_stops_darken_outer_views():
-    """A patch in focus, which all views see alike; a round aperture darkens those in the corners."""
+    """A patch in focus, which all views see; a round aperture darkens those in the corners."""
     camera = replace(PAPER_CAMERA, views=11, lenslets=(200, 300))
     camera = replace(camera, aperture_diameter_mm=camera.aperture_mm)
     scene = Scene([Layer([[0.7]], 0.0, (2.0, 2.0), (3.0, 4.0))])
