@@ -291,8 +291,8 @@ def refine(
     """Double a number of rays, slabs, ... until chosen pixels change by no more than an allowance.
 
     The error falls about as one over the number or faster: with the doubled number it is at most
-    about the change. As soon as it falls so, up to two more doublings are not rendered, each of
-    which divides the change by 1.75 or more. Raises InputError if `MOST` are too few.
+    about the change. As soon as it falls so, up to two more doublings are not rendered: the change
+    is taken to fall on, by 15 % less each time. Raises InputError if `MOST` are too few.
 
     allowance: of the root mean square, relative to the brightest pixel. weights: share of the image
     for which each pixel stands. fewest: number of images that decide; two with few rays agree about
@@ -308,8 +308,9 @@ def refine(
         if images >= fewest:
             if 4 * change <= allowance and before > 1:  # one alone would hide the effect
                 return before
+            fall = 0.85 * min(last / max(change, 1e-300), 4)
             for skipped in range(3 if last >= 2 * change else 1):
-                if change <= allowance * 1.75**skipped and count << skipped <= most:
+                if change <= allowance * fall**skipped and count << skipped <= most:
                     return count << skipped
         coarse, before, last = fine, count, change
     raise InputError(
