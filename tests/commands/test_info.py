@@ -105,7 +105,7 @@ def test_other_light_fields(told, tmp_path, rng, monkeypatch):
     for name in ("a.npz", "a.zarr"):
         write_light_field(light_field, tmp_path / name)
         made_by = told(name).partition("  made by       ")[2].partition("\n")[0]
-        assert made_by.rpartition(", ")[0].endswith("lf-flame convert views")
+        assert made_by.rpartition(", ")[0].endswith("convert views")
         assert abs(datetime.fromisoformat(made_by.rpartition(", ")[2]).timestamp() - time()) < 60
     write_focal_stack(rng.uniform(size=(4, 5, 6)), [0, 1, 2, 3], tmp_path / "stack.tif")
     said = told("views")
