@@ -100,22 +100,24 @@ class ChosenPixels:
     def _choose(self, candidates: np.ndarray, across: np.ndarray, axis: int) -> np.ndarray:
         """Choose some of the candidates along an axis by their pixels on lines across."""
         lines = Lines(candidates, across) if axis == 0 else Lines(across, candidates)
-        change, bright = np.zeros(candidates.size), np.zeros(candidates.size)
+        change, bright = np.zeros(candidates.size), []
         for planes in self._light_and_matter():
             image = gather(planes, [OpticalPass(self.camera)], lines, None)[0, 0]
             image = (image if axis == 0 else image.T) / max(float(image.max()), 1e-30)
             steps = np.abs(np.diff(image, axis=0, prepend=image[:1])).max(axis=1)
             steps[candidates % self.camera.lenslets[axis] == 0] = 0  # the next view begins
-            change, bright = np.maximum(change, steps), np.maximum(bright, image.max(axis=1))
+            change = np.maximum(change, steps)
+            bright.append(image.max(axis=1))
         changing, brightest, even = (
             math.ceil(lines * min(1, candidates.size / ENOUGH_LINES))
             for lines in (CHANGING, BRIGHTEST, EVEN)
         )
-        # The brightest ones in the central view, which stops darken least.
+        # The brightest ones in the central view, which stops darken least, and half of them the
+        # densest: matter may be as dense where there is no light.
         aside = np.abs(candidates // self.camera.lenslets[axis] - self.camera.views // 2)
         best = [
             *np.argsort(change, kind="stable")[-changing:],
-            *np.lexsort((bright, -aside))[-brightest:],
+            *(k for one in bright for k in np.lexsort((one, -aside))[-brightest // len(bright) :]),
             *_spread(candidates.size, even),
         ]
         return candidates[np.unique(best)]
@@ -263,11 +265,10 @@ def find_counts(
             return image((*slabs[:k], n, *slabs[k + 1 :]), 1, low)
 
         slabs[k] = refine("slabs", sliced, 1, share, weights)
-    some = tuple(min(count, max(count // 4, 2)) for count in slabs)
     if chromatic:
-        colours = refine("colours", lambda n: image(some, n, low), 1, share, weights)
+        colours = refine("colours", lambda n: image(tuple(slabs), n, low), 1, share, weights)
     if counted:
-        rays = refine("rays", lambda n: image(some, 1, n), FEWEST_RAYS, share, weights, 3)
+        rays = refine("rays", lambda n: image(tuple(slabs), 1, n), FEWEST_RAYS, share, weights, 3)
     if diffracts:
 
         def diffracted(n: int) -> np.ndarray:

@@ -28,12 +28,25 @@ def test_the_brightest_pixel_lies_between_its_bounds(small_camera, rng):
         assert bounds.relative(0.0) == 0
 
 
-def test_the_brightest_pixel_is_found_where_stops_darken_outer_views():
+SPOT = np.zeros((9, 9))
+SPOT[2, 6] = 0.7
+"""Dark but for one cell."""
+
+
+@pytest.mark.parametrize(
+    ("layer", "brightest"),
+    [
+        (Layer([[0.7]], 0.0, (2.0, 2.0), (3.0, 4.0)), 0.7),
+        # Matter is as dense in the dark; a cell's own matter lets (1 - exp(-tau)) / tau pass.
+        (Layer(SPOT, 0.0, (18.0, 18.0), optical_thickness=0.3), -0.7 * np.expm1(-0.3) / 0.3),
+    ],
+    ids=["stops darken outer views", "matter everywhere"],
+)
+def test_the_brightest_pixel_is_found(layer, brightest):
     """A patch in focus, which all views see; a round aperture darkens those in the corners."""
     camera = replace(PAPER_CAMERA, views=11, lenslets=(200, 300))
     camera = replace(camera, aperture_diameter_mm=camera.aperture_mm)
-    scene = Scene([Layer([[0.7]], 0.0, (2.0, 2.0), (3.0, 4.0))])
-    assert 0.95 * 0.7 <= bound_scene(scene, camera).peak <= 0.7
+    assert 0.95 * brightest <= bound_scene(Scene([layer]), camera).peak <= brightest
 
 
 def test_only_matter_has_light_behind_it(small_camera, rng):
