@@ -27,9 +27,6 @@ VIEWS, TOOLBOX, DEPTH, RECORD = "views", "LF", "GT_DEPTH", "record"
 """Names of views in files of this package, and in those of HCI and LFToolbox; of the depths in
 those of HCI; and of the record in a ``.npz`` file, JSON in bytes."""
 
-COLOURS = 3
-"""Number of colours in an array of LFToolbox, after which its weight comes."""
-
 KNOWN_AXES = {
     2: ("ts",),
     3: ("tsc", "nts", "tsn", "cts"),
@@ -181,18 +178,18 @@ def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> s
 
 
 def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Part colours and weight of an array of LFToolbox, as views, their weights and known pixels.
+    """Part an array of LFToolbox, three colours and a weight: views, their weights, known pixels.
 
     LFToolbox divides a raw image by the white image and keeps the white image as the weight of a
     pixel, so the weight is inverse to the variance of its noise. Views get the mean of their
     weights; a pixel of weight 0 in a view of another weight is unknown.
     """
-    if array.ndim != 5 or array.shape[4] != COLOURS + 1:
+    if array.ndim != 5 or array.shape[4] != 4:
         return array, None, None
-    weights = array[..., COLOURS].mean(axis=(2, 3), dtype=np.float64)
+    weights = array[..., 3].mean(axis=(2, 3), dtype=np.float64)
     weights /= max(weights.max(), np.finfo(float).tiny)
-    valid = (array[..., COLOURS] > 0) | (weights == 0)[..., None, None]
-    return array[..., :COLOURS], weights, valid
+    valid = (array[..., 3] > 0) | (weights == 0)[..., None, None]
+    return array[..., :3], weights, valid
 
 
 def _slopes_of_hci(file: Hdf5File) -> tuple[float, float] | None:
