@@ -109,7 +109,7 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
     write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))
     write_json(out / f"{table}.json", record)
     shown = scores[["depth_mm", "psnr_db", "paper_psnr_db", "ssim", "paper_ssim"]].round(3)
-    print(f"{markdown(shown)}\n")
+    tqdm.write(f"{markdown(shown)}\n")
     write_text(out / f"{table}.csv", scores.round(6).to_csv(index=False))
 
 
