@@ -94,7 +94,7 @@ import json, sys
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 if __name__ == "__main__":
-    make_dataset(config_from_json(json.loads(sys.argv[1]), "here"), 160, sys.argv[2], workers=2)
+    make_dataset(config_from_json(json.loads(sys.argv[1]), "here"), 96, sys.argv[2], workers=2)
 """
 
 
@@ -111,7 +111,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
         process.kill()
     assert not (tmp_path / "a.zarr").exists()
     for name in ("a.zarr", "b.zarr"):
-        make_dataset(tiny, 160, tmp_path / name)
+        make_dataset(tiny, 96, tmp_path / name)
     assert samples_of(tmp_path / "a.zarr") == samples_of(tmp_path / "b.zarr")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr", "make.py"]
 
