@@ -1,4 +1,4 @@
-"""What effects that are left out may use of the tolerance, and what planning costs."""
+"""Share of the tolerance for effects that are left out, and the cost of planning."""
 
 import math
 from dataclasses import replace
