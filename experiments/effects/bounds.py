@@ -4,6 +4,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 
@@ -115,7 +116,7 @@ def measure_scene(seed: int, number: int) -> list[dict] | None:
         rng = np.random.default_rng([seed, number])
         camera = _draw_camera(rng)
         scene = Scene([_draw_layer(rng) for _ in range(rng.integers(1, 4))])
-        plan = plan_effects(scene, camera, TOLERANCE, rays=1)  # of the decisions alone
+        plan = plan_effects(scene, camera, TOLERANCE, integrator="rays", rays=1)  # decisions alone
     except InputError:
         return None
     rows: list[dict] = []
@@ -165,18 +166,16 @@ def _largest_change(scene, camera, states, bound: float, brightest: float) -> tu
     the largest tolerance, that show the change to be within the bound and their error, which is how
     far fewer rays, or the larger tolerance, were off in both.
     """
-    plans = [plan_effects(scene, camera, TOLERANCE, state, rays=RAY_COUNTS[0]) for state in states]
+    by_rays = partial(plan_effects, scene, camera, TOLERANCE, integrator="rays")
+    plans = [by_rays(state, rays=RAY_COUNTS[0]) for state in states]
     rays = any(plan.traced for plan in plans)
     before: list[np.ndarray] = []
     for step in RAY_COUNTS if rays else TOLERANCES:
-        if not rays:
+        if rays:
+            plans = [replace(plan, rays=step) for plan in plans]
+        else:
             plans = [plan_effects(scene, camera, step, state) for state in states]
-        images = [
-            render_plan(
-                scene, camera, plan, "rays" if rays else "exact", step if rays else None, seed=1
-            ).views.astype(float)
-            for plan in plans
-        ]
+        images = [render_plan(scene, camera, plan, seed=1).views.astype(float) for plan in plans]
         peak = max(brightest, *(image.max() for image in images)) or 1.0
         change = float(np.abs(images[0] - images[1]).max() / peak)
         pairs = zip(images, before, strict=False)

@@ -135,13 +135,15 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
     layers, camera, effects, stated = _read_scene(scene, on, off)
     with output_folder(out, "simulation.json", overwrite=overwrite) as folder:
         with progress.stage("Finding the effects that the scene needs"):
-            plan = plan_effects(layers, camera, tolerance, effects, stated=stated)
+            plan = plan_effects(
+                layers, camera, tolerance, effects, stated=stated, integrator=integrator
+            )
         if plan.seconds > LONG_S:
             tell(
                 f"This takes about {plan.seconds / 60:.0f} minutes; a larger --tolerance than "
                 f"{plan.tolerance:.2g} takes less."
             )
-        light_field = render_plan(layers, camera, plan, integrator, seed=seed)
+        light_field = render_plan(layers, camera, plan, seed)
         write_simulation(light_field, layers, camera, folder)
         folder.facts |= {"seed": seed}
     record = folder.facts

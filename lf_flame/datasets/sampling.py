@@ -4,6 +4,8 @@ With the route "direct" images come directly from the scene (`lf_flame.projectio
 plan allows, else from the light field. Both agree to 1e-6.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from lf_flame.datasets.config import DatasetConfig
@@ -15,7 +17,7 @@ from lf_flame.projection import Projector
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation import rendering
-from lf_flame.simulation.planning.plan import EffectPlan
+from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
 
 RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
 """Numbers of rays per pixel and axis that are tried."""
@@ -40,7 +42,7 @@ def count_rays(config: DatasetConfig) -> int | None:
         return None
     scene, _ = config.draw(None)
     if config.plan.not_separable:
-        return rendering.count_rays(scene, config.camera, config.plan)
+        return plan_effects(scene, config.camera, effects=config.effects, integrator="rays").rays
     slopes = [float(config.camera.depth_to_slope(z)) for z in config.depths_mm]
     exact = _refocus_directly(Projector(scene, config.camera, config.plan), config, slopes)
     for rays in RAY_COUNTS:
@@ -149,5 +151,5 @@ def render_drawn(
     """Render the scene of a sample, with `rays` rays along each axis, or as the plan decides."""
     seed = [config.seed, index, 1]  # of the sensor's noise, different from the scene's
     if rays:
-        return rendering.render_plan(scene, config.camera, plan, "rays", rays, seed)
-    return rendering.render_plan(scene, config.camera, plan, seed=seed)
+        plan = replace(plan, rays=rays)
+    return rendering.render_plan(scene, config.camera, plan, seed)

@@ -159,7 +159,7 @@ def trace_stop(camera: PlenopticCamera, distance_mm: float, axis: int, *grid: An
     return _trace(camera, distance_mm - camera.focus_distance_mm, axis, *grid)
 
 
-@lru_cache(maxsize=32)  # the scenes of a data set use the same depths, all planes the same stops
+@lru_cache(maxsize=256)  # the scenes of a data set use the same depths, all planes the same stops
 def _trace(
     camera, depth_mm, axis: int, focal_mm=None, lenslet_scale=1.0, neighbour=0, part=None
 ) -> Footprint:

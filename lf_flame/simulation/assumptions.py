@@ -153,5 +153,6 @@ def _change(
 
 def _render(scene, camera, tolerance: float, forced: dict[str, bool]) -> np.ndarray:
     plan = plan_effects(scene, camera, tolerance, forced)
-    rays = MEASURING_RAYS if plan.integrator == "rays" else None
-    return render_plan(scene, camera, plan, plan.integrator, rays, seed=0).views
+    if plan.rays:
+        plan = replace(plan, rays=MEASURING_RAYS)
+    return render_plan(scene, camera, plan, seed=0).views

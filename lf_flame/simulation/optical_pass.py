@@ -1,7 +1,7 @@
 """A pass of light through the camera, and the orders in which an image holds its pixels.
 
-At the end, how far lenslets are displaced that are not where the sensor is read, and what round
-stops cut.
+At the end, how far lenslets are displaced that are not where the sensor is read, how much rays are
+tilted, and what round stops cut.
 
 Images are sub-aperture views, the raw image, or chosen lines: arrays ``[a, b, c, d]``. The place of
 a pixel along y is (a, c), along x (b, d): views are ``[v, u, t, s]``, and the raw lenslet image has
@@ -326,6 +326,27 @@ def neighbours(camera: PlenopticCamera) -> int:
     period = camera.micro_image_pitch_mm * from_sensor
     period *= 1 + camera.lenslet_pitch_error
     return max(0, math.ceil(spread / period - 1e-9) - 1)
+
+
+def squared_tangent(camera: PlenopticCamera) -> float:
+    """Largest mean squared tangent of the angle between a pixel's rays and the optical axis.
+
+    It is that of the outermost pixel at the corner of the array, and the variance over its patch of
+    the main lens; displaced or neighbouring lenslets send light from anywhere in a wide aperture.
+    """
+    step, pitch_mm, farther = camera.on_exit_pupil(camera.view_step_mm), true_pitch_mm(camera), 0.0
+    seen = (camera.views - 1) * step
+    if max(misplaced_mm(camera)) > 0 or neighbours(camera):
+        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
+        widest = camera.on_exit_pupil(widest) + step
+        seen = widest * (1 + abs(camera.lenslet_pitch_error)) + 2 * pitch_mm
+        farther = pitch_mm
+    height = [
+        ((lenslets - 1) * camera.lenslet_pitch_mm + seen) / 2 + farther
+        for lenslets in camera.lenslets
+    ]
+    patch = 2 * step**2 / 12
+    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.exit_distance_mm**2
 
 
 def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:

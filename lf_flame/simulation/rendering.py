@@ -22,17 +22,12 @@ from lf_flame.simulation.diffraction import (
     blur_on_sensor,
     blur_planes,
     blur_whole_lenslets,
-    leaves_gaps,
     tiled_sensor,
 )
 from lf_flame.simulation.integration import gather
 from lf_flame.simulation.optical_pass import OpticalPass, as_views, optical_passes
-from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, find_counts
 from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
 from lf_flame.simulation.slabs import Plane, slice_scene
-
-PARTS_BESIDE_GAPS = 4
-"""Parts of a pixel along each axis, with a fixed number of rays, where pixels leave gaps."""
 
 
 def render(
@@ -96,17 +91,14 @@ def render(
     >>> light_field
     LightField(9 x 9 views of 20 x 30 pixels, grey)
     """
-    _check_options(integrator, rays, layout)
-    plan = plan_effects(scene, camera, tolerance, effects, rays=rays)
-    return render_plan(scene, camera, plan, integrator, rays, seed, layout)
+    plan = plan_effects(scene, camera, tolerance, effects, integrator=integrator, rays=rays)
+    return render_plan(scene, camera, plan, seed, layout)
 
 
 def render_plan(
     scene: Scene,
     camera: PlenopticCamera,
     plan: EffectPlan,
-    integrator: str = "auto",
-    rays: int | None = None,
     seed: int | Sequence[int] | None = None,
     layout: str = "views",
 ) -> LightField:
@@ -115,29 +107,18 @@ def render_plan(
     The parameters are those of `render`; a plan made for another scene has to fit the number of
     layers.
     """
-    _check_options(integrator, rays, layout)
+    if layout not in ("views", "raw"):
+        raise InputError(f"layout must be views or raw, got {layout!r}.")
     noisy = plan.kept & {"shot_noise", "read_noise"} if camera.sensor else set()
     if noisy and seed is None:
         raise InputError(f"{' and '.join(sorted(noisy))} need a seed; give one, or force them off.")
-    if integrator == "exact" and plan.traced:
-        raise InputError(
-            f"The exact integrator cannot do {', '.join(plan.traced)} here; "
-            f"use integrator='auto', or force them off."
-        )
     planes = planned_planes(scene, camera, plan)
-    parts = plan.parts
-    if rays:
-        parts = PARTS_BESIDE_GAPS if leaves_gaps(camera) else 1
-    elif integrator == "rays" or plan.traced:
-        rays = plan.rays or count_rays(scene, camera, plan)
-    seen = camera
+    seen, layout_gathered = camera, layout
     if _diffracts(camera, plan, "lenslet"):
-        seen, layout_gathered = tiled_sensor(camera, parts), "raw"
-    else:
-        layout_gathered = layout
+        seen, layout_gathered = tiled_sensor(camera, plan.parts), "raw"
     passes = optical_passes(seen, plan.kept, plan.traced, plan.colours)
     _check_hexagonal(seen, passes[0], plan)
-    image = gather(planes, passes, layout_gathered, rays)
+    image = gather(planes, passes, layout_gathered, plan.rays)
     views = as_views(image, seen) if layout_gathered == "raw" else image
     if _diffracts(camera, plan, "main_lens") and _dim(planes):
         views = blur_whole_lenslets(views, camera)
@@ -181,26 +162,6 @@ def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> l
     return planes
 
 
-def count_rays(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> int:
-    """Find the number of rays per pixel along each axis that a plan's tolerance needs.
-
-    For plans without rays, and for many scenes alike, of which one decides for all.
-
-    Raises
-    ------
-    InputError
-        If a layer lies outside the field, or no number of rays is enough.
-    """
-    _check_field(scene, camera)
-    pixels = ChosenPixels(scene, camera)
-    counts = find_counts(pixels, {*plan.kept} - NOT_RAYS, plan.traced, plan.tolerance, by_rays=True)
-    return counts.rays or 1
-
-
-NOT_RAYS = {"thickness", "chromatic", "lenslet_diffraction"}
-"""Effects that have numbers of their own."""
-
-
 def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
     return camera.wavelength_nm is not None and f"{lens}_diffraction" in plan.kept
 
@@ -208,18 +169,6 @@ def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
 def _dim(planes: list[Plane]) -> bool:
     """Whether any plane occludes or attenuates light from behind."""
     return any(plane.transmission is not None for plane in planes)
-
-
-def _check_options(integrator: str, rays: int | None, layout: str) -> None:
-    if integrator not in ("auto", "exact", "rays"):
-        raise InputError(f"integrator must be auto, exact or rays, got {integrator!r}.")
-    if layout not in ("views", "raw"):
-        raise InputError(f"layout must be views or raw, got {layout!r}.")
-    if rays is not None and (integrator != "rays" or rays < 1):
-        raise InputError(
-            f"rays must be at least 1 and goes with integrator='rays', "
-            f"got rays={rays}, integrator={integrator!r}."
-        )
 
 
 def _check_field(scene: Scene, camera: PlenopticCamera) -> None:

@@ -95,8 +95,8 @@ def test_traced_rays_give_the_direct_images(tiny, tmp_path):
     rays = traced.attrs["rays"]
     assert rays >= 2
     assert direct.attrs["rays"] is None
-    integrators = [call.args[3:5] for call in rendered.call_args_list]
-    assert integrators[-3:] == [("rays", rays)] * 3
+    plans = [call.args[2] for call in rendered.call_args_list]
+    assert [plan.rays for plan in plans[-3:]] == [rays] * 3
     error = np.square(traced.targets - direct.targets).mean(axis=(2, 3))
     assert 0 < np.sqrt(error.max()) < 3 * TARGET_ERROR
     np.testing.assert_allclose(traced.attrs["slopes"], direct.attrs["slopes"], atol=0.01)

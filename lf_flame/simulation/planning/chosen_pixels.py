@@ -25,6 +25,7 @@ from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.diffraction import (
     blur_on_sensor,
+    leaves_gaps,
     lenslet_share_leaving,
     main_lens_share_leaving,
     tiled_sensor,
@@ -37,7 +38,7 @@ BRIGHTEST, CHANGING, EVEN = 4, 8, 12
 """Number of lines along each axis: brightest of the central view, changing most, and spread evenly
 over all views."""
 
-ENOUGH_LINES = 24
+ENOUGH_LINES = 96
 """Number of lines of an image along an axis; if it has fewer, fewer are chosen in proportion."""
 
 TIMED_CROSSINGS = 1_000_000
@@ -238,21 +239,22 @@ def find_counts(
     kept: Collection[str],
     traced: Collection[str],
     tolerance: float,
+    by_rays: bool,
     rays: int | None = None,
-    by_rays: bool = False,
 ) -> Counts:
     """Find the numbers of slabs, colours, parts of pixels and rays that a tolerance needs.
 
-    rays: number that is given; parts of pixels are then not counted either. by_rays: whether rays
-    are traced although no effect needs them.
+    by_rays: whether rays are traced. rays: their number, if it is given; parts of pixels are then
+    not counted either.
     """
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
-    chromatic, counted = "chromatic" in kept, rays is None and (bool(traced) or by_rays)
+    chromatic, counted = "chromatic" in kept, by_rays and rays is None
     diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm and rays is None
     number = len(thick) + chromatic + bool(diffracts) + counted
     share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
-    slabs, colours, parts, weights = [1] * len(layers), 1, 1, pixels.weights
+    slabs, colours, weights = [1] * len(layers), 1, pixels.weights
+    parts = 4 if rays and leaves_gaps(pixels.camera) else 1  # beside the gaps light is uneven
     low = 2 * FEWEST_RAYS if counted else rays
 
     @cache

@@ -25,12 +25,11 @@ from lf_flame.simulation.diffraction import (
     main_lens_spread_mm,
 )
 from lf_flame.simulation.optical_pass import (
-    misplaced_mm,
     neighbours,
     pitch_shifts_mm,
     rotation_shifts_mm,
     share_cut,
-    true_pitch_mm,
+    squared_tangent,
 )
 from lf_flame.simulation.planning.scene_bounds import (
     SceneBounds,
@@ -147,27 +146,6 @@ def _cos4(bounds: SceneBounds) -> Estimate:
     angle = math.degrees(math.atan(math.sqrt(squared)))
     words = f"rays tilted up to {angle:.2f} degrees"
     return Estimate(bounds.relative(change * bounds.brightest_raw), words)
-
-
-def squared_tangent(camera: PlenopticCamera) -> float:
-    """Largest mean squared tangent of the angle between a pixel's rays and the optical axis.
-
-    It is that of the outermost pixel at the corner of the array, and the variance over its patch of
-    the main lens; displaced or neighbouring lenslets send light from anywhere in a wide aperture.
-    """
-    step, pitch_mm, farther = camera.on_exit_pupil(camera.view_step_mm), true_pitch_mm(camera), 0.0
-    seen = (camera.views - 1) * step
-    if max(misplaced_mm(camera)) > 0 or neighbours(camera):
-        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
-        widest = camera.on_exit_pupil(widest) + step
-        seen = widest * (1 + abs(camera.lenslet_pitch_error)) + 2 * pitch_mm
-        farther = pitch_mm
-    height = [
-        ((lenslets - 1) * camera.lenslet_pitch_mm + seen) / 2 + farther
-        for lenslets in camera.lenslets
-    ]
-    patch = 2 * step**2 / 12
-    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.exit_distance_mm**2
 
 
 def _round_aperture(bounds: SceneBounds) -> Estimate:

@@ -112,8 +112,8 @@ class EffectPlan:
 
     @property
     def integrator(self) -> str:
-        """Name of the integrator that renders the scene: "rays" if any effect needs rays."""
-        return "rays" if self.traced else "exact"
+        """Name of the integrator that renders the scene: "exact" or "rays"."""
+        return "rays" if self.rays else "exact"
 
     @property
     def not_separable(self) -> dict[str, str]:
@@ -229,6 +229,7 @@ def plan_effects(
     typical: bool = False,
     *,
     stated: Collection[str] = (),
+    integrator: str = "auto",
     rays: int | None = None,
 ) -> EffectPlan:
     """Decide which optical effects to simulate for a scene, and how finely.
@@ -257,8 +258,8 @@ def plan_effects(
     stated : collection of str, optional
         Names of fields of the camera that were set on purpose, although to the default value;
         effects that they cause are not among the typical ones.
-    rays : int, optional
-        Number of rays of a pixel along each axis that is given. Default: found by the tolerance.
+    integrator, rays : optional
+        Method of integration and number of rays, as in `lf_flame.render`.
 
     Returns
     -------
@@ -268,8 +269,8 @@ def plan_effects(
     Raises
     ------
     InputError
-        If the tolerance is not above 0, an effect is unknown, or the tolerance would need too many
-        slabs, colours, parts of pixels or rays.
+        If the tolerance is not above 0, an effect is unknown, the integrator cannot do one, or the
+        tolerance would need too many slabs, colours, parts of pixels or rays.
 
     Examples
     --------
@@ -280,7 +281,7 @@ def plan_effects(
     ['defocus']
     """
     forced = dict(effects or {})
-    _check_request(tolerance, forced)
+    _check_request(tolerance, forced, integrator, rays)
     bounds = bound_scene(scene, camera)
     noise = OF_NOISE * _noise(bounds, forced)
     by_noise = tolerance is None and noise > TOLERANCE
@@ -288,9 +289,15 @@ def plan_effects(
         tolerance = max(noise, TOLERANCE)
     bounds, planned = _decide(bounds, forced, LEFT_OUT_SHARE * tolerance, stated)
     traced = _traced(bounds, {one.name for one in planned if one.kept and one.bound > 0})
+    if integrator == "exact" and traced:
+        raise InputError(
+            f"The exact integrator cannot do {', '.join(traced)} here; "
+            f"use integrator='auto', or force them off."
+        )
     undivided = (1,) * len(scene.layers)
     plan = EffectPlan(tolerance, planned, undivided, 1, traced, tolerance_by_noise=by_noise)
-    counts = find_counts(bounds.pixels, plan.kept, traced, tolerance, rays)
+    by_rays = integrator == "rays" or bool(traced)
+    counts = find_counts(bounds.pixels, plan.kept, traced, tolerance, by_rays, rays)
     seconds = bounds.pixels.time(plan.kept, traced, counts)
     found = typical_bounds(bounds, stated) if typical else {}
     return replace(plan, **counts._asdict(), seconds=seconds, typical=found)
@@ -327,8 +334,8 @@ def _decide(
     return bounds, planned
 
 
-def _check_request(tolerance: float | None, forced: Mapping[str, bool]) -> None:
-    """Refuse a tolerance that is not above 0, and effects that are unknown or no booleans."""
+def _check_request(tolerance, forced: Mapping[str, bool], integrator: str, rays) -> None:
+    """Refuse values out of range, and effects that are unknown or no booleans."""
     if tolerance is not None and not (tolerance > 0 and math.isfinite(tolerance)):
         raise InputError(f"tolerance must be above 0, got {tolerance}.")
     unknown = [repr(name) for name in forced if name not in EFFECTS]
@@ -339,6 +346,13 @@ def _check_request(tolerance: float | None, forced: Mapping[str, bool]) -> None:
     for name, value in forced.items():
         if not isinstance(value, bool | np.bool_):
             raise InputError(f"Effect {name} must be forced by True or False, got {value!r}.")
+    if integrator not in ("auto", "exact", "rays"):
+        raise InputError(f"integrator must be auto, exact or rays, got {integrator!r}.")
+    if rays is not None and (integrator != "rays" or rays < 1):
+        raise InputError(
+            f"rays must be at least 1 and goes with integrator='rays', "
+            f"got rays={rays}, integrator={integrator!r}."
+        )
 
 
 def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
