@@ -224,14 +224,13 @@ def body(found: dict) -> list[str]:
     """Write the table, and what it means, as Markdown."""
     ratios = ("smallest", "median", "largest")
     columns = {name: (name, ".3g" if name in ratios else "") for name in found["rows"][0]}
-    left = found.get("left", 0)  # older records had no limit of time
     return [
         "## Bounds on random scenes",
         f"Bound over the largest change of a pixel in {found['scenes']} random scenes, "
         f"{found['refused']} of them refused as impossible, before cameras with every imperfection "
-        f"at once; {left} were left after {MOST_SECONDS} s of processor time, or as no number of "
-        "parts is enough at a tenth of the tolerance, and count as far as they came. Each "
-        "effect is forced against what the plan decided, all else as decided. Ratios "
+        f"at once; {found['left']} were left after {MOST_SECONDS} s of processor time, or as no "
+        "number of parts is enough at a tenth of the tolerance, and count as far as they came. "
+        "Each effect is forced against what the plan decided, all else as decided. Ratios "
         "are those of changes above the rounding of float32 and ten times the error of the rays; a "
         f"violation is a change above the bound and that error. The last line, {WHOLE}, compares "
         "images at the tolerance with those at a tenth of it, as a root mean square.",

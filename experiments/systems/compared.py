@@ -90,7 +90,8 @@ def select_entries(runs: Path, official: Path | None) -> list[Entry]:
 def resnet_entry(folder: Path) -> Entry:
     """Enter a run of the paper's network, for the data set of its kind."""
     about = training_of(folder)
-    recipe = "{preset} preset, {epochs:,} epochs".format(**about) if about else "no run"
+    recipe = "{backbone_weights}, {preset} preset, {epochs:,} epochs"
+    recipe = recipe.format(**about) if about else "no run"
     name = f"{ResNet50.name}, {recipe}, {folder.name}"
     return Entry(name, partial(ResNet50.of_run, folder), about, only=folder.name)
 
@@ -114,7 +115,7 @@ def training_of(folder: Path) -> dict:
         return {}
     epochs = history["epoch"].to_numpy()
     seconds = epochs * float(np.median(np.diff(history["seconds"], prepend=0.0)))
-    kept = ("system", "preset", "seed", "recipe", "epochs", "best_epoch")
+    kept = "system", "preset", "seed", "recipe", "epochs", "best_epoch", "backbone_weights"
     facts = {key: record[key] for key in (*kept, "date", "git_revision") if key in record}
     facts |= {"steps": int(each * epochs[-1]), "seconds": float(seconds[-1])}
     if system:
