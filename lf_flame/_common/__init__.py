@@ -1,1 +1,1 @@
-"""Small helpers that all parts share: nothing here knows of optics or learning."""
+"""Small helpers that all parts share: nothing here depends on optics or learning."""

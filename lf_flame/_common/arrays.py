@@ -14,5 +14,5 @@ def centred(n: int) -> np.ndarray:
 
 
 def number_or_array(array: np.ndarray) -> Any:
-    """Make a plain number of an array without axes; others stay as they are."""
+    """Convert an array without axes to a plain number; leave others unchanged."""
     return array.item() if np.ndim(array) == 0 else array

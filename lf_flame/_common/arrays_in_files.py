@@ -23,7 +23,7 @@ def header_of(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
 class FileOfArrays:
     """Arrays of numbers in a file of any kind, by name.
 
-    A kind of file finds names and headers from what the file says of itself, and reads one array.
+    A subclass finds names and headers in the file's own description, and reads one array.
     """
 
     path: str | Path
@@ -64,17 +64,17 @@ class ArrayFile(FileOfArrays):
             self.header("")  # refuses a file that is not an array
 
     def header(self, name: str) -> np.ndarray:
-        """Read shape and type of an array; refuse what is no array of numbers."""
+        """Read shape and type of an array; refuse anything but an array of numbers."""
         with (
             self._open(name) as file,
-            readable(self.path, "is no NumPy file of plain arrays"),
+            readable(self.path, "is not a NumPy file of plain arrays"),
             warnings.catch_warnings(action="ignore"),  # of headers that Python 2 may have written
         ):
             shape, _, dtype = NUMPY_HEADERS[np.lib.format.read_magic(file)](file)
             if dtype.kind in "biufc":
                 return header_of(shape, dtype)
-        what = name or "what it holds"
-        raise InputError(f"{self.path} cannot be read: {what} is no plain array of numbers.")
+        what = name or "its content"
+        raise InputError(f"{self.path} cannot be read: {what} is not a plain array of numbers.")
 
     def _read(self, name: str) -> np.ndarray:
         with self._open(name) as file, readable(self.path):
@@ -86,5 +86,5 @@ class ArrayFile(FileOfArrays):
         with readable(self.path):
             packing = self._archive.getinfo(f"{name}.npy").compress_type
             if packing not in (ZIP_STORED, ZIP_DEFLATED):  # zipfile unpacks others without a bound
-                raise InputError(f"{self.path}: {name} is packed by method {packing}, not DEFLATE.")
+                raise InputError(f"{self.path}: {name} is compressed by method {packing}.")
             return self._archive.open(f"{name}.npy")

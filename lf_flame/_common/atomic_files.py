@@ -26,14 +26,14 @@ from lf_flame.errors import InputError
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Give an empty file with the ending of `path`, to be renamed when the block succeeds.
+    """Yield an empty file with the extension of `path`, to be renamed when the block succeeds.
 
-    The folder is made. An existing file stays until the rename; a link is replaced, and its target
+    Its folder is made. An existing file stays until the rename; a link is replaced, and its target
     stays.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise InputError(f"{path} is no file, and is not replaced by one; choose another name.")
+        raise InputError(f"{path} is not a file, and is not replaced by one; choose another name.")
     with _renamed(path, path.suffix) as aside:
         aside.touch(exist_ok=False)
         yield aside
@@ -43,7 +43,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Give an empty folder, to be renamed to `path`, which must not exist or be empty."""
+    """Yield an empty folder, to be renamed to `path`, which must not exist or be empty."""
     with _renamed(Path(path)) as aside:
         aside.mkdir()
         yield aside
@@ -51,14 +51,14 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def _renamed(path: Path, suffix: str = "") -> Iterator[Path]:
-    """Give a temporary path, renamed to `path` or removed; the system's errors name `path`."""
+    """Yield a temporary path, renamed to `path` or removed; the system's errors name `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part{suffix}")
     try:
         yield aside
         aside.replace(path)
     except OSError as error:
-        error.strerror = error.strerror or str(error)  # NumPy's of a full disk has but a text
+        error.strerror = error.strerror or str(error)  # NumPy's for a full disk is text only
         error.filename = str(error.filename or aside).replace(str(aside), str(path))
         raise
     finally:
@@ -75,7 +75,7 @@ def _remove(path: Path) -> None:
 def remove_leftovers(path: Path) -> None:
     """Remove temporary files and folders of `path` that killed processes left.
 
-    Only for a process that holds the lock (`exclusive`) under which all write `path`.
+    Call it only under the lock (`exclusive`) under which all processes write `path`.
     """
     for left in path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 16}.part*"):
         _remove(left)
@@ -117,10 +117,10 @@ def exclusive(output: str | Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # Removed while held: a process that opened it before finds it gone, and makes another.
+        # Removed under the lock: a process that opened it before finds it gone, and makes another.
         file.unlink(missing_ok=True)
         lock.release()
-        with suppress(OSError):  # one holds something
+        with suppress(OSError):  # one is not empty
             for folder in made:
                 folder.rmdir()
 
@@ -152,7 +152,7 @@ def output_folder(
     files that it lists. It is first renamed to ``NAME.old-...`` and removed after the new one has
     its name. A process that is killed in between leaves it under that name.
     """
-    place = Path(os.path.realpath(folder))  # of a link, the folder behind it is replaced
+    place = Path(os.path.realpath(folder))  # the target of a link is replaced
     old, old_files = place.with_name(f"{place.name}.old-{secrets.token_hex(4)}"), []
     with exclusive(place):
         refuse_folder(folder, record, overwrite=overwrite)
@@ -196,7 +196,7 @@ def refuse_folder(folder: str | Path, record: str, *, overwrite: bool = False) -
     try:
         listed = build(list[str], read_record(folder / record).get("files"), f"{record}, files")
     except InputError as error:
-        raise InputError(f"{folder} is not replaced, as it is no result: {error}") from None
+        raise InputError(f"{folder} is not replaced, as it is not a result: {error}") from None
     for name in names:
         path = folder / name
         if name not in (record, *listed) or (path.is_dir() and not path.is_symlink()):

@@ -77,7 +77,7 @@ def _odd_key(problem: Any, kind: type) -> str:
         return f"{name} is missing"
     known = _known_keys(kind, place[:-1])
     near = difflib.get_close_matches(str(place[-1])[:100], known, n=2)
-    hint = f"perhaps {' or '.join(near)}" if near else f"known are {', '.join(known)}"
+    hint = f"perhaps {' or '.join(near)}" if near else f"known keys: {', '.join(known)}"
     return f"{name} is not a known key" + (f" ({hint})" if known else "")
 
 

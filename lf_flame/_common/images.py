@@ -42,14 +42,14 @@ COMPRESSIONS = (
     COMPRESSION.NONE, COMPRESSION.LZW, COMPRESSION.DEFLATE, COMPRESSION.ADOBE_DEFLATE,
     COMPRESSION.PACKBITS, COMPRESSION.LZMA, COMPRESSION.ZSTD,
 )  # fmt: skip
-"""Accepted compressions. None of them unpacks more than the declared size."""
+"""Accepted compressions. None of them expands beyond the declared size."""
 
 TRANSPARENCY = (EXTRASAMPLE.UNASSALPHA,)
 """Accepted meaning of a second or fourth sample: colours are not multiplied by it."""
 
 
 def read_pixels(path: str | Path) -> np.ndarray:
-    """Read an image file at full bit depth: (h, w) or (h, w, channels), in its shown orientation.
+    """Read an image file at full bit depth: (h, w) or (h, w, channels), as displayed.
 
     Levels are as stored, 0 is black; those of TIFF files of 12 bits and the like are divided by the
     highest, float32. Transparency is a last channel, the pages of a stack are first axes.
@@ -61,7 +61,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
     with open_image(path) as image:
         if image.mode == "CMYK":
             raise InputError(
-                f"{path} holds inks and no light: convert it by the printer's profile."
+                f"{path} stores ink (CMYK), not light: convert it with the printer's profile."
             )
         if image.format == "PPM" and image.mode == "RGB" and top_level(image) > 255:
             # Pillow would keep 8 of the bits.
@@ -103,7 +103,7 @@ def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
 
 
 def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
-    """Turn a picture, with its axis of rows, to its orientation, 1 to 8 (EXIF 2.32, TIFF 6.0)."""
+    """Rotate or mirror a picture by its orientation, 1 to 8 (EXIF 2.32, TIFF 6.0)."""
     axes = (rows, rows + 1)
     if orientation in (5, 6, 7, 8):
         pixels = np.swapaxes(pixels, *axes)
@@ -152,7 +152,7 @@ def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
 
 
 def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPageSeries]:
-    """Series of an open TIFF file that are its picture in full resolution, or its like pictures.
+    """Series of an open TIFF file that are its picture in full resolution, or pictures of one form.
 
     Thumbnails and masks, which NewSubfileType declares, are left out.
     """
@@ -172,10 +172,10 @@ def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPag
 def find_axes(
     series: list[tifffile.TiffPageSeries], *, is_focal: bool = False
 ) -> tuple[str, list[int], list[int]]:
-    """Letters of the axes of like series, N first, and the places of page axes and image axes.
+    """Letters of the axes of equal series, N first, and the places of page axes and image axes.
 
     Samples are channels. So are images for each colour (axis C): three, or two and four beside
-    other pages or in a focal stack; other pages are no colours. Axes of length 1 are left out.
+    other pages or in a focal stack; other pages are not colours. Axes of length 1 are left out.
     """
     axes = "N" + series[0].get_axes(squeeze=False)
     lengths = (len(series), *series[0].get_shape(squeeze=False))
@@ -191,7 +191,7 @@ def read_tiff(path: str | Path, *, opaque: bool = False) -> tuple[np.ndarray, st
     """Read the pictures of a TIFF file, if all of them fit into memory as floats.
 
     Returns pixels with the page axes, rows, columns and, if there are several, channels, without
-    transparency if `opaque`; tifffile's letters of the page axes, with N for like pictures that
+    transparency if `opaque`; tifffile's letters of the page axes, with N for equal pictures that
     follow each other; ImageJ's metadata.
     """
     with open_tiff(path) as file:
@@ -202,7 +202,7 @@ def read_tiff(path: str | Path, *, opaque: bool = False) -> tuple[np.ndarray, st
         _check_page(page, path)
         if any(page is None for one in series for page in one.pages):
             raise InputError(
-                f"{path} names other files as the place of some of its pages, and these are not "
+                f"{path} refers to other files for some of its pages, and these are not "
                 f"opened: store all pages in one file."
             )
         axes, pages, image = find_axes(series, is_focal="slopes" in metadata)
@@ -225,21 +225,21 @@ def read_tiff(path: str | Path, *, opaque: bool = False) -> tuple[np.ndarray, st
 
 
 def _check_page(page: tifffile.TiffPage, path: str | Path) -> None:
-    """Refuse samples that are not light, of no stated meaning, or packed in another way."""
+    """Refuse samples that are not light, have no stated meaning, or use another compression."""
     known = page.photometric if "PhotometricInterpretation" in page.tags else LIGHT[0]
     if known not in LIGHT:
         raise InputError(
-            f"{path} holds no grey or RGB light that counts from black but "
+            f"{path} does not store grey or RGB light with black at 0, but "
             f"{getattr(known, 'name', '')} (photometric interpretation {int(known)}): convert it."
         )
     if page.samplesperpixel in (2, 4) and page.extrasamples != TRANSPARENCY:
         raise InputError(
-            f"{path} has {page.samplesperpixel} samples to a pixel, and does not say that the last "
+            f"{path} has {page.samplesperpixel} samples per pixel, and does not say that the last "
             f"is a plain transparency: store it in grey or RGB."
         )
     if page.compression not in COMPRESSIONS:
         raise InputError(
-            f"{path} is packed by compression {int(page.compression)} "
+            f"{path} uses compression {int(page.compression)} "
             f"({getattr(page.compression, 'name', 'unknown')}), which is not read: store it with "
             f"DEFLATE, LZW or without compression."
         )

@@ -29,7 +29,7 @@ def check_regular(path: str | Path) -> int:
         raise InputError(f"{path} cannot be read: {reason}.") from None
     if not stat.S_ISREG(found.st_mode):
         kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, a pipe or a socket"
-        raise InputError(f"{path} cannot be read: it must be a regular file, and is {kind}.")
+        raise InputError(f"{path} cannot be read: it must be a regular file, but is {kind}.")
     return found.st_size
 
 
@@ -58,7 +58,7 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
     size = check_regular(path)
     if size > largest:
         raise InputError(
-            f"{path} cannot be read: it has {size:,} bytes, and {largest:,} are the most."
+            f"{path} cannot be read: it has {size:,} bytes, more than the {largest:,} allowed."
         )
     with Path(path).open("rb") as file:
         content = file.read(largest)
@@ -66,7 +66,7 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
         return content.decode("utf-8-sig")  # Windows' Notepad and Excel write the mark
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path} is no text in UTF-8 ({error.reason} at {error.start}); save it as UTF-8."
+            f"{path} is not text in UTF-8 ({error.reason} at {error.start}); save it as UTF-8."
         ) from None
 
 
@@ -85,7 +85,7 @@ def read_record(path: str | Path) -> dict[str, Any]:
     """Parse a JSON record written by this program: an object of bounded size and depth."""
     record = parse_json(read_text(path), path)
     if not isinstance(record, dict):
-        raise InputError(f"{path} is no record: it must hold names and values.")
+        raise InputError(f"{path} is not a record: it must contain names and values.")
     return record
 
 
@@ -111,16 +111,16 @@ def _check_values(values: Any, source: str | Path) -> None:
         elif isinstance(value, list):
             left += value
         elif isinstance(value, str) and "\0" in value:
-            raise InputError(f"{source} cannot be used: a text in it holds a null byte.")
+            raise InputError(f"{source} cannot be used: a text in it contains a null byte.")
         elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-            raise InputError(f"{source} cannot be used: it holds a whole number beyond 64 bits.")
+            raise InputError(f"{source} cannot be used: it contains an integer beyond 64 bits.")
 
 
 def memory_limit() -> float:
     """Largest number of bytes that one input may take."""
     stated = os.environ.get(LIMIT)
     if stated is None:
-        # Half of the machine's, so that a light field and its copy fit.
+        # Half of the machine's memory, so that a light field and its copy fit.
         return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
         limit = float(stated)
@@ -132,7 +132,7 @@ def memory_limit() -> float:
 
 
 def check_memory(needed: int, source: object) -> None:
-    """Refuse an input, named by its `source`, that needs too many bytes, before it gets them."""
+    """Refuse an input, named by its `source`, that needs too much memory, before it is read."""
     limit = memory_limit()
     if needed > limit:
         raise InputError(

@@ -47,7 +47,7 @@ def _program() -> str:
 
 
 def _git_revision() -> str | None:
-    # The first call fails in another's checkout. No lock, which a kill would leave there.
+    # It fails in another user's checkout. No lock, which a killed process would leave there.
     own = ("ls-files", "--error-unmatch", Path(__file__).name)
     revision = ("describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=+")
     try:

@@ -35,10 +35,10 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 COMPILING = (
-    "Compiling what this command needs for this machine; it takes some seconds, at its first call."
+    "Compiling what this command needs for this machine; this takes some seconds, the first time."
 )
 NOT_KEPT = (
-    "Compiling for this machine, some seconds at each start: no folder can be written in which "
+    "Compiling for this machine, some seconds at each start: there is no writable folder in which "
     "Numba would keep the result; set NUMBA_CACHE_DIR to one."
 )
 # Among Numba's threading layers, only tbb survives both calls from several threads at once, where
@@ -84,8 +84,8 @@ def _announce(message: str) -> None:
 class _Cache(FunctionCache):
     """Compiled code on disk; a fault in it costs a compilation, and never a wrong result.
 
-    Numba's own raises an error if no folder can be written, as in some containers, and looks at
-    the function's own file alone: it would go on with old code of functions of other files.
+    Numba's own raises an error without a writable folder, as in some containers, and checks only
+    the function's own file: it would reuse old code of functions in other files.
     """
 
     def __init__(self, function):
@@ -189,7 +189,7 @@ share = _kept(njit(parallel=True)(_share), _share)
 
 
 class Kernel:
-    """A compiled loop over a body; called with the body's arguments but the first."""
+    """A compiled loop over a body; called with all of the body's arguments except the first."""
 
     def __init__(self, count: Callable[..., int], body: Callable[..., None]):
         self.count, self.body = count, body

@@ -37,7 +37,7 @@ class _Context(SpawnContext):
 
 @contextmanager
 def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Start worker processes that Ctrl-C does not reach; they end when this one ends, however.
+    """Start worker processes that Ctrl-C does not reach; they end with this one, however it ends.
 
     Work that has not begun is cancelled if the block ends early. At Ctrl-C the processes are
     killed: the files that they write are whole or absent. A worker that is killed, as when memory
@@ -49,7 +49,7 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
             yield pool
         except BrokenProcessPool:
             raise ChildProcessError(
-                "A worker process was killed, perhaps for its memory; what is finished is kept, "
+                "A worker process was killed, perhaps for lack of memory; finished work is kept, "
                 "and the same command resumes from there"
             ) from None
         except (KeyboardInterrupt, GeneratorExit):
@@ -80,7 +80,7 @@ def carry_out(
 ) -> Iterator[T]:
     """Carry out tasks that can be pickled, and yield the results of each when it is done.
 
-    A single worker is this process, on all threads; an `executor` replaces own processes.
+    A single worker is this process, on all threads; an `executor` replaces worker processes.
     """
     if executor is None and workers == 1:
         for task in tasks:

@@ -58,7 +58,7 @@ class CameraLaw(Lens):
     depth_range_mm : (float, float)
         Lowest and highest depth for which the law holds.
     views : int
-        Number of views along each axis; the slope of another number means another depth.
+        Number of views along each axis; with another number a slope means another depth.
     lenslets : (int, int)
         Number of rows and columns of a view.
     distortion : float, optional
@@ -66,10 +66,10 @@ class CameraLaw(Lens):
         without radial distortion, per lenslet squared.
     aperture_diameter_mm : float, optional
         Diameter of a round pupil where the views meet. Default: the pupil is as wide as all views,
-        or known by the views that count.
+        or follows from the views that are used.
     fall_off : tuple of tuple of float, optional
-        Brightness of each view, row by row, relative to the central one, above 0; 0 of a view that
-        does not count. Default: all are alike.
+        Brightness of each view, row by row, relative to the central one, above 0; 0 for a view that
+        is excluded. Default: all are equal.
     standard_deviations : dict of str to float, optional
         Standard deviations of the numbers above, by name.
 
@@ -108,15 +108,15 @@ class CameraLaw(Lens):
         signs = self.slope_at_infinity * self.slope_mm < 0 < self.scale
         if not (signs and abs(self.slope_mm) >= SHORTEST and self.centre_mm < low < high):
             raise InputError(
-                f"A law needs slope_at_infinity and slope_mm of different signs, scale above 0, "
+                f"A law needs slope_at_infinity and slope_mm of opposite signs, scale above 0, "
                 f"and depth_range_mm rising, beyond centre_mm, got {self.slope_at_infinity}, "
                 f"{self.slope_mm}, {self.scale}, {self.depth_range_mm} and {self.centre_mm}."
             )
-        # A line that is added at the end of the file is in this table, the last.
+        # A line that is added at the end of the file belongs to this table, the last.
         if unknown := self.standard_deviations.keys() - set(MEASURED):
             raise InputError(
-                f"standard_deviations are of {', '.join(MEASURED)}, got {', '.join(unknown)}; "
-                f"other keys of a law stand directly below [{TABLE}]."
+                f"standard_deviations must be of {', '.join(MEASURED)}, got {', '.join(unknown)}; "
+                f"other keys of a law belong directly below [{TABLE}]."
             )
         diameter = self.aperture_diameter_mm
         if diameter is not None and not SHORTEST <= diameter <= LONGEST:
@@ -186,14 +186,14 @@ class CameraLaw(Lens):
         return abs(self.slope_at_infinity) * self.lenslet_in_focus_mm
 
     def with_views(self, count: int) -> CameraLaw:
-        """Law of the inner `count` views along each axis, of the same steps."""
+        """Law of the inner `count` views along each axis, with the same steps."""
         out = (self.views - count) // 2
         inner = slice(out, out + count)
         rows = self.fall_off and tuple(row[inner] for row in self.fall_off[inner])
         return replace(self, views=count, fall_off=rows)
 
     def corrected(self, light_field: LightField) -> LightField:
-        """Bring views to one brightness, and undo the lens's distortion, as far as it is measured.
+        """Bring views to equal brightness and undo the lens's distortion, as far as measured.
 
         Views that are darker than half of the central one get weight 0.
         """
@@ -219,12 +219,12 @@ class CameraLaw(Lens):
         for depth in np.ravel(np.asarray(depths_mm, float)):
             if not low <= depth <= high:
                 raise InputError(
-                    f"The calibration holds for depths from {low:g} to {high:g} mm, where targets "
-                    f"stood, got {depth:g} mm; calibrate with targets at that depth."
+                    f"The calibration is valid from {low:g} to {high:g} mm, the depths of its "
+                    f"targets, got {depth:g} mm; calibrate with targets at that depth."
                 )
 
     def to_toml(self) -> str:
-        """Give the law as a table of a TOML file, which `read_lens` reads."""
+        """Format the law as a table of a TOML file, which `read_lens` reads."""
         values = dict(vars(self))
         deviations = values.pop("standard_deviations")
         return (
@@ -308,7 +308,7 @@ def thin_lens(
     ----------
     law : CameraLaw
     lenslet_mm : float
-        Distance between the centres of neighbouring lenslets, by their maker.
+        Distance between the centres of neighbouring lenslets, as their maker states it.
     focal_mm : float, optional
         Focal length of the main lens, as engraved, which fixes its distances: the exit pupil is
         then where the aperture must be seen for the views to meet where the law says. Default: the

@@ -1,7 +1,7 @@
 """Corners of a checkerboard, or dots of a regular grid: their lattice, and exact positions.
 
 A corner of a checkerboard and a round dot look the same after half a turn about their centre,
-whatever blurs them alike in all directions. The position x minimises the sum over offsets d in a
+under any blur that is equal in all directions. The position x minimises the sum over offsets d in a
 disc of ``(I(x + d) - I(x - d))^2``: no model of edges or of blur is needed.
 """
 
@@ -19,13 +19,13 @@ def find_lattice(image: np.ndarray, *, dots: bool = False) -> tuple[np.ndarray, 
     """Find the corners of a checkerboard, or dots, and number them by row and column.
 
     Gives row and column of each point, from any origin, and its approximate position in pixels,
-    each of shape (n, 2). The target may be turned, and cut off by the borders.
+    each of shape (n, 2). The target may be rotated, and cut off by the borders.
     """
     image = np.asarray(image, float)
     middle = (np.array(image.shape) - 1) / 2
     best: dict[tuple[int, int], int] = {}
     points = np.empty((0, 2))
-    # Saddles of brightness are looked for at three scales of smoothing.
+    # Saddles of brightness are searched for at three scales of smoothing.
     for found in [_dots(image)] if dots else (_saddles(image, scale) for scale in (1.0, 2.0, 4.0)):
         # The lattice grows from a dozen points around the centre; most points in it are enough.
         seeds = np.argsort(np.hypot(*(found - middle).T))[:12] if len(found) > 4 else ()
@@ -55,7 +55,7 @@ def refuse_few(indices: np.ndarray, *, dots: bool) -> None:
 
 
 def lattice_steps(indices: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Give the steps in pixels to the next row and to the next column, shape (2, 2)."""
+    """Find the steps in pixels to the next row and to the next column, shape (2, 2)."""
     design = np.column_stack([indices, np.ones(len(indices))])
     return np.linalg.lstsq(design, points, rcond=None)[0][:2]
 
@@ -113,7 +113,7 @@ def _grow(points: np.ndarray, seed: int) -> dict[tuple[int, int], int]:
             place = (row + down, column + right)
             if place in placed:
                 continue
-            # The last step goes on, as perspective and distortion change steps slowly.
+            # The last step is repeated: perspective and distortion change steps slowly.
             before = placed.get((row - down, column - right))
             step = down * basis[0] + right * basis[1]
             step = step if before is None else here - points[before]
@@ -128,9 +128,9 @@ def _grow(points: np.ndarray, seed: int) -> dict[tuple[int, int], int]:
 def _true_corners(
     image: np.ndarray, points: np.ndarray, placed: dict[tuple[int, int], int]
 ) -> dict[tuple[int, int], int]:
-    """Leave out points whose four squares are not bright and dark in turn.
+    """Leave out points whose four squares are not alternately bright and dark.
 
-    So are points on the rim of the board, saddles between dots, and those by the image's borders.
+    These are on the rim of the board, between dots, or by the image's borders.
     """
     if len(placed) < LEAST_POINTS:
         return {}

@@ -14,7 +14,7 @@ from lf_flame.calibration.targets import Target, inverse
 from lf_flame.errors import InputError
 
 SURE = 0.999
-"""Probability above which distortion, or a misfit, is taken to be more than noise."""
+"""Probability above which distortion, or a misfit, is significant."""
 
 
 class Measurements(NamedTuple):
@@ -29,7 +29,7 @@ class Measurements(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LawFit:
-    """A law, fitted to targets, and how well it holds.
+    """A law, fitted to targets, and how well it fits.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class LawFit:
     covariance : ndarray, shape (4, 4)
         Covariance of a, b, c and d of the law.
     misfit_mm : float
-        Root mean square of the depth residuals in mm; 0 unless it surely exceeds the noise.
+        Root mean square of the depth residuals in mm; 0 unless it exceeds the noise significantly.
     residuals : ndarray, shape (2, n)
         Depth by the law minus the known one in mm, and relative error of the law's scale.
     """
@@ -52,7 +52,7 @@ class LawFit:
 
     @property
     def coverage(self) -> float:
-        """Number of standard deviations within which the truth is with 95 % (Student's t)."""
+        """Number of standard deviations that contain the truth with 95 % (Student's t)."""
         return float(t.ppf(0.975, self.residuals.size - len(MEASURED)))
 
     def depth_error_mm(self, depth_mm: float) -> float:
@@ -145,7 +145,7 @@ def fit_targets(
 
 
 def _fall_off(levels: Sequence[np.ndarray]) -> tuple[tuple[float, ...], ...] | None:
-    """Brightness of each view over three targets or more; None unless it surely differs by 1 %."""
+    """Brightness of each view over three targets or more; None if 1 % is within its error."""
     seen = np.array([one for one in levels if np.isfinite(one).any()])
     if len(seen) < 3:
         return None
@@ -156,7 +156,7 @@ def _fall_off(levels: Sequence[np.ndarray]) -> tuple[tuple[float, ...], ...] | N
 
 
 def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
-    """Radial distortion that all targets share, and its standard error; 0 and 0 unless sure."""
+    """Radial distortion that all targets share, and its standard error; both 0 if insignificant."""
     free = [one.squares_per_lenslet(None) for one in targets]
     values = np.array([one.distortion for one in free])
     weights = 1 / np.maximum([one.distortion_error for one in free], 1e-15) ** 2
@@ -173,7 +173,7 @@ def refuse_few_depths(depths_mm: ArrayLike) -> None:
     different = len(np.unique(depths))
     if different < 3 or not np.all(np.isfinite(depths)):
         raise InputError(
-            f"A calibration needs targets at 3 different distances at least, better 5 or more over "
+            f"A calibration needs targets at 3 or more different distances, better 5 or more over "
             f"the whole range of use, got {different}."
         )
 
@@ -192,13 +192,13 @@ def fit_law(measured: Measurements, *, scale_error: float = 0.0, **facts: Any) -
     if misfit_mm > 0.02 * span or not centre < low:
         worst = int(np.argmax(np.abs(residuals[0])))
         raise InputError(
-            f"The targets follow no law of a camera: depths by it differ from the given ones by up "
+            f"No camera law fits the targets: its depths differ from the given ones by up "
             f"to {abs(residuals[0, worst]):.3g} mm, at {measured.depths[worst]:g} mm; check which "
             f"picture was taken at which depth, and that the camera was not changed between them."
         )
     freedom, square = solved.fun.size - len(MEASURED), 2 * solved.cost
     sure = bool(square > chi2.ppf(SURE, freedom))
-    # A wrong position moves the slope and the scale of a target alike, which at most doubles the
+    # A wrong position changes slope and scale of a target together, which at most doubles the
     # variance of errors that are independent.
     covariance = max(square / freedom * (1 + sure), 1.0) * inverse(solved.jac.T @ solved.jac)
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2

@@ -92,9 +92,9 @@ def notes(fit: LawFit, facts: list[dict]) -> list[str]:
     said, law = [], fit.law
     if law.slope_mm > 0:
         said.append(
-            "Slopes fall with depth, and those of a camera rise: the views are stored turned "
-            "round, in both axes; state the turned order (--order=-row,-col instead of row,col) "
-            "here and for every picture, or the signs of all slopes stay reversed."
+            "Slopes fall with depth, but those of a camera rise: the views are stored in "
+            "reverse along both axes; state the reversed order (--order=-row,-col instead of "
+            "row,col) here and for every picture, or the signs of all slopes stay reversed."
         )
     if fit.misfit_mm:
         said.append(
@@ -113,7 +113,7 @@ def notes(fit: LawFit, facts: list[dict]) -> list[str]:
     if law.fall_off is not None:
         lit = [level for row in law.fall_off for level in row if level]
         said.append(
-            f"Views are unlike in brightness, {min(lit):.2f} to {max(lit):.2f} of the central one: "
+            f"Views differ in brightness, {min(lit):.2f} to {max(lit):.2f} of the central one: "
             f"{LAW} corrects pictures that are read as these are (with --white or without)."
         )
     if law.distortion:

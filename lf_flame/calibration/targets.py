@@ -101,7 +101,7 @@ class Target:
         gradient = np.array([d, -c, -b, a]) / (2 * scale) * np.sign(a * d - b * c)
         error = float(np.sqrt(gradient @ covariance[2:6, 2:6] @ gradient))
         # Moire between sharp squares and pixels that do not overlap moves neighbouring corners
-        # alike, which their spread does not show: by 0.003 lenslets (root mean square, measured on
+        # as one, which their spread does not show: by 0.003 lenslets (root mean square, measured on
         # pinhole pictures of boards at all angles). It averages out where the target moves by
         # pixels from view to view.
         motion = abs(self.slope) * (min(self.shape[:2]) - 1)
@@ -166,7 +166,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     counted = np.ones((v, u), bool) if weights is None else weights > 0
     if min(v, u) < 3 or counted.sum() < 5:
         raise InputError(
-            f"The slope of a target needs at least 3 x 3 views that count, got {v} x {u}."
+            f"The slope of a target needs at least 3 x 3 views with weight, got {v} x {u}."
         )
     offsets = np.stack(np.meshgrid(centred(v), centred(u), indexing="ij"), axis=-1)
     places = np.argwhere(counted)
@@ -207,7 +207,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
 def _sharpest_slope(views, near: np.ndarray, middle, points: np.ndarray, pitch: float) -> float:
     """Slope at which the target is sharpest in the views around the middle one.
 
-    Within half a square per view step, beyond which one corner may be taken for the next.
+    Within half a square per view step, beyond which one corner may be mistaken for the next.
     """
     slopes = pitch * np.linspace(-0.5, 0.5, 2 * int(max(2 * pitch, 10)) + 1)
     (top, left), (bottom, right) = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
@@ -269,7 +269,7 @@ def _check_motion(motion: np.ndarray, slope_error: float) -> None:
     """Refuse views that are not in rows and columns of one step, by the mean motion, (2, 2)."""
     (down, aside), (across, right) = motion
     size = np.abs(motion).max()
-    # A real array is turned, or its pitches differ, by far less than 0.15.
+    # A real array is rotated, or its pitches differ, by far less than 0.15.
     uneven = max(abs(down - right), abs(aside), abs(across)) > 0.15 * size
     if uneven and size >= 20 * slope_error:  # else it hardly moves
         raise InputError(

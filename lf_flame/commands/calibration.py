@@ -43,11 +43,11 @@ MOST_UNKNOWN = 0.01
 )
 @cloup.option_group(
     "The target",
-    option("--square-mm", "Side of a square, or distance of dots.", ABOVE_0, required=True),
-    option("--step-mm", "Step between targets, given in order, the nearest first.", ABOVE_0),
+    option("--square-mm", "Side of a square, or distance between dots.", ABOVE_0, required=True),
+    option("--step-mm", "Step between targets, which are given nearest first.", ABOVE_0),
     flag("--dots", "The target is a square grid of round dots."),
     option("--lenslet-mm", "Lenslet pitch; with it, camera.toml is written too.", ABOVE_0),
-    option("--focal-mm", "Focal length on the lens; gives camera.toml the exit pupil.", ABOVE_0),
+    option("--focal-mm", "Focal length on the lens; adds the exit pupil to camera.toml.", ABOVE_0),
 )
 @READING
 @out_options("calibration")
@@ -57,7 +57,7 @@ def calibrate(
     """Measure a camera in mm, by pictures of a flat target at known depths.
 
     TARGET@DEPTH_MM is the picture of a checkerboard (or of dots), and its depth along the optical
-    axis; the zero is yours, and depths increase away from the camera.
+    axis; choose any zero; depths increase away from the camera.
 
     \b
       lf-flame calibrate b1.npz@-20 b2.npz@-10 b3.npz@0 b4.npz@10 --square-mm 5
@@ -65,7 +65,7 @@ def calibrate(
       lf-flame refocus flame.npz --camera calibration/calibration.toml --depth-mm 4
     \f
 
-    Three depths are the least; take five or more over the range of use, with the target parallel to
+    Take three depths or more, better five, over the range of use, with the target parallel to
     the lens, filling the picture, its squares 6 lenslets wide or more. Neither focus nor zoom may
     change. With --step-mm the first target is the zero, and its distance from the point where the
     views meet is printed, with its error. calibration.toml holds the law of slope and scale by
@@ -78,7 +78,7 @@ def calibrate(
     from lf_flame.calibration.fit import refuse_few_depths
 
     if focal_mm is not None and lenslet_mm is None:
-        raise InputError("--focal-mm goes with --lenslet-mm.")
+        raise InputError("--focal-mm needs --lenslet-mm.")
     placed = _with_depths(placed, step_mm)
     depths = [depth for _, depth in placed]
     refuse_few_depths(depths)  # before any picture is read
@@ -118,14 +118,14 @@ def calibrate(
 def _with_depths(
     placed: list[tuple[Path, float | None]], step_mm: float | None
 ) -> list[tuple[Path, float]]:
-    """Give each target its depth: the stated one, or one step more than the target before it."""
+    """Find the depth of each target: the stated one, or one step more than the target before it."""
     stated = [depth is not None for _, depth in placed]
     if step_mm is not None and any(stated):
         raise InputError("Give depths (TARGET@DEPTH_MM) or --step-mm, and not both.")
     if step_mm is None and not all(stated):
         missing = placed[stated.index(False)][0]
         raise InputError(
-            f"{missing} needs its depth in mm, as {missing.name}@-20; or state --step-mm for "
+            f"{missing} needs its depth in mm, such as {missing.name}@-20; or state --step-mm for "
             f"targets at equal steps."
         )
     return [
@@ -153,7 +153,7 @@ def _with_depths(
     ),
     option(
         "--exposure exposures",
-        "Exposure of each picture, in their order, divided by that of the flame's (default: 1).",
+        "Exposure of each picture, in their order, divided by that of the flame (default: 1).",
         ABOVE_0,
         multiple=True,
     ),
@@ -178,10 +178,10 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
       lf-flame temperature abel/flame --colours colours/colours.toml
     \f
 
-    Two temperatures are the least, three or more around the flame's are better. The source must be
+    Take two temperatures or more, better three, around the flame's. The source must be
     in the same place in all pictures, evenly bright, and not saturated. colours.toml holds gains,
     their errors, and the responses. The table and colours.png show how far each picture is from the
-    fit; the responses must distinguish temperatures from 1,000 K on.
+    fit; the responses must distinguish temperatures above 1,000 K.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.tomography import soot_output as output
@@ -218,7 +218,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             **reading.facts(),
         }
     click.echo(output.colours_table(fit, kelvin))
-    click.echo(f"these colours determine temperatures of soot from {least:.0f} K on")
+    click.echo(f"these colours determine temperatures of soot above {least:.0f} K")
     if source.uneven > MOST_UNEVEN:
         tell(
             f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "
@@ -226,7 +226,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
         )
     if not exposures:
         tell(
-            "Note: all pictures are taken as exposed as the flame is; if not, say so by "
+            "Note: all pictures are assumed to be exposed as the flame is; if not, state "
             "--exposure, or its absorption comes out wrong."
         )
     say_files(folder)
@@ -254,8 +254,8 @@ def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[n
         lost = 0.0 if light_field.valid is None else 1 - float(light_field.valid.mean())
         if lost > MOST_UNKNOWN:
             raise InputError(
-                f"{source} is saturated or unknown in {lost:.1%} of its pixels, of "
-                f"{MOST_UNKNOWN:.0%} at most: its mean would be too dark; expose less."
+                f"{source} is saturated or unknown in {lost:.1%} of its pixels, more than "
+                f"{MOST_UNKNOWN:.0%}: its mean would be too dark; expose less."
             )
         found.append(light_field.photograph)
     return found

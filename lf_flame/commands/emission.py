@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 BLOCK = option(
     "--block",
-    "Number of lenslets along each axis that make one pixel. More: less noise, memory, time.",
+    "Number of lenslets along each axis that make one pixel; more mean less noise, memory, time.",
     click.IntRange(min=1),
     default=1,
     rare=True,
@@ -64,7 +64,7 @@ AXIS = cloup.option_group(
     camera_option(required=True),
     option("--axis-mm", "Its axis, from the optical axis (default: found).", float),
     option("--axis-depth", "Depth of the axis; required for one picture.", float),
-    option("--radius", "Radius that holds all light (default: found).", float),
+    option("--radius", "Radius that contains all light (default: found).", float),
     option("--burner", "Height of the burner above the optical axis.", float),
     BLOCK,
     flag("--central", "Use the central view alone.", rare=True),
@@ -105,7 +105,7 @@ FITTING = (
     option("--seed", "Seed of those draws.", SEED, default=0, rare=True),
     flag(
         "--thin",
-        "With --colours: take the flame for optically thin, as with a calibration whose gains are "
+        "With --colours: treat the flame as optically thin, as with a calibration whose gains are "
         "not absolute.",
         rare=True,
     ),
@@ -153,9 +153,7 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     from lf_flame.tomography.frustum_grid import planes_between
 
     if bool(depths) == bool(planes):
-        raise InputError(
-            "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
-        )
+        raise InputError("State the planes: either --depths FROM TO STEP or --depth-mm.")
     lens: Lens = read_lens(camera)
     grid = FrustumGrid(lens, planes_between(*depths) if depths else planes, block)
     if options["colours"] and optical_thickness is not None:
@@ -189,7 +187,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
       lf-flame abel photograph.png --camera one_view.toml --axis-depth 0
     \f
 
-    A warning is printed if the axis leans, is not straight or is at another place, if there is
+    A warning is printed if the axis leans, is not straight or is elsewhere, if there is
     light outside the radius, or if the halves differ. One picture of an ordinary camera is enough,
     with --axis-depth and a camera file that says views = 1, the pixel pitch as lenslet pitch, and
     that pitch times the f-number as lenslet focal length.
@@ -272,7 +270,7 @@ class _Job:
         exponent = options.pop("soot_exponent")
         for name, given in (("--thin", thin), ("--soot-exponent", exponent is not None)):
             if given and colours is None:
-                raise InputError(f"{name} goes with --colours, without which no soot is fitted.")
+                raise InputError(f"{name} needs --colours, without which no soot is fitted.")
         soot = {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
         calibration = None
         if colours is not None:
@@ -308,7 +306,7 @@ class _Job:
     def _find_soot(self, light_field: "LightField", grid, calibration: "ColourCalibration") -> None:
         """Find temperature and absorption from the colours; write a folder for each colour.
 
-        All records hold the same random `call`, as a call that is killed may leave colours of two.
+        All records contain the same random `call`: an interrupted run may leave colours of two.
         """
         from lf_flame._common.atomic_files import output_folder
         from lf_flame.tomography import reconstruct_soot
@@ -330,7 +328,7 @@ class _Job:
         if any(totals):
             both = zip(names, totals, strict=True)
             thick = ", ".join(f"{name} {total:.2g}" for name, total in both)
-            click.echo(f"optical thickness of the soot, at most: {thick}")
+            click.echo(f"largest optical thickness of the soot: {thick}")
         click.echo(f"{', '.join(names)} written to {printable(self.out)}")
 
     def _write(self, found, light_field, folder, more, word: str = "Warning") -> None:

@@ -101,7 +101,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
 
     reading = Reading(**options)
     if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
-        raise InputError(f"{target} is read, and cannot be replaced; name another file.")
+        raise InputError(f"{target} is an input, and cannot be replaced; name another file.")
     with exclusive(target):
         light_field = reading.read(source)
         linear = not reading.coded
@@ -113,7 +113,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     }
     if target.suffix.lower() not in (".npz", ".zarr") and any(lost.values()):
         what = " and ".join(name for name, is_lost in lost.items() if is_lost)
-        tell(f"{printable(target)} does not hold {what}; .npz and .zarr do")
+        tell(f"{printable(target)} does not store {what}; .npz and .zarr do")
     click.echo(f"{printable(target)} is written{said}")
 
 

@@ -154,7 +154,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     for image, folder in zip(images, folders, strict=True):
         if folders.count(folder) > 1:
             raise InputError(
-                f"{image} and another image would both go into {folder}; call twice (--out)."
+                f"{image} and another image would both go into {folder}; run twice (--out)."
             )
         refuse_folder(folder, "prediction.json", overwrite=overwrite)
     from lf_flame.learning.prediction import input_size, predict, read_input

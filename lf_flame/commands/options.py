@@ -54,7 +54,7 @@ class FiniteRange(click.FloatRange):
         """Refuse a number that is not finite; click checks the rest."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value!r} is no finite number.", param, ctx)
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
 
@@ -82,7 +82,7 @@ class PlacedFile(click.ParamType):
         except ValueError:
             number = math.nan
         if not at or not path or not math.isfinite(number):
-            self.fail(f"{value!r} must be {self._what}, as {self._example}.", param, ctx)
+            self.fail(f"{value!r} must be {self._what}, such as {self._example}.", param, ctx)
         if "\0" in path or not Path(path).exists():
             self.fail(f"{value!r}: there is no {path!r}.", param, ctx)
         return Path(path), number
@@ -181,7 +181,7 @@ HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_d
 """Settings of the outermost group of a program."""
 
 
-OVERWRITE = flag("--overwrite", "Replace the folder of an earlier call.")
+OVERWRITE = flag("--overwrite", "Replace the folder of an earlier run.")
 
 
 def out_options(default: str) -> Callable:
@@ -204,7 +204,7 @@ def open_lens(path: Path | None) -> "Lens | None":
 
 
 def pick(kind: Any, options: dict[str, Any]) -> Any:
-    """Take those of a command's options that belong to a record of options, and make the record."""
+    """Make a record of options, taking those out of a command's options that belong to it."""
     names = [name for name in kind.__dataclass_fields__ if name in options]
     return kind(**{name: options.pop(name) for name in names})
 

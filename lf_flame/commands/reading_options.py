@@ -40,11 +40,11 @@ def _reading_options(rare: bool) -> tuple:
         ),
         option("--pitch", "Micro-image pitch of a raw image, in pixels.", float, rare=rare),
         option("--views", "Pixels under a lenslet, or views, each way.", int),
-        option("--layout", "Layout of the lenslets, if not as found.", click.Choice(layouts),
+        option("--layout", "Layout of the lenslets (default: found).", click.Choice(layouts),
                rare=rare),
-        option("--grid", "Rows x columns of views in a folder, as 9x9.", rare=rare),
-        option("--order", "Meaning of the two numbers in a name, as row,-col.", rare=rare),
-        option("--names", "Pattern of the views' names, as 'input_Cam*.png'.", rare=rare),
+        option("--grid", "Rows x columns of views in a folder, such as 9x9.", rare=rare),
+        option("--order", "Meaning of the two numbers in a name, such as row,-col.", rare=rare),
+        option("--names", "Pattern of the views' names, such as 'input_Cam*.png'.", rare=rare),
     )  # fmt: skip
 
 
@@ -56,12 +56,12 @@ READING = cloup.option_group(
 ALL_READING = cloup.option_group(
     "How SOURCE is read",
     *_reading_options(rare=False),
-    option("--mosaic", "Rows x columns of views side by side in one picture, as 8x8."),
-    option("--axes", "Meaning of the axes of an array, as vuts, tsvu or ntsc."),
+    option("--mosaic", "Rows x columns of views side by side in one picture, such as 8x8."),
+    option("--axes", "Meaning of the axes of an array, such as vuts, tsvu or ntsc."),
     option("--array", "Name of the array, if SOURCE holds several.", rare=True),
     option("--first", "Number of the first view of --grid, if not 0 or 1.", int, rare=True),
     option("--focused", "Calibration of a Raytrix camera, or its white image.", EXISTING),
-    option("--virtual-depth", "Virtual depth of focused lenslets, if not found.", float, rare=True),
+    option("--virtual-depth", "Virtual depth of focused lenslets, else found.", float, rare=True),
 )
 """Options of `lf-flame convert`."""
 
@@ -101,7 +101,7 @@ class Reading:
         return {name: x for name, x in options.items() if x is not None and name not in filled}
 
     def given(self) -> dict[str, Any]:
-        """Give the options that were given, paths as text."""
+        """Options that were given, paths as text."""
         return {name: str(x) if isinstance(x, Path) else x for name, x in self.stated.items()}
 
     def facts(self) -> dict[str, Any]:
@@ -170,8 +170,8 @@ class Reading:
     def read_of_camera(self, source: Path, lens: "Lens | None") -> "tuple[LightField, Lens | None]":
         """Read a light field and give its camera the light field's own size.
 
-        Pitch and number of views of the camera must be the light field's; how many lenslets there
-        are, its pixels say.
+        Pitch and number of views of the camera must be the light field's; the number of lenslets
+        follows from its pixels.
         """
         light_field = self.for_camera(source, lens).read(source)
         if lens is None:
@@ -182,12 +182,12 @@ class Reading:
 
 
 def note_on_pixels(lens: "Lens", shape: tuple[int, ...]) -> list[str]:
-    """Note that a light field, (v, u, t, s), has views of other pixels than the camera's, if so."""
+    """Note that views (v, u, t, s) have another number of pixels than the camera's, if they do."""
     if tuple(shape[2:4]) == tuple(lens.lenslets):
         return []
     return [
         f"The camera file is for views of {lens.lenslets[0]} x {lens.lenslets[1]} pixels, "
-        f"got {shape[2]} x {shape[3]}: mm hold if the pixels are the same, cut out."
+        f"got {shape[2]} x {shape[3]}: mm are right only if the views are cropped, not scaled."
     ]
 
 

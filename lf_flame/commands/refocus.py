@@ -47,7 +47,7 @@ SLOPES = cloup.option_group(
         float,
         multiple=True,
     ),
-    option("--depth-mm depths", "Depth in mm, as the camera file counts it; needs --camera.", float,
+    option("--depth-mm depths", "Depth in mm, from the camera file's zero; needs --camera.", float,
            multiple=True),
     flag("--search", "The sharpest slope; the default."),
     option("--sweep", "Movie from slope to slope (GIF).", float, nargs=2, metavar="FROM TO"),
@@ -156,7 +156,7 @@ class Focus:
         return self.map_auto or self.slope_map is not None
 
     def asked_slopes(self, views: int, lens: "Lens | None") -> list[float]:
-        """Give the slopes of shift-and-sum for the given slopes and depths."""
+        """Find the slopes of shift-and-sum for the given slopes and depths."""
         from lf_flame.optics.slope_conventions import to_slope
 
         slopes = [to_slope(slope, self.slope_of, views) for slope in self.slopes]
@@ -182,7 +182,7 @@ class Focus:
             raise InputError(f"--{name.replace('_', '-')} does not apply to a network.")
         if self.regions and (self.slopes or self.depths or self.sweep or self.search):
             raise InputError(
-                "--region with --network makes no other pictures: leave those out, or call twice."
+                "--region with --network makes no other pictures: leave those out, or run twice."
             )
 
 
@@ -201,11 +201,11 @@ class Appearance:
     network: Path | None = None
 
     def options(self, views: tuple[int, int], lens: "Lens | None") -> dict[str, Any]:
-        """Give `interpolation` and `weights` of `lf_flame.refocus.refocus`."""
+        """Find `interpolation` and `weights` of `lf_flame.refocus.refocus`."""
         return {"interpolation": self.interpolation, "weights": self._weights(views, lens)}
 
     def _weights(self, views: tuple[int, int], lens: "Lens | None") -> "np.ndarray | None":
-        """Give the weights of views, shape (v, u), or None if all views have the same."""
+        """Find the weights of views, shape (v, u), or None if all views have the same."""
         from lf_flame.optics.camera import PlenopticCamera
         from lf_flame.refocus import aperture_weights, f_number_aperture
 
@@ -279,9 +279,9 @@ def refocus(source, camera, out, overwrite, **options):
     raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it is, and
     `lf-flame convert` reads other kinds.
 
-    The range of --map should exceed the slopes of the scene; auto finds such a range. What one sees
-    through, such as a flame before others, has no single slope: lf-flame reconstruct finds its
-    emission by depth. --network refocuses by nine of the views; with --region it is a run of
+    The range of --map should exceed the slopes of the scene; auto finds such a range. Transparent
+    objects, such as flames, have no single slope: lf-flame reconstruct finds their emission by
+    depth. --network refocuses by nine of the views; with --region it is a run of
     `train-system volumetric`, which uses a cross of 17.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import output_folder, recorded_path

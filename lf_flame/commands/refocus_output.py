@@ -63,7 +63,7 @@ class RefocusJob:
         return replace(self.light_field, views=self.light_field.views / np.float32(self.white))
 
     def preview(self, image: np.ndarray) -> np.ndarray:
-        """Give 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped.
+        """Scale to 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped.
 
         Small images are enlarged, each pixel to as many, so that a screen shows them well.
         """
@@ -147,8 +147,8 @@ def write_search(job: RefocusJob, out: OutputFolder) -> float:
         tops, _ = find_peaks(found.sharpness, prominence=0.1 * np.ptp(found.sharpness))
         peaks = ", ".join(f"{slope:+.2f}" for slope in found.slopes[tops]) or "one peak only"
         click.echo(
-            f"The slope is not certain: {found.doubt} ({peaks}). Find the slope of a part by "
-            f"--region, or of each pixel by --map auto.",
+            f"The slope is not certain: {found.doubt} ({peaks}). Find the slope of a part with "
+            f"--region, or of each pixel with --map auto.",
             err=True,
         )
     return found.slope
@@ -206,8 +206,8 @@ def write_slope_map(
     elif not share:
         click.echo(
             f"No slope is certain: there is too little texture, slopes are outside the range "
-            f"({'--map FROM TO' if auto else '--map auto finds a range'}), or one sees through "
-            f"what is there, as through flames (lf-flame reconstruct).",
+            f"({'--map FROM TO' if auto else '--map auto finds a range'}), or the scene "
+            f"is transparent, as flames are (lf-flame reconstruct).",
             err=True,
         )
 

@@ -125,12 +125,12 @@ def temperature(
     every = read_colours_of(*_colour_folders(folders, colours.responses.names))
     if len(folders) == 1 and len({one.record.call for one in every}) > 1:
         raise InputError(
-            f"The colours in {folders[0]} are not of one call of lf-flame reconstruct or lf-flame "
-            f"abel with --colours, which may have been interrupted: call it again."
+            f"The colours in {folders[0]} are not of one run of lf-flame reconstruct or lf-flame "
+            f"abel with --colours, which may have been interrupted: run it again."
         )
     _check_order(every, colours.responses.names)
     soot_exponent = _exponent(every[0], soot_exponent)
-    # Colours of one call are drawn together.
+    # Colours of one run are drawn together.
     drawn = len(folders) == 1 and all(len(one.draws) for one in every)
     found = soot_temperature(
         [one.emission for one in every],
@@ -173,7 +173,7 @@ def _exponent(folder: "EmissionFolder", stated: float | None) -> float:
     if folder.record.absorbing and used is not None and used != stated:
         raise InputError(
             f"--soot-exponent must be that with which the absorption in {folder.folder} was found, "
-            f"{used:g}, got {stated:g}: call lf-flame reconstruct or lf-flame abel with it."
+            f"{used:g}, got {stated:g}: run lf-flame reconstruct or lf-flame abel with it."
         )
     return stated
 
@@ -199,7 +199,7 @@ def _calibration(
     from lf_flame.tomography.spectra import SpectralResponses
 
     if (wavelengths is None) == (file is None):
-        raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
+        raise InputError("State the colours: either --colours FILE or --wavelengths.")
     if file is not None:
         if ratio is not None:
             raise InputError("--calibration does not apply with --colours, which holds the gains.")

@@ -37,7 +37,7 @@ from lf_flame.errors import InputError
 NAMED = 10
 """Number of frames whose warnings are printed at once; the others are counted at the end."""
 
-RATE = option("--frames-per-second", "Frames a second.", FiniteRange(1e-9, 1e15), metavar="RATE")
+RATE = option("--frames-per-second", "Frames per second.", FiniteRange(1e-9, 1e15), metavar="RATE")
 
 SHAPE = (
     option(
@@ -112,13 +112,13 @@ def flicker(
     given = [slope, depth_mm, camera, pixel_mm, burner_row, *reading.given()]
     if done and (level != 0.5 or any(x is not None for x in given)):
         raise InputError(
-            f"{sources[0]} is processed already: of all options, only --frames-per-second, --out "
-            f"and --overwrite apply to it."
+            f"{sources[0]} is already processed: only --frames-per-second, --out and "
+            f"--overwrite apply to it."
         )
     if not done and frames_per_second is None:
-        raise InputError("Say when the frames were taken: --frames-per-second.")
+        raise InputError("State when the frames were taken: --frames-per-second.")
     if slope is not None and depth_mm is not None:
-        raise InputError("Say where to focus: either --slope or --depth-mm.")
+        raise InputError("State where to focus: either --slope or --depth-mm.")
     if (camera is None) != (depth_mm is None):
         raise InputError("--depth-mm and --camera need each other.")
     lens = open_lens(camera)
@@ -129,7 +129,7 @@ def flicker(
     paths = sources if done else find_frames(sources, reading.files)
     if not done and len(paths) < LEAST_FRAMES:
         named = paths[0] if len(paths) == 1 else f"{len(paths)} frames"
-        raise InputError(f"A frequency needs {LEAST_FRAMES} frames at least, got {named}.")
+        raise InputError(f"A frequency needs at least {LEAST_FRAMES} frames, got {named}.")
     source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
     out = out or Path("flicker") / (source.resolve().stem or "frames")
     with (
@@ -198,12 +198,10 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
     crew, reading = pick(Crew, options), pick(Reading, options)
     lens = open_lens(camera)
     if depths and planes:
-        raise InputError(
-            "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
-        )
+        raise InputError("State the planes: either --depths FROM TO STEP or --depth-mm.")
     planes = planes_between(*depths) if depths else planes
     if planes and "emission" not in steps:
-        raise InputError("--depths and --depth-mm go with the step emission.")
+        raise InputError("--depths and --depth-mm need the step emission.")
     chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:
@@ -213,7 +211,7 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
 
 
 def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path, crew: Crew):
-    """Process frames into a Zarr group; give the counts of frames, and notes, which are printed."""
+    """Process frames into a Zarr group; return counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
     from lf_flame.flame_video.frames import FrameReader, find_times
 

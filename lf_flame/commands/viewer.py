@@ -57,8 +57,8 @@ SHOWING = cloup.option_group(
 def view(source, slopes, no_map, title, camera, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
 
-    SOURCE is read as by `lf-flame refocus`, or is a folder of `lf-flame reconstruct`, through whose
-    depth planes one drags. The page is visible on this machine only; Ctrl-C ends it.
+    SOURCE is read as by `lf-flame refocus`, or is a folder of `lf-flame reconstruct`, whose planes
+    the slider moves through. The page is visible on this machine only; Ctrl-C ends it.
 
     \b
       lf-flame view buddha                             a folder of views
@@ -123,7 +123,7 @@ def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] =
     if single_file is None:
         return
     if single_file.resolve() in {path.resolve() for path in read if path}:
-        raise InputError(f"{single_file} is read, and cannot be replaced; name another file.")
+        raise InputError(f"{single_file} is an input, and cannot be replaced; name another file.")
     if single_file.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--single-file must end in .html, got {single_file}.")
 
@@ -180,7 +180,7 @@ def demo(slopes, no_map, title, save, **options) -> None:
     near, far = (DEMO_CAMERA.depth_to_slope(depth) for depth in DEPTHS_MM)
     exhibit = Exhibit(
         demo_light_field(),
-        title or "Three flames before a wall",
+        title or "Three flames in front of a wall",
         slopes or (near, far),
         0.0,
         DEMO_CAMERA,

@@ -48,7 +48,7 @@ def test_members_that_are_no_arrays_are_named(tmp_path, arrays):
     file = ArrayFile(tmp_path / "a.npz")
     assert file.names == ["a", "b/c", "d", "text"]
     assert len(file.read(["a", "d"])) == 2
-    with pytest.raises(InputError, match=r"a\.npz cannot be read.*no NumPy file of plain"):
+    with pytest.raises(InputError, match=r"a\.npz cannot be read.*not a NumPy file of plain"):
         file.header("text")
     with pytest.raises(InputError, match=r"a\.npz cannot be read"):
         file.header("none")

@@ -209,7 +209,7 @@ def test_samples_of_which_the_file_says_nothing_are_refused(tmp_path, samples):
     at = whole.index((338).to_bytes(2, "little") + (3).to_bytes(2, "little"))
     whole[at : at + 2] = (40000).to_bytes(2, "little")  # a tag that nobody knows
     (tmp_path / "a.tif").write_bytes(whole)
-    with pytest.raises(InputError, match=rf"a\.tif has {samples} samples to a pixel"):
+    with pytest.raises(InputError, match=rf"a\.tif has {samples} samples per pixel"):
         read_image(tmp_path / "a.tif")
 
 
@@ -234,13 +234,13 @@ def samples(count, photometric, extra=None):
 
 
 REFUSED = {
-    "inks.tif": (samples(4, "separated"), "holds no grey or RGB light .* but SEPARATED"),
+    "inks.tif": (samples(4, "separated"), "does not store grey or RGB light .* but SEPARATED"),
     "lab.tif": (lambda path: Image.new("LAB", (8, 8)).save(path), "but CIELAB"),
     "white.tif": (tiff(np.ones((4, 5), "u1"), photometric="miniswhite"), "but MINISWHITE"),
-    "four.tif": (samples(4, "minisblack"), "has 4 samples to a pixel"),
-    "two.tif": (samples(2, "minisblack"), "has 2 samples to a pixel"),
-    "unsaid.tif": (samples(4, "rgb", ["unspecified"]), "has 4 samples to a pixel"),
-    "multiplied.tif": (samples(4, "rgb", ["assocalpha"]), "has 4 samples to a pixel"),
+    "four.tif": (samples(4, "minisblack"), "has 4 samples per pixel"),
+    "two.tif": (samples(2, "minisblack"), "has 2 samples per pixel"),
+    "unsaid.tif": (samples(4, "rgb", ["unspecified"]), "has 4 samples per pixel"),
+    "multiplied.tif": (samples(4, "rgb", ["assocalpha"]), "has 4 samples per pixel"),
     "deep.tif": (tiff(np.ones((4, 5), np.uint32)), "or floats, got uint32"),
     "larger.tif": (pages((THUMBNAIL, 0), (PICTURE, 0)), "one picture in full .* got .2, 3. of u"),
     "other.tif": (pages((PICTURE, 0), (PICTURE.astype("f4"), 0)), "or several of one form, got"),
@@ -248,7 +248,7 @@ REFUSED = {
     "jpeg.tif": (tiff(np.ones((9, 8), np.uint8), compression="jpeg"), r"compression 7 \(JPEG\)"),
     "large.png": (lambda path: Image.new("L", (3000, 3000)).save(path), "would need 0.081 GB"),
     "deep.ppm": (lambda path: path.write_bytes(b"P6 1 1 65535 abcdef"), "holds colours of 16 bits"),
-    "inks.jpg": (lambda path: Image.new("CMYK", (8, 8)).save(path), "holds inks and no light"),
+    "inks.jpg": (lambda path: Image.new("CMYK", (8, 8)).save(path), "stores ink"),
     "empty.tif": (lambda path: path.write_bytes(b""), "cannot be read: it is damaged"),
 }
 
@@ -306,5 +306,5 @@ def test_files_that_a_picture_names_are_not_opened(tmp_path, other, read):
     )
     path = tmp_path / "in" / "a.ome.tif"
     tifffile.imwrite(path, np.zeros((4, 5), np.uint8), description=told, metadata=None)
-    with pytest.raises(InputError, match="names other files"):
+    with pytest.raises(InputError, match="refers to other files"):
         read(path)

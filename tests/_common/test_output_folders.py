@@ -64,7 +64,7 @@ REFUSED = {
     "it exists": (lambda folder: None, False, "out exists; .* replace it with --overwrite"),
     "a file is added": (lambda folder: (folder / "mine").touch(), True, "does not list mine"),
     "a file became a folder": (folder_for_a_file, True, "does not list a.txt"),
-    "no record": (lambda folder: (folder / RECORD).unlink(), True, "no result: .* No such file"),
+    "no record": (lambda folder: (folder / RECORD).unlink(), True, "not a result: .* No such file"),
     "no list of files": (lambda folder: write_json(folder / RECORD, {}), True, "work.json, files"),
 }
 

@@ -51,7 +51,7 @@ def test_slopes_that_fall_with_depth_are_those_of_turned_views():
     """With the views turned round a point moves the other way, and its scale stays."""
     upright = measured()
     turned = fit_law(upright._replace(slopes=-upright.slopes), views=5, lenslets=(44, 52))
-    assert "views are stored turned round" in notes(turned, FLAT)[0]
+    assert "views are stored in reverse" in notes(turned, FLAT)[0]
     assert not notes(fit(), FLAT)
     assert turned.law.slope_to_depth(-Bench().slope(425.0)) == pytest.approx(425.0 - ZERO, abs=1e-6)
 

@@ -55,9 +55,9 @@ test_it_is_refused_in_a_sentence = refusals(
     [
         *each(
             fit,
-            (([0.0, 10.0],), "3 different distances"),
-            (([0.0, 10.0, 10.0],), "3 different distances"),
-            (([0.0, 10.0, np.nan],), "3 different distances"),
+            (([0.0, 10.0],), "3 or more different distances"),
+            (([0.0, 10.0, 10.0],), "3 or more different distances"),
+            (([0.0, 10.0, np.nan],), "3 or more different distances"),
             (([0.0, 1e-9, 2e-9],), "far apart|positive away|no law|range"),
             ((FIVE, 1, [0, 3, 2, 1, 4]), "which picture was taken at which depth"),
             ((FIVE, -1), "positive away from the camera"),

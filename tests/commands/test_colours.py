@@ -79,4 +79,4 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     written = json.loads(red.read_text())
     red.write_text(json.dumps(written | {"call": "another"}))
     mixed = run("temperature", "abel/flame", "--colours", "colours/colours.toml", code=1)
-    assert "are not of one call" in str(mixed.exception)
+    assert "are not of one run" in str(mixed.exception)

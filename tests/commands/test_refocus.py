@@ -236,10 +236,10 @@ def test_what_is_read_is_not_converted_over(folder, tmp_path):
     before = (tmp_path / "x.tif").read_bytes()
     (tmp_path / "link.tif").symlink_to("x.tif")
     for target in (tmp_path / "x.tif", tmp_path / "views" / ".." / "x.tif", tmp_path / "link.tif"):
-        with pytest.raises(InputError, match="is read, and cannot be replaced"):
+        with pytest.raises(InputError, match="is an input, and cannot be replaced"):
             run(tmp_path / "x.tif", target, "--views", 5, command="convert")
     assert (tmp_path / "x.tif").read_bytes() == before
-    with pytest.raises(InputError, match="is read, and cannot be replaced"):
+    with pytest.raises(InputError, match="is an input, and cannot be replaced"):
         run(folder, tmp_path / "x.tif", "--white", tmp_path / "x.tif", command="convert")
 
 
