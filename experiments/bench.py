@@ -147,7 +147,7 @@ def part_places(grid: LensletGrid, shape: tuple[int, int], views: int) -> np.nda
     rows, columns = grid.block(shape)
     down, along = (centred(views) * step / views for step in (grid.row_pitch, grid.pitch))
     y, x = grid.position(rows[:, None], columns[None, :])
-    dy, dx = grid.turned(down[:, None], along[None, :])
+    dy, dx = grid.rotated(down[:, None], along[None, :])
     return np.stack([y + dy[:, :, None, None], x + dx[:, :, None, None]])
 
 

@@ -65,7 +65,7 @@ class Method:
 def _by_library(study: Study, rays: int) -> np.ndarray:
     """Integrate by about so many rays for each pixel, or exactly for 0 rays."""
     image = np.zeros((study.camera.views,) * 2 + study.camera.lenslets, np.float32)
-    planes = slice_scene(study.scene, {}, absorption=False, dimming={"occlusion"})
+    planes = slice_scene(study.scene, {}, absorption=False, attenuating={"occlusion"})
     optics = OpticalPass(study.camera)
     if rays:
         trace(planes, optics, "views", math.isqrt(rays), image)

@@ -55,7 +55,7 @@ def _first_problem(error: "ValidationError", kind: type) -> str:
     problems = error.errors()
     odd = [one for fault in (UNKNOWN, MISSING) for one in problems if one["type"] == fault]
     if odd:
-        return "; ".join(_odd_key(one, kind) for one in odd) + "."
+        return "; ".join(_key_error(one, kind) for one in odd) + "."
     problem = problems[0]
     key = _shown(problem["loc"])
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
@@ -70,7 +70,7 @@ def _shown(place: tuple[int | str, ...]) -> str:
     return "".join(parts).removeprefix(".")
 
 
-def _odd_key(problem: Any, kind: type) -> str:
+def _key_error(problem: Any, kind: type) -> str:
     """Say that a key is missing, or unknown, with the similar known ones."""
     place, name = problem["loc"], _shown(problem["loc"])
     if problem["type"] == MISSING:

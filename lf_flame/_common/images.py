@@ -127,7 +127,7 @@ def top_level(image: ImageFile.ImageFile) -> int:
 # TIFF ---------------------------------------------------------------------------------------------
 
 
-class _Apart(io.FileIO):
+class _NoDescriptor(io.FileIO):
     """A file without a descriptor: tifffile opens other files only if there is one."""
 
     def fileno(self) -> int:
@@ -145,7 +145,7 @@ def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
     """Open a TIFF file; other files that it names are not opened."""
     with (
         readable(path),
-        io.BufferedReader(_Apart(path)) as stream,
+        io.BufferedReader(_NoDescriptor(path)) as stream,
         tifffile.TiffFile(stream) as file,
     ):
         yield file

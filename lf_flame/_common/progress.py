@@ -17,7 +17,7 @@ T = TypeVar("T")
 PATIENCE = 0.5
 """Time in seconds after which a bar or a line appears."""
 
-tell = logging.getLogger(__name__).info
+report = logging.getLogger(__name__).info
 """Log a line, which programs print on standard error, above the bars."""
 
 _program = {"shows": False}
@@ -57,7 +57,7 @@ def steps(
 
 def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> AbstractContextManager[None]:
     """Log what is being done if it takes longer than `PATIENCE` and `only_if` then holds."""
-    return _after(lambda: tell(f"{what} ...") if only_if() else None)
+    return _after(lambda: report(f"{what} ...") if only_if() else None)
 
 
 @contextmanager

@@ -18,9 +18,9 @@ from lf_flame.commands.options import (
     flag,
     option,
     out_options,
-    say_files,
-    tell,
-    tell_all,
+    print_files,
+    print_notes,
+    report,
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -111,8 +111,8 @@ def calibrate(
         }
     click.echo(output.table(facts))
     click.echo(output.summary(fit))
-    tell_all("Note", notes)
-    say_files(folder)
+    print_notes("Note", notes)
+    print_files(folder)
 
 
 def _with_depths(
@@ -220,16 +220,16 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     click.echo(output.colours_table(fit, kelvin))
     click.echo(f"these colours determine temperatures of soot above {least:.0f} K")
     if source.uneven > MOST_UNEVEN:
-        tell(
+        report(
             f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "
             f"averaged; the gains are those of its mean."
         )
     if not exposures:
-        tell(
+        report(
             "Note: all pictures are assumed to be exposed as the flame is; if not, state "
             "--exposure, or its absorption comes out wrong."
         )
-    say_files(folder)
+    print_files(folder)
 
 
 def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[np.ndarray]":

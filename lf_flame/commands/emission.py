@@ -25,8 +25,8 @@ from lf_flame.commands.options import (
     option,
     out_options,
     pick,
-    say_files,
-    tell_all,
+    print_files,
+    print_notes,
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -71,7 +71,7 @@ AXIS = cloup.option_group(
 )
 
 
-def fitting(rare: bool) -> tuple:
+def fit_options(rare: bool) -> tuple:
     """Options of the fit; `rare` says whether ``--help`` shows none of them."""
     return (
         option(
@@ -93,7 +93,7 @@ def fitting(rare: bool) -> tuple:
 
 
 FITTING = (
-    *fitting(rare=False),
+    *fit_options(rare=False),
     option("--colours", "colours.toml of `calibrate-colours`, for soot.", FILE),
     option(
         "--soot-exponent",
@@ -159,7 +159,7 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     if options["colours"] and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
-    job = _Job.begun(source, Path("reconstructed"), options)
+    job = _Job.checked(source, Path("reconstructed"), options)
     job.options["optical_thickness"] = thickness
     total = thickness.sum(axis=0) if isinstance(thickness, np.ndarray) else thickness
     greatest = None if total is None else float(np.max(total))
@@ -202,7 +202,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
             f"--radius must be above 0 and at most the camera's focus distance, "
             f"{lens.focus_distance_mm:g} mm, got {radius:g}."
         )
-    job = _Job.begun(source, Path("abel"), options)
+    job = _Job.checked(source, Path("abel"), options)
     if lens.views == 1 and job.reading == Reading() and not is_view_folder(source):
         job.reading = Reading(views=1)  # any picture
     light_field, read = job.reading.read_of_camera(source, lens)
@@ -255,7 +255,7 @@ class _Job:
     facts: dict[str, Any]
 
     @classmethod
-    def begun(cls, source: Path, folder: Path, options: dict[str, Any]) -> "_Job":
+    def checked(cls, source: Path, folder: Path, options: dict[str, Any]) -> "_Job":
         """Check the options and folders, as reading and compiling are slow."""
         from lf_flame._common.atomic_files import refuse_folder
         from lf_flame.tomography.colour_calibration import read_colours
@@ -297,7 +297,7 @@ class _Job:
         place = ""
         if isinstance(grid, AxisymmetricGrid):
             place = f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; "
-        say_files(
+        print_files(
             folder,
             f"{place}noise {found.noise:.3g} a pixel, background {found.background:.3g} +- "
             f"{found.background_sigma:.1g} subtracted; ",
@@ -324,7 +324,7 @@ class _Job:
             more = {"colour": name, "call": call, "greatest_optical_thickness": total}
             with output_folder(self.out / name, RECORD, overwrite=self.overwrite) as folder:
                 self._write(found, light, folder, self.soot | more, f"Warning: {name}")
-        tell_all("Warning", soot.warnings)
+        print_notes("Warning", soot.warnings)
         if any(totals):
             both = zip(names, totals, strict=True)
             thick = ", ".join(f"{name} {total:.2g}" for name, total in both)
@@ -338,4 +338,4 @@ class _Job:
         write_emission(found, light_field, folder)
         folder.facts |= self.facts | more | self.reading.facts()
         folder.facts["source"] = recorded_path(self.source, folder.folder)
-        tell_all(word, found.warnings)
+        print_notes(word, found.warnings)

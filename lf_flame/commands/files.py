@@ -19,7 +19,7 @@ from lf_flame.commands.options import (
     command,
     open_lens,
     option,
-    tell,
+    report,
 )
 from lf_flame.commands.reading_options import ALL_READING, Reading, note_on_pixels
 from lf_flame.errors import InputError
@@ -113,7 +113,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     }
     if target.suffix.lower() not in (".npz", ".zarr") and any(lost.values()):
         what = " and ".join(name for name, is_lost in lost.items() if is_lost)
-        tell(f"{printable(target)} does not store {what}; .npz and .zarr do")
+        report(f"{printable(target)} does not store {what}; .npz and .zarr do")
     click.echo(f"{printable(target)} is written{said}")
 
 

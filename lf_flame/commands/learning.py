@@ -16,10 +16,10 @@ from lf_flame.commands.options import (
     PATH,
     SEED,
     WORKERS,
-    Crew,
+    WorkerOptions,
     command,
     option,
-    tell,
+    report,
 )
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
@@ -51,7 +51,7 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
     from lf_flame.datasets.making import make_dataset
     from lf_flame.datasets.store import Dataset
 
-    crew = Crew(workers, scheduler)
+    crew = WorkerOptions(workers, scheduler)
     settings = read_config(config)
     height, width, _ = settings.input.shape(settings.image)
     if min(height, width) < SMALLEST:
@@ -71,7 +71,7 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
             )
         click.echo(f"{out} is complete: {samples} samples.")
     else:
-        tell(f"{samples} samples into {out}; first, the slopes of sharpest focus")
+        report(f"{samples} samples into {out}; first, the slopes of sharpest focus")
         with crew.executor() as executor:
             make_dataset(settings, samples, out, crew.processes, executor)
     (out / "zarr.json").touch()  # for Make, which compares its date with that of CONFIG
@@ -165,7 +165,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     inputs = [read_input(image, size) for image in images]
     for seen in inputs:
         for note in seen.notes:
-            tell(f"{printable(seen.source)}: {note}")
+            report(f"{printable(seen.source)}: {note}")
     load_keras()
     network = run.load_network()
     for prediction, folder in zip(predict(network, inputs), folders, strict=True):

@@ -209,7 +209,7 @@ def pick(kind: Any, options: dict[str, Any]) -> Any:
     return kind(**{name: options.pop(name) for name in names})
 
 
-def tell(words: str) -> None:
+def report(words: str) -> None:
     """Print a line to standard error, above the progress bars that are shown."""
     from tqdm import tqdm
 
@@ -217,13 +217,13 @@ def tell(words: str) -> None:
         click.echo(words, err=True)
 
 
-def tell_all(kind: str, sentences: Iterable[str]) -> None:
+def print_notes(kind: str, sentences: Iterable[str]) -> None:
     """Print notes or warnings, as ``Warning: ...``, a line each."""
     for sentence in sentences:
-        tell(f"{kind}: {sentence}")
+        report(f"{kind}: {sentence}")
 
 
-def say_files(folder: "OutputFolder", before: str = "") -> None:
+def print_files(folder: "OutputFolder", before: str = "") -> None:
     """Print which files were written, after what was found."""
     click.echo(f"{before}{', '.join(folder.files)} written to {printable(folder.folder)}")
 
@@ -239,7 +239,7 @@ WORKERS = cloup.option_group(
 
 
 @dataclass(frozen=True)
-class Crew:
+class WorkerOptions:
     """Options of the group `WORKERS`, checked."""
 
     workers: int = 0

@@ -11,7 +11,7 @@ from PIL import Image
 
 from lf_flame._common import progress
 from lf_flame._common.input_files import printable
-from lf_flame.commands.options import tell
+from lf_flame.commands.options import report
 from lf_flame.errors import InputError
 
 
@@ -92,7 +92,7 @@ class _ToStandardError(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record's message alone."""
-        tell(record.getMessage())
+        report(record.getMessage())
 
 
 MOST_THREADS = 1024

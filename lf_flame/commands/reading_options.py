@@ -12,7 +12,7 @@ import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.input_files import printable
-from lf_flame.commands.options import EXISTING, PATH, option, tell
+from lf_flame.commands.options import EXISTING, PATH, option, report
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -150,21 +150,21 @@ class Reading:
         with progress.stage(f"Reading {printable(source)}"):
             found = find_light_field(source, **self.stated)
         for line in found.notes:
-            tell(printable(line, 600))
+            report(printable(line, 600))
         if str(found.order) not in self.orders:
             self.orders.append(str(found.order))
         if found.coded and not self.coded:
             self.coded.append(found.coded)
-            tell(f"Note: {printable(found.coded, 800)}")
+            report(f"Note: {printable(found.coded, 800)}")
         return found
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found and what is doubtful."""
         found = self.find(source)
         v, u, t, s = found.light_field.shape[:4]
-        tell(f"{v} x {u} views of {t} x {s} pixels")
+        report(f"{v} x {u} views of {t} x {s} pixels")
         for note in found.doubts(source):
-            tell(note)
+            report(note)
         return found.light_field
 
     def read_of_camera(self, source: Path, lens: "Lens | None") -> "tuple[LightField, Lens | None]":
@@ -177,7 +177,7 @@ class Reading:
         if lens is None:
             return light_field, None
         for note in note_on_pixels(lens, light_field.shape):
-            tell(note)
+            report(note)
         return light_field, lens.for_light_field(light_field.shape)
 
 
@@ -205,7 +205,7 @@ def _check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
             f"Leave pixel_pitch_mm out of the camera file: {stated} (A simulated raw image is read "
             f"by --views.)"
         )
-    tell(
+    report(
         f"If these views were decoded with a white image or --pitch, depths in mm are wrong by "
         f"about {filling / camera.pixel_mm - 1:.1%}: leave pixel_pitch_mm out of the camera file; "
         f"{stated}"

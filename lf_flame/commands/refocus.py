@@ -22,7 +22,7 @@ from lf_flame.commands.options import (
     option,
     out_options,
     pick,
-    say_files,
+    print_files,
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -155,7 +155,7 @@ class Focus:
         """Whether a slope map is requested."""
         return self.map_auto or self.slope_map is not None
 
-    def asked_slopes(self, views: int, lens: "Lens | None") -> list[float]:
+    def find_slopes(self, views: int, lens: "Lens | None") -> list[float]:
         """Find the slopes of shift-and-sum for the given slopes and depths."""
         from lf_flame.optics.slope_conventions import to_slope
 
@@ -300,7 +300,7 @@ def refocus(source, camera, out, overwrite, **options):
         views = light_field.shape[:2]
         light_field = light_field if lens is None else lens.corrected(light_field)
         focus = focus.with_ends(light_field)
-        slopes = focus.asked_slopes(views[1], lens)
+        slopes = focus.find_slopes(views[1], lens)
         options = look.options(views, lens)
         job = output.RefocusJob(light_field, options, network, lens, look.gain, look.gamma)
         beyond = () if focus.background is None else (focus.background,)
@@ -316,4 +316,4 @@ def refocus(source, camera, out, overwrite, **options):
             output.write_sweep(job, focus.sweep, folder)
         if focus.slope_map:
             output.write_slope_map(job, focus.slope_map, folder, focus.map_auto)
-    say_files(folder)
+    print_files(folder)

@@ -16,8 +16,8 @@ from lf_flame.commands.options import (
     flag,
     option,
     out_options,
-    say_files,
-    tell,
+    print_files,
+    report,
 )
 from lf_flame.errors import InputError
 
@@ -139,7 +139,7 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
                 layers, camera, tolerance, effects, stated=stated, integrator=integrator
             )
         if plan.seconds > LONG_S:
-            tell(
+            report(
                 f"This takes about {plan.seconds / 60:.0f} minutes; a larger --tolerance than "
                 f"{plan.tolerance:.2g} takes less."
             )
@@ -151,4 +151,4 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
     click.echo(f"simulated: {', '.join(kept) or 'no effect'} ({record['plan']['integrator']})")
     for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):
         click.echo(f"refocused at depth {depth:+g} mm, slope {slope:+.3f}")
-    say_files(folder)
+    print_files(folder)

@@ -17,8 +17,8 @@ from lf_flame.commands.options import (
     command,
     option,
     out_options,
-    say_files,
-    tell_all,
+    print_files,
+    print_notes,
 )
 from lf_flame.errors import InputError
 
@@ -71,8 +71,8 @@ def profiles(folder, out, overwrite, **strips) -> None:
         written.facts |= {"source": recorded_path(folder, written.folder)}
         written.facts |= {"bootstrap": len(emission.draws), **strips}
     if not len(emission.draws):
-        tell_all("Warning", ["the folder holds no draws, so the profiles have no bands."])
-    say_files(written)
+        print_notes("Warning", ["the folder holds no draws, so the profiles have no bands."])
+    print_files(written)
 
 
 @command()
@@ -159,8 +159,8 @@ def temperature(
         }
     known = found.kelvin[found.kelvin > 0]  # NaN is not
     median = f", their median {np.median(known):.0f} K" if known.size else ""
-    say_files(folder, f"{known.size} of {found.kelvin.size} cells have a temperature{median}; ")
-    tell_all("Warning", warnings)
+    print_files(folder, f"{known.size} of {found.kelvin.size} cells have a temperature{median}; ")
+    print_notes("Warning", warnings)
     for note in notes:
         click.echo(f"Note: {note}")
 

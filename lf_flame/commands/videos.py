@@ -13,23 +13,23 @@ import cloup
 
 from lf_flame._common import progress
 from lf_flame._common.input_files import printable
-from lf_flame.commands.emission import DEPTHS, fitting
+from lf_flame.commands.emission import DEPTHS, fit_options
 from lf_flame.commands.options import (
     ABOVE_0,
     FOLDER,
     PATH,
     WORKERS,
-    Crew,
     FiniteRange,
+    WorkerOptions,
     camera_option,
     command,
     open_lens,
     option,
     out_options,
     pick,
-    say_files,
-    tell,
-    tell_all,
+    print_files,
+    print_notes,
+    report,
 )
 from lf_flame.commands.reading_options import READING, Reading, note_on_pixels
 from lf_flame.errors import InputError
@@ -69,7 +69,7 @@ STEPS = cloup.option_group(
     "What is done with each frame",
     option("--steps", "Steps in order, such as refocus@10mm,height.", required=True),
     camera_option(),
-    *fitting(rare=True),
+    *fit_options(rare=True),
     *SHAPE,
 )
 
@@ -141,7 +141,7 @@ def flicker(
             found, warnings = write_flicker(sources[0], folder, frames_per_second=frames_per_second)
         else:
             made = Path(beside) / "frames.zarr"
-            one = Crew(workers=1)
+            one = WorkerOptions(workers=1)
             _, notes = _process(paths, reading, lens, steps, frames_per_second, made, one)
             found, warnings = write_flicker(made, folder)
         folder.facts |= {
@@ -154,10 +154,10 @@ def flicker(
             "first": recorded_path(paths[0], folder.folder),
             "last": recorded_path(paths[-1], folder.folder),
         }
-    tell_all("Warning", warnings)
+    print_notes("Warning", warnings)
     if found:
         click.echo(found)
-    say_files(folder)
+    print_files(folder)
 
 
 @command()
@@ -195,7 +195,7 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
     from lf_flame.flame_video.frames import find_frames
     from lf_flame.tomography.frustum_grid import planes_between
 
-    crew, reading = pick(Crew, options), pick(Reading, options)
+    crew, reading = pick(WorkerOptions, options), pick(Reading, options)
     lens = open_lens(camera)
     if depths and planes:
         raise InputError("State the planes: either --depths FROM TO STEP or --depth-mm.")
@@ -210,7 +210,9 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
     click.echo(f"{made.describe()}; in {printable(out)}")
 
 
-def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path, crew: Crew):
+def _process(
+    paths, reading: Reading, lens, steps, rate: float | None, out: Path, crew: WorkerOptions
+):
     """Process frames into a Zarr group; return counts of frames, and notes, which are printed."""
     from lf_flame.flame_video import process_frames
     from lf_flame.flame_video.frames import FrameReader, find_times
@@ -219,24 +221,24 @@ def _process(paths, reading: Reading, lens, steps, rate: float | None, out: Path
     rows, times, notes = find_times(paths, rate or 1.0)
     reading = reading.for_camera(paths[0], lens)
     with progress.stage(f"Reading {printable(paths[0])}"):
-        reader, said = FrameReader(paths[0], reading.stated), Said()
+        reader, said = FrameReader(paths[0], reading.stated), FrameWarnings()
         found = reader.notes
     reading.orders.append(reader.order)
     notes = [*filter(None, [reader.coded]), *(notes if rate else [])]
-    tell_all("Note", notes)
+    print_notes("Note", notes)
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
     for line in (*found, *on_camera):
-        tell(printable(line, 600))
+        report(printable(line, 600))
     with crew.executor() as executor:
         made = process_frames(
             rows, out, steps, times_s=times, time_unit="s" if rate else "frame", read=reader,
-            camera=lens, workers=crew.processes, executor=executor, tell=said,
+            camera=lens, workers=crew.processes, executor=executor, on_frame=said,
         )  # fmt: skip
     said.end()
     return made, notes
 
 
-class Said:
+class FrameWarnings:
     """Warnings on frames: each skipped frame is named, and the first frame of any other warning."""
 
     def __init__(self):
@@ -252,10 +254,10 @@ class Said:
             kind = re.sub(r"-?\d[\d.e-]*", "#", sentence.partition(": ")[2] or sentence)
             self._counts[kind] += 1
             if self._counts[kind] <= least:
-                tell(f"Warning: {sentence}")
+                report(f"Warning: {sentence}")
 
     def end(self) -> None:
         """Print how often each warning was given, if more than once."""
         for kind, count in self._counts.items():
             if count > 1:
-                tell(f"Warning: {count} frames: {kind}")
+                report(f"Warning: {count} frames: {kind}")

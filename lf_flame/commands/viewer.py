@@ -21,7 +21,7 @@ from lf_flame.commands.options import (
     open_lens,
     option,
     pick,
-    tell,
+    report,
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -136,7 +136,7 @@ def _choose_slopes(light_field, slopes: tuple[float, float] | None, camera=None)
         ends = [camera.slope_to_real_depth(end) for end in (chosen.low, chosen.high) if camera]
         known = ends and all(math.isfinite(end) for end in ends)
         depths = f", {ends[0]:+.4g} to {ends[1]:+.4g} mm" if known else ""
-        tell(f"{chosen.describe()}{depths} (--slopes FROM TO for others)")
+        report(f"{chosen.describe()}{depths} (--slopes FROM TO for others)")
     return chosen
 
 
@@ -176,7 +176,7 @@ def demo(slopes, no_map, title, save, **options) -> None:
     from lf_flame.viewer.exhibit import Exhibit
 
     _check_single_file(options["single_file"])
-    tell("simulating a plenoptic camera, 9 x 9 views ...")
+    report("simulating a plenoptic camera, 9 x 9 views ...")
     near, far = (DEMO_CAMERA.depth_to_slope(depth) for depth in DEPTHS_MM)
     exhibit = Exhibit(
         demo_light_field(),
@@ -191,5 +191,5 @@ def demo(slopes, no_map, title, save, **options) -> None:
         from lf_flame.formats import write_light_field
 
         write_light_field(exhibit.light_field, save, 16)
-        tell(f"{printable(save)} is written")
+        report(f"{printable(save)} is written")
     show(exhibit, **options)

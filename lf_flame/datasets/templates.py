@@ -113,8 +113,8 @@ class FlameObject:
         _check_ranges((0, 1), height_sd_mm=self.height_sd_mm)
         if not (self.radius_mm > 0 and self.height_mm > 2**0.5 * self.height_sd_mm):
             raise InputError(
-                f"A flame needs radius_mm above 0 and height_mm above the swing of its flicker, "
-                f"got radius_mm={self.radius_mm}, height_mm={self.height_mm}."
+                f"A flame needs radius_mm above 0 and height_mm above the amplitude of its "
+                f"flicker, got radius_mm={self.radius_mm}, height_mm={self.height_mm}."
             )
 
 

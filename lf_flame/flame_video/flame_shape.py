@@ -30,8 +30,8 @@ DOUBTS = {
     "ceiling": "Much of the flame has exactly the same, brightest value: the picture is saturated, "
     "and the contour too wide.",
     "apart": "Other places are as bright and not joined to the flame: they are left out.",
-    "bright_dark": "The dark around the flame is not at 0: subtract the dark frame, or the light "
-    "behind the flame; contour and height are wrong.",
+    "bright_dark": "The background around the flame is not at 0: subtract the dark frame, or the "
+    "light behind the flame; contour and height are wrong.",
 }
 """Sentences on what makes the measurements of a flame doubtful, by name."""
 
@@ -158,9 +158,9 @@ def measure_flame(
 
 
 def row_error(level: float = 0.5) -> float:
-    """Bound the swing in height, in pixels, that a moving tip shows by crossing the rows.
+    """Bound the apparent oscillation in height, in pixels, of a tip that moves across rows.
 
-    A tip that is sharper than a row is found between rows with an error of one period a row,
+    A tip that is sharper than a row is found between rows with an error of one period per row,
     because a pixel gives its mean. Its largest amplitude is 0.087 at half the peak, 0.16 at a
     fifth.
 
@@ -190,7 +190,7 @@ def _noise(image: np.ndarray) -> float:
 
 
 def _peak(image: np.ndarray) -> float:
-    """Find the brightest value that is no hot pixel.
+    """Find the brightest value that is not a hot pixel.
 
     A hot pixel, or four, exceed by a quarter what a median of 3 x 3 pixels leaves; the tip of a
     flame some pixels wide does not.
@@ -217,9 +217,9 @@ def _doubts(image: np.ndarray, region: np.ndarray, sizes: np.ndarray, noise: flo
     # Equal values may differ in their last digits after summation. A Gaussian clipped over 5 % of
     # its area has a peak 4 % higher. Noise leaves single pixels apart.
     some, peak = max(4, 0.05 * sizes[0]), image[region].max()
-    # The burner is at the bottom; a flame may reach some of the other sides. A dark of 10 % moves
-    # the tip of a flame that is 4 rows sharp by half a row: 3 %, and four standard deviations of
-    # the median, are no doubt.
+    # The burner is at the bottom; a flame may reach some of the other sides. A background of 10 %
+    # moves the tip of a flame that is 4 rows sharp by half a row: 3 %, and four standard deviations
+    # of the median, raise no doubt.
     dark = min(float(np.median(side)) for side in (image[0], image[:, 0], image[:, -1]))
     limit = 0.03 * peak + 4 * 1.25 * noise / np.sqrt(min(image.shape))
     found = {

@@ -1,7 +1,7 @@
 """Flicker of a flame: the frequency of a series of heights, with its significance.
 
 At each frequency a sine is fitted together with a drift, a cubic in time: times may be uneven and
-frames missing, and a drift is not taken for a slow flicker. This is the generalised Lomb-Scargle
+frames missing, and drift is not mistaken for slow flicker. This is the generalised Lomb-Scargle
 periodogram (Zechmeister and Kuerster 2009) with more than a mean, weighted by the covariance of
 the noise. Heights of flames wander: the noise is white noise plus an Ornstein-Uhlenbeck process,
 which at even times is the AR(1) "red" noise of climate series, fitted to the heights themselves.
@@ -26,7 +26,7 @@ LEAST_FRAMES = 16
 """Smallest number of heights for a frequency; drift and sine alone have seven parameters."""
 
 LEAST_PERIODS = 3.0
-"""Smallest number of periods of a rhythm; a drift that is no cubic has its peaks below."""
+"""Smallest number of periods of a rhythm; a drift that is not cubic has its peaks below."""
 
 FALSE_ALARM = 0.01
 """Probability below which a peak is more than noise."""
@@ -39,23 +39,23 @@ class Flicker:
     Attributes
     ----------
     peak_hz : float
-        Frequency of the highest peak relative to the noise, whatever it is; of a significant one
-        with fewer than three periods only where there is no other. NaN if the heights are constant
-        or only drift.
+        Frequency of the highest peak relative to the noise, significant or not; a significant one
+        of fewer than three periods is taken only where there is no other. NaN if the heights are
+        constant or only drift.
     amplitude : float
         Amplitude of the sine at the peak, in the unit of the heights.
     false_alarm : float
         Probability that noise alone has such a peak somewhere in the spectrum.
     resolution_hz : float
-        Resolution, 1 / duration: closer peaks merge, and no frequency is known better for certain.
+        Resolution, 1 / duration: closer peaks merge, and no better accuracy is guaranteed.
     resolvable : float
         Smallest amplitude of a flicker, in the unit of the heights.
     frequencies_hz : ndarray of float64, shape (frequencies,)
         Frequencies of the spectrum: from one and a half periods in the duration to one period in
         two frames.
     power : ndarray of float64, shape (frequencies,)
-        Fraction of the heights' scatter about drift and slow swings that a sine explains, 0 to 1,
-        both weighted by the noise.
+        Fraction of the heights' scatter about drift and slow fluctuations that a sine explains, 0
+        to 1, both weighted by the noise.
     level : float
         Power with a false-alarm probability of 1 %.
     noise : Noise
@@ -157,10 +157,10 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
 def _find_peak(times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
     """Find frequency, amplitude and false alarm of the highest peak, and the fit that shows it.
 
-    A drift that is no cubic, and slow swings, join the drift: they hide no flicker.
+    A drift that is not cubic, and slow fluctuations, are added to the drift: they hide no flicker.
     """
     base = np.polynomial.legendre.legvander(times / np.abs(times).max(), 3)
-    # A drift that is no cubic, or a slightly uneven rhythm, leaves 2 % of the scatter.
+    # A drift that is not cubic, or a slightly uneven rhythm, leaves 2 % of the scatter.
     negligible = 0.02**2 * float(np.sum((values - values.mean()) ** 2))
     found, shown = (np.nan, np.nan, 1.0), None
     for _ in range(3):
@@ -168,7 +168,7 @@ def _find_peak(times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
         if fit.scatter <= negligible:
             break
         fit = _SineFit(times, values, base, _fit_noise(times, values, base), frequencies)
-        # A strong sine must not be taken for noise.
+        # A strong sine must not be mistaken for noise.
         beside = np.column_stack([base, *_sines(times, fit.highest()[0])])
         fit = _SineFit(times, values, base, _fit_noise(times, values, beside), frequencies)
         peak, power = fit.highest()
@@ -188,13 +188,13 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
     times, values = (np.asarray(one, np.float64) for one in (times_s, heights))
     if times.ndim != 1 or times.shape != values.shape:
         raise InputError(
-            f"Times and heights must be two series of one length, got arrays of shape "
+            f"Times and heights must be two series of equal length, got arrays of shape "
             f"{times.shape} and {values.shape}."
         )
     known = np.isfinite(values)
     if np.count_nonzero(known) < LEAST_FRAMES:
         raise InputError(
-            f"A frequency needs {LEAST_FRAMES} frames with a height at least, got "
+            f"A frequency needs at least {LEAST_FRAMES} frames with a height, got "
             f"{np.count_nonzero(known)}."
         )
     if not (np.all(np.abs(times) <= 1e12) and np.all(np.diff(times) >= 1e-15)):

@@ -71,22 +71,22 @@ def find_times(
 ) -> tuple[list[Path | None], np.ndarray, list[str]]:
     """Find the times of frames in s by their names: the frames, their times, and notes.
 
-    The one number that differs from name to name counts them: a missing one is a frame None.
+    The one number that differs between names counts the frames: a missing one is a frame None.
     """
     counts, notes = _counts(paths), []
     if counts is None:
         counts = np.arange(len(paths))
         notes.append(
-            "The names of the frames do not hold one number that counts them: they are taken for "
-            "evenly spaced, without gaps."
+            "The names of the frames do not contain one number that counts them: they are assumed "
+            "to be evenly spaced, without gaps."
         )
     rows: list[Path | None] = [None] * (counts[-1] + 1)
     for path, count in zip(paths, counts, strict=True):
         rows[count] = path
     if missing := rows.count(None):
         notes.append(
-            f"By the numbers in the names of the frames, {missing} are missing between the first "
-            f"and the last; their time is left free."
+            f"According to the numbers in the names, {missing} frames are missing between the "
+            f"first and the last; they stay gaps in time."
         )
     return rows, np.arange(len(rows)) / frames_per_second, notes
 
@@ -176,12 +176,12 @@ def write_flicker(
 ) -> tuple[str, list[str]]:
     """Find the flicker in a video that was processed with the step ``height``.
 
-    Writes the table, the figure and the facts of the record; gives a sentence on the flicker, empty
-    if too few frames have a height, and warnings, each with the number of its frames.
+    Writes the table, the figure and the facts of the record; returns a sentence on the flicker,
+    empty if too few frames have a height, and warnings, each with the number of its frames.
     """
     done = processing.open_video(video)
     if "height" not in done.names:
-        raise InputError(f"{video} holds no heights: process it with the step height.")
+        raise InputError(f"{video} contains no heights: process it with the step height.")
     if processing.count_frames(done).counts["to_do"]:  # refuses lost files, too
         raise InputError(f"{video} is not finished: repeat the command that makes it.")
     names = (*MEASURES, "state", "doubts", "time")

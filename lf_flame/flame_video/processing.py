@@ -1,8 +1,8 @@
 """Processing of the frames of a video by processes or machines, into one Zarr group.
 
 Arrays have the axis ``time`` first. Images have one chunk for each frame; numbers and contours have
-one for the frames of a task. A task takes the same frames whoever carries it out, begins anew, and
-writes whole chunks of its own: the bytes do not depend on the workers, and a run that was
+one for the frames of a task. A task takes the same frames whichever process runs it, starts anew,
+and writes whole chunks of its own: the bytes do not depend on the workers, and a run that was
 interrupted continues with the tasks that are missing. ``state`` says what became of each frame;
 what was not found is NaN.
 """
@@ -55,7 +55,7 @@ class Progress(NamedTuple):
         return f"{sum(self.counts.values())} frames: {', '.join(some)}"
 
 
-class Done(NamedTuple):
+class FrameOutcome(NamedTuple):
     """Outcome of a frame: its number, its state, and sentences on it."""
 
     frame: int
@@ -74,7 +74,7 @@ def process_frames(
     camera: Lens | None = None,
     workers: int = 1,
     executor: Executor | None = None,
-    tell: Callable[[Done], None] | None = None,
+    on_frame: Callable[[FrameOutcome], None] | None = None,
 ) -> Progress:
     """Process the frames of a video into a Zarr group, or finish one that was interrupted.
 
@@ -102,8 +102,8 @@ def process_frames(
     executor : concurrent.futures.Executor or distributed.Client, optional
         Executor or Dask cluster to use instead, perhaps on other machines, which see all folders by
         the same names.
-    tell : callable, optional
-        Function of `Done` that is called for each frame.
+    on_frame : callable, optional
+        Function of `FrameOutcome` that is called for each frame.
 
     Returns
     -------
@@ -134,9 +134,9 @@ def process_frames(
     out, steps, times = Path(out), tuple(steps), np.asarray(times_s, np.float64)
     first = next((path for path in paths if path), None)
     if not steps or first is None:
-        raise InputError(f"There must be a frame and a step, got {len(paths)} and {len(steps)}.")
+        raise InputError(f"A frame and a step are needed, got {len(paths)} and {len(steps)}.")
     if times.shape != (len(paths),) or not (np.diff(times) > 0).all() or not np.isfinite(times[-1]):
-        raise InputError(f"times_s must hold a rising time for each of the {len(paths)} frames.")
+        raise InputError(f"times_s must contain a rising time for each of the {len(paths)} frames.")
     request = {
         "steps": [repr(step) for step in steps],
         "camera": repr(camera),
@@ -151,7 +151,7 @@ def process_frames(
             _begin(part, request, when, read(first), steps, camera)
         video = _open_same(place, request, times)
         if place == part:
-            _run(part, video, (steps, read), paths, workers, executor, tell)
+            _run(part, video, (steps, read), paths, workers, executor, on_frame)
             _finish(part, out)
             video = open_video(out)
         return count_frames(video)
@@ -171,7 +171,7 @@ def _open_same(place: Path, request: dict, times: np.ndarray) -> ZarrFile:
 
 
 def _begin(part: Path, request: dict, when: Values, light_field: LightField, steps, camera) -> None:
-    """Create the group with empty arrays as the first frame fills them; it appears as a whole."""
+    """Create the group with empty arrays as the first frame fills them; it appears complete."""
     if camera is not None:
         camera.check_views(light_field.shape)
     flags = {"flag_values": list(range(len(STATES))), "flag_meanings": " ".join(STATES)}
@@ -202,7 +202,7 @@ def _begin(part: Path, request: dict, when: Values, light_field: LightField, ste
         group.update_attributes({**request, "shape": list(light_field.shape), "kind": KIND})
 
 
-def _run(part: Path, video: ZarrFile, job: tuple, paths, workers: int, executor, tell) -> None:
+def _run(part: Path, video: ZarrFile, job: tuple, paths, workers: int, executor, on_frame) -> None:
     """Carry out the tasks that are missing."""
     packed, to_do = pickle.dumps(job), video.read_begun("state") == TO_DO
     together = video.arrays["state"].chunks[0]
@@ -214,8 +214,8 @@ def _run(part: Path, video: ZarrFile, job: tuple, paths, workers: int, executor,
     with progress.bar("processing", len(paths), "frame", stays=True, initial=before) as shown:
         for done in carry_out(tasks, workers, connect()):
             shown.update()
-            if tell is not None:
-                tell(done)
+            if on_frame is not None:
+                on_frame(done)
 
 
 def _finish(part: Path, out: Path) -> None:
@@ -234,7 +234,7 @@ def _load(job: bytes) -> tuple[tuple[Step, ...], Callable[[Path], LightField]]:
     return pickle.loads(job)
 
 
-def _task(job: bytes, folder: str, first: int, paths: Sequence[Path | None]) -> list[Done]:
+def _task(job: bytes, folder: str, first: int, paths: Sequence[Path | None]) -> list[FrameOutcome]:
     """Process frames from number `first` on, one at a time in memory, and write whole chunks."""
     # Chunks of NaN get files as well, so that a file that is lost is noticed.
     with zarr.config.set({"array.write_empty_chunks": True}):
@@ -249,7 +249,7 @@ def _task(job: bytes, folder: str, first: int, paths: Sequence[Path | None]) -> 
         for name, array in arrays.items()
         if array.chunks[0] > 1
     }
-    before, done = dict[str, Any](), []  # each task anew, whatever a worker has done before
+    before, done = dict[str, Any](), []  # each task anew, whatever its worker did before
     for frame, path in enumerate(paths):
         state, values, said = _process(path, steps, read, shape, before)
         for name, array in arrays.items():
@@ -259,7 +259,7 @@ def _task(job: bytes, folder: str, first: int, paths: Sequence[Path | None]) -> 
             else:
                 array[first + frame] = found
         series["state"][frame] = state
-        done.append(Done(first + frame, state, said))
+        done.append(FrameOutcome(first + frame, state, said))
     for name in sorted(series, key="state".__eq__):  # last: a chunk without it is made again
         arrays[name][first : first + count] = series[name]
     return done
@@ -284,7 +284,7 @@ def open_video(path: Path) -> ZarrFile:
     """Open the group of a processed video, finished or not."""
     video = ZarrFile(path)
     if video.attributes.get("kind") != KIND:
-        raise InputError(f"{path} is no {KIND}.")
+        raise InputError(f"{path} is not a {KIND}.")
     return video
 
 

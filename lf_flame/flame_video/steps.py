@@ -50,7 +50,7 @@ class Frame:
         self.image = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
 
     def take(self, steps: Sequence[Step]) -> dict[str, Values]:
-        """Take steps one after the other; give the arrays of all."""
+        """Take steps one after the other; return the arrays of all."""
         return {name: values for step in steps for name, values in step(self).items()}
 
 
@@ -59,7 +59,7 @@ class Views:
     """Keep the decoded light field itself: ``views``, unknown pixels filled."""
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give the views."""
+        """Return the views."""
         views = frame.light_field.filled
         return {"views": Values(views, AXES[: views.ndim])}
 
@@ -72,7 +72,7 @@ class Refocus:
     depth_mm: float | None = None
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give the refocused image, ``refocus_10mm`` or ``refocus_0.5``, in colour if it is."""
+        """Return the refocused image, ``refocus_10mm`` or ``refocus_0.5``, in colour if it is."""
         light_field, slope, depth = frame.light_field, self.slope, self.depth_mm
         limit = farthest_slope(light_field)
         if not abs(slope) <= limit:
@@ -97,7 +97,7 @@ class Height:
     burner_row: float | None = None
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give the measures, NaN without a flame, and a bit for each doubt."""
+        """Return the measures, NaN without a flame, and a bit for each doubt."""
         grey = frame.image.mean(axis=2, dtype=float) if frame.image.ndim == 3 else frame.image
         side, unit = (1.0, "px") if self.pixel_mm is None else (self.pixel_mm, "mm")
         shape = measure_flame(grey, level=self.level, pixel_mm=side, burner_row=self.burner_row)
@@ -130,7 +130,7 @@ class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
     With a stated strength a fit starts from that of the frame before in the same task, which takes
-    a third of the time. Without, each frame stands alone.
+    a third of the time. Without, frames are independent.
     """
 
     camera: Lens = field(repr=False)
@@ -139,7 +139,7 @@ class Emission:
     options: dict[str, Any]  # noise, strength and background of a `ReconstructionPlan`
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Give emission, noise of a pixel, and number of warnings."""
+        """Return emission, noise of a pixel, and number of warnings."""
         plan = _plan(self, frame.light_field.shape)
         found = plan.reconstruct(frame.light_field, start=frame.before.get("emission"))
         if self.options["strength"] is not None:
@@ -175,7 +175,7 @@ def find_steps(
     pixel_mm: float | None = None,
     burner_row: float | None = None,
 ) -> tuple[Step, ...]:
-    """Make steps of their names.
+    """Make steps from their names.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def find_steps(
             steps.append(Height(level, side, burner_row))
         else:
             raise InputError(
-                f"Steps must be of decode, refocus@10mm, refocus@0.5, emission, height, got "
+                f"Steps must be among decode, refocus@10mm, refocus@0.5, emission, height, got "
                 f"{word!r}."
             )
     return tuple(steps)

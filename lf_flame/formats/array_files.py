@@ -41,9 +41,9 @@ class Hdf5File(FileOfArrays):
 
     Such a file can name other files (external links, external storage, virtual arrays) and filters
     that the library would load as programs. Only arrays that lie in the file itself, plain or
-    packed by DEFLATE, are listed, with their groups (``scene/views``); the library is not given any
-    other. MATLAB stores axes in reverse; headers and arrays have the order of axes that it shows.
-    `numbers` are the attributes by which files of HCI say how their cameras stand.
+    compressed by DEFLATE, are listed, with their groups (``scene/views``); the library never sees
+    any other. MATLAB stores axes in reverse; headers and arrays have the order of axes that it
+    shows. `numbers` are the attributes by which files of HCI describe their cameras.
     """
 
     def __init__(self, path: str | Path):
@@ -79,26 +79,26 @@ class Hdf5File(FileOfArrays):
         filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
         if not set(filters) <= {DEFLATE, SHUFFLE, CHECKSUM} or filters.count(DEFLATE) > 1:
             raise InputError(
-                f"{self.path} cannot be read: {name} is packed by filters {filters} of HDF5, and "
-                f"no program is loaded for them; store it with gzip or without compression."
+                f"{self.path} cannot be read: {name} is compressed by filters {filters} of HDF5, "
+                f"for which no program is loaded; store it with gzip or without compression."
             )
         if DEFLATE not in filters:
             return
-        # The library unpacks a whole chunk, whatever it holds; small ones cannot hold too much.
+        # The library expands a whole chunk, whatever its content; small ones cannot have too much.
         most, large = math.prod(dataset.chunks) * dataset.dtype.itemsize, []
         check_memory(2 * most, self.path)
         dataset.id.chunk_iter(
-            # 1032 is the largest ratio by which DEFLATE packs: 258 bytes in 2 bits (RFC 1951).
+            # 1032 is the largest ratio by which DEFLATE compresses: 258 bytes in 2 bits (RFC 1951).
             lambda one: large.append(one) if one.size * 1032 > memory_limit() else None
         )
         for chunk in large:
             mask, data = dataset.id.read_direct_chunk(chunk.chunk_offset)
-            if mask >> filters.index(DEFLATE) & 1:  # not packed
+            if mask >> filters.index(DEFLATE) & 1:  # not compressed
                 continue
             if len(zlib.decompressobj().decompress(data, most + 1)) > most:
                 raise InputError(
-                    f"{self.path} cannot be read: {name} is damaged; a part of it holds more than "
-                    f"the {most:,} bytes that it should."
+                    f"{self.path} cannot be read: {name} is damaged; a part of it contains more "
+                    f"than the {most:,} bytes that it should."
                 )
 
 
@@ -114,7 +114,7 @@ MATRIX, PACKED = 14, 15
 """Types of the elements that a file consists of."""
 
 HEAD = 4096
-"""Number of bytes in which the kind, sizes and name of an array are looked for."""
+"""Number of bytes in which the kind, sizes and name of an array are searched for."""
 
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
           13: "u8"}  # fmt: skip
@@ -132,18 +132,18 @@ class MatlabFile(FileOfArrays):
     """Real arrays of numbers in a MATLAB file of version 5 to 7 (little endian, before 7.3).
 
     The numbers of an array are one block, which NumPy reads (MAT-File Format, MathWorks, 1999-2024,
-    chapter 1). scipy 1.17 takes any type of stored numbers for a place in its memory, which ends
-    the program, and unpacks any amount: to check both first takes as much as to read.
+    chapter 1). scipy 1.17 uses any type of stored numbers as an address in its memory, which ends
+    the program, and expands any amount: checking both first takes as much code as reading.
     """
 
     def __init__(self, path: str | Path):
         self.path, self.headers = Path(path), {}
         self._elements: dict[str, tuple[int, memoryview, np.dtype]] = {}
         check_memory(check_regular(path), path)
-        with readable(path, "no MATLAB file of version 5 or 7.3 (save it by save(..., '-v7.3'))"):
+        with readable(path, "not a MATLAB file of version 5 or 7.3 (save with save(..., '-v7.3'))"):
             data = memoryview(self.path.read_bytes())
             if data[126:128] != b"IM":
-                raise ValueError("its head has another mark")
+                raise ValueError("its header has another signature")
             for kind, length, element in _elements(data[128:]):
                 if len(element) < length:
                     raise ValueError("its end is missing")
@@ -168,7 +168,7 @@ def _parse(
 ) -> tuple[str, np.ndarray, np.dtype, memoryview] | None:
     """Name and header of an array, type and bytes of its numbers; None without real numbers.
 
-    Packed arrays are unpacked to `most` bytes.
+    Compressed arrays are expanded to `most` bytes.
     """
     if kind == PACKED:
         unpacked = memoryview(zlib.decompressobj().decompress(element, most))
@@ -220,11 +220,11 @@ class ZarrFile(FileOfArrays):
         self.path, zarr = Path(path), import_extra("zarr", "Zarr folders", "video")
         self.metadata = self.path / METADATA
         if not self.metadata.is_file():
-            raise InputError(f"{path} is no Zarr folder of format 3: it holds no {METADATA}.")
+            raise InputError(f"{path} is not a Zarr folder of format 3: it contains no {METADATA}.")
         for file in self.path.rglob("*"):
             if not file.is_dir():
                 check_memory(check_regular(file), file)
-        # Zarr warns of folders in it that are no arrays.
+        # Zarr warns of folders in it that are not arrays.
         with readable(self.metadata), warnings.catch_warnings(action="ignore"):
             found = zarr.open(str(self.path), mode="r", zarr_format=3)
             self.attributes = dict[str, Any](found.attrs)
@@ -256,6 +256,6 @@ class ZarrFile(FileOfArrays):
         if missing := files - filled:
             raise InputError(
                 f"{Path(self.path, name)} cannot be read: {missing} of its {files} chunk files are "
-                f"missing; if they were left out as they hold zeros, write the array with "
+                f"missing; if they were left out because they contain zeros, write the array with "
                 f"write_empty_chunks=True."
             )

@@ -58,11 +58,11 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
         common = gcd(*raw.shape[:2])
         fit = [str(n) for n in range(2, min(common, 64) + 1) if common % n == 0]
         raise InputError(
-            f"To read {source} as a lenslet image, state the pixels under a lenslet (views), which "
-            f"only the camera's data say, and which divide its {raw.shape[0]} x {raw.shape[1]} "
-            f"pixels ({', '.join(fit) or 'only 1 does'}), got {views}; to decode a raw image, give "
-            f"a white image, the lenslets or the pitch; `lf-flame convert` reads focused lenslets, "
-            f"as those of a Raytrix camera (--focused), and views side by side (--mosaic)."
+            f"To read {source} as a lenslet image, state the number of pixels under a lenslet "
+            f"(views), as in the camera's data sheet, which divides its {raw.shape[0]} x "
+            f"{raw.shape[1]} pixels ({', '.join(fit) or 'only 1 does'}), got {views}; to decode a "
+            f"raw image, give a white image, the lenslets or the pitch; `lf-flame convert` reads "
+            f"focused lenslets, such as those of Raytrix (--focused), and mosaics (--mosaic)."
         )
     if raw.ndim == 2 and views >= 5:  # with fewer pixels under a lenslet, views look like colours
         check_colours(raw, grid_from_pitch(raw.shape, views), "lenslet")
@@ -73,7 +73,7 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
 
 
 def read_lenslets(path: str | Path) -> Pixels:
-    """Read a rectified lenslet image (ESLF of the Lytro cameras), N x N pixels to a lenslet."""
+    """Read a rectified lenslet image (ESLF of the Lytro cameras), N x N pixels per lenslet."""
     image = read_image(path)
     return Pixels(image, "tsc"[: image.ndim])
 
@@ -81,7 +81,7 @@ def read_lenslets(path: str | Path) -> Pixels:
 def read_mosaic(path: str | Path, *, mosaic: Grid | str) -> Pixels:
     """Read a picture that holds rows and columns of whole views.
 
-    In a lenslet image the pixels of one lenslet are neighbours; here those of one view are.
+    In a lenslet image, pixels of one lenslet are neighbours; here, pixels of one view.
     """
     rows, columns = read_grid(mosaic, "mosaic")
     picture = read_image(path)
@@ -178,7 +178,7 @@ def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> s
 
 
 def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Part an array of LFToolbox, three colours and a weight: views, their weights, known pixels.
+    """Split an array of LFToolbox, three colours and a weight: views, their weights, known pixels.
 
     LFToolbox divides a raw image by the white image and keeps the white image as the weight of a
     pixel, so the weight is inverse to the variance of its noise. Views get the mean of their
@@ -193,12 +193,12 @@ def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, n
 
 
 def _slopes_of_hci(file: Hdf5File) -> tuple[float, float] | None:
-    """Range of the slopes by the depths in a file of the old HCI benchmark; None without depths.
+    """Range of the slopes from the depths in a file of the old HCI benchmark; None without depths.
 
     In these HDF5 files (Wanner, Meister, Goldluecke 2013) a point at depth z moves to the left by
     the disparity ``dH focalLength / z - shift`` from one view to the next on the right, and its
-    slope is minus that. One of the two axes of views is stored the other way round, which no
-    parallax shows and the depths do. Without depths, columns run from left to right.
+    slope is minus that. One of the two axes of views is stored in reverse, which no
+    parallax shows but the depths do. Without depths, columns run from left to right.
     """
     if DEPTH not in file.names:
         return None
@@ -229,16 +229,16 @@ def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
     best = min(counts, key=lambda one: counts[one], default="")
     looks = f", but looks like {best}" if best else ""
     raise InputError(
-        f"{path} holds an array of shape {shape}, which can hardly be {axes}{looks}: state its "
-        f"axes by `lf-flame convert --axes {best or 'AXES'}` (v, u or a running n: views; t, s: "
+        f"{path} holds an array of shape {shape}, which is unlikely to be {axes}{looks}: state its "
+        f"axes with `lf-flame convert --axes {best or 'AXES'}` (v, u or a running n: views; t, s: "
         f"rows and columns of pixels; c: channels)."
     )
 
 
 def _count_views(shape: tuple[int, ...], axes: str) -> int:
-    """Count views, if a shape suits axes: fewer views than pixels, and at most four channels.
+    """Count views, if a shape fits axes: fewer views than pixels, and at most four channels.
 
-    A square number of views beside 3 or 4 others is a running number beside colours.
+    A square number of views next to 3 or 4 others is a running number next to colours.
     """
     size = dict(zip(axes, shape, strict=True))
     few, many = sorted((size.get("v", 1), size.get("u", 1)))

@@ -26,7 +26,7 @@ from lf_flame.formats.reading import find_light_field, kind_of
 
 @dataclass
 class FileFacts:
-    """Kind and facts of a file; what is empty is not printed.
+    """Kind and facts of a file; empty ones are not printed.
 
     `missing` says which files or options are needed, `command` what to type next; `shape` is the
     light field's, (v, u, t, s), if known.
@@ -107,7 +107,7 @@ def _image(source: Path) -> FileFacts:
     facts = {
         "pixels": f"{height} x {width}, {'grey' if image.ndim == 2 else 'colour'}",
         "values": f"{image.min():.4g} to {image.max():.4g}",
-        "lenslets": "none are seen for certain",
+        "lenslets": "none are found reliably",
     }
     found = FileFacts("image", facts, typed("refocus", source, "--white", f"WHITE{source.suffix}"))
     try:
@@ -120,7 +120,7 @@ def _image(source: Path) -> FileFacts:
         spots = typed("refocus", "RAW.tif", "--lenslets", source)
         found.notes.append(
             f"the lenslets are those that this picture shows; a white image or closed-aperture "
-            f"spots show them for certain. If this is such a picture, type: {spots} (or --white)."
+            f"spots show them reliably. If this is such a picture, type: {spots} (or --white)."
         )
         check_colours(image, grid, "raw")
     except InputError as error:

@@ -131,7 +131,7 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
     """Write levels, shape (h, w) or (h, w, 3), as PNG or TIFF by the ending; floats as TIFF.
 
     A PNG of 8 bits states that its levels are linear in radiance (gAMA), if they are; without it,
-    such files count as gamma-coded.
+    such files are assumed to be gamma-coded.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -169,7 +169,7 @@ PROFILE = 34675
 
 
 def note_on_coding(path: Path) -> str:
-    """Note that an image is probably gamma-coded; empty if it is not, or the file is no image.
+    """Note that an image is probably gamma-coded; empty if it is not, or the file is not an image.
 
     It is, if it has 8 bits or fewer, unless a PNG states that its levels are linear (gAMA; ISO/IEC
     15948, 11.2.2 and 11.3.3), or if it has a colour profile (ICC) or states sRGB or a gamma.
@@ -279,7 +279,7 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
     pages = to_unit(pixels if letters else pixels[None], path)
     if len(letters) > 1:
         raise InputError(
-            f"A focal stack has its images in one row, got shape {pages.shape} in {path}."
+            f"A focal stack needs images along one axis, got shape {pages.shape} in {path}."
         )
     if "slopes" not in metadata:
         return pages, None

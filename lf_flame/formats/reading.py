@@ -71,12 +71,12 @@ def read_light_field(
     a folder                              one image for each view: `scan_view_folder`
     ``.npy``, ``.npz``, ``.zarr``,        an array of views, or a raw array
     ``.h5``, ``.hdf5``, ``.mat``
-    ``.tif``, ``.tiff`` of many pages     one view a page
+    ``.tif``, ``.tiff`` of many pages     one view per page
     an image and `mosaic`                 views side by side
     an image and `white`, `lenslets` or   a raw lenslet image: `read_raw`
     `pitch`; ``.lfp``, ``.lfr``
     an image and `focused`                raw image of focused lenslets (Raytrix)
-    any other image and `views`           a lenslet image, N x N pixels to a lenslet
+    any other image and `views`           a lenslet image, N x N pixels per lenslet
     ====================================  ===================================================
 
     Parameters
@@ -163,7 +163,7 @@ class Found:
         seen = find_order(self.light_field.views) if self.order is AS_STORED else self.order
         if self.order is AS_STORED and seen.order != AS_STORED.order:
             notes.append(
-                f"The views of {path} do not move as those of rows and columns [v, u, t, s]: "
+                f"The views of {path} do not move like rows and columns [v, u, t, s]: "
                 f"{seen.reason}, they are stored as {seen.order}. Slopes are wrong unless "
                 f"--order={seen.order}, or other --axes of an array, says so"
             )
@@ -210,7 +210,7 @@ def kind_of(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Fou
         return "an array", partial(_read_pixels, read_array), "axes array views order grid dark"
     if suffix not in IMAGE_SUFFIXES:
         raise InputError(
-            f"{path} is no light field: it must be a folder of views (unpacked), an "
+            f"{path} is not a light field: it must be a folder of views (unpacked), an "
             f"array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
             f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
         )
@@ -270,7 +270,7 @@ def _read_folder(path: Path, **options: Any) -> Found:
 def _read_pixels(
     read: Callable[..., Pixels], path: Path, *, views=None, grid=None, order=None, **options: Any
 ) -> Found:
-    """Read a file with all views in one array of pixels, which `read` gives as it is stored."""
+    """Read a file with all views in one array of pixels, which `read` returns as stored."""
     grid = None if grid is None else read_grid(grid)
     pixels = read(path, **options)
     axes = pixels.axes

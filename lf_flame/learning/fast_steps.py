@@ -1,7 +1,7 @@
 """Faster training steps on a CPU, with the results of Keras's own up to rounding.
 
 At a batch of two, Keras's step on two cores spends most of its time on memory: Adam updates 27
-million parameters by some ten operations, each of which reads and writes whole arrays, and
+million parameters by about ten operations, each of which reads and writes whole arrays, and
 convolutions over 3 x 6 positions read 9 million numbers of a kernel in an order that suits larger
 images. `FusedAdam` is one operation of TensorFlow for each variable, and `matrix_view` writes the
 convolutions as matrix products. Keras's `compile` and `fit` use both as they use its own.
@@ -64,7 +64,7 @@ class MatrixConvolution(layers.Layer):
 
 
 def matrix_view(decoder: keras.Model) -> keras.Model:
-    """Give the decoder, on the same variables, with matrix products on the feature map.
+    """Rebuild the decoder, on the same variables, with matrix products on the feature map.
 
     Training this model trains `decoder`, from `lf_flame.learning.decoder.build_decoder`.
     """

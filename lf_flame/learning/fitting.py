@@ -112,7 +112,7 @@ class Run:
 
 
 def train_in_folder(run: Run, out: Path, started: float) -> Path:
-    """Train in a run folder, or resume there; the call `started` by `time.perf_counter`.
+    """Train in a run folder, or resume there; `started`: `time.perf_counter` at the call.
 
     Returns the network ``model.keras``. An InputError refuses a folder with another run or a
     damaged checkpoint, one where another process trains, and a loss that is NaN or infinite.
@@ -123,7 +123,7 @@ def train_in_folder(run: Run, out: Path, started: float) -> Path:
     with exclusive(out):
         _refuse_other_run(run, out)
         if _is_finished(run, out):
-            progress.tell(f"{out} holds this run, finished.")
+            progress.report(f"{out} holds this run, finished.")
             model.touch()  # make compares it with the configuration file
             return model
         write_json(out / "config.json", run.request)
@@ -132,8 +132,8 @@ def train_in_folder(run: Run, out: Path, started: float) -> Path:
         state = TrainingState(out / "checkpoint.npz")
         if state.epochs_done > run.epochs:
             raise InputError(
-                f"{out} holds {state.epochs_done} epochs of this run, more than the {run.epochs} "
-                f"wanted; choose another folder."
+                f"{out} contains {state.epochs_done} epochs of this run, more than the "
+                f"{run.epochs} requested; choose another folder."
             )
         if state.epochs_done < run.epochs:
             _fit(run, state, started)
@@ -147,7 +147,7 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
     state.restore(fit.network)
     fit.batches.epoch = state.epochs_done
     if state.epochs_done:
-        progress.tell(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
+        progress.report(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
     else:
         state.start_s = round(time.perf_counter() - started, 2)
     what = f"training until minute {run.minutes:g}" if run.minutes else "training"
@@ -163,7 +163,7 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
             callbacks=[EpochEnd(run, state, fit.watched, started, bar)],
         )
     if state.epochs_done < run.epochs:
-        progress.tell(
+        progress.report(
             f"Saved after epoch {state.epochs_done} of {run.epochs}, best so far: epoch "
             f"{state.best_row.epoch}; the same command resumes."
         )
@@ -212,7 +212,7 @@ class TrainingState:
 
     @property
     def epochs_done(self) -> int:
-        """Number of whole epochs."""
+        """Number of completed epochs."""
         return len(self.history)
 
     @property

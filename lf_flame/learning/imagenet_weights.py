@@ -40,7 +40,7 @@ def imagenet_file() -> Path:
         with atomic_write(path) as aside:
             _download(ORIGIN + NAME, aside)
             if _md5(aside) != MD5:
-                raise OSError("what came is not the file, or not all of it")
+                raise OSError("the download is incomplete or not the file")
     except (OSError, HTTPException) as error:
         raise ImagenetUnavailable(
             f"The ImageNet weights of ResNet-50 could not be downloaded into {path.parent} "

@@ -25,7 +25,7 @@ def load_keras() -> None:
     Call it before anything else imports Keras. It refuses a backend that does not exist, and what
     `check_keras` refuses.
     """
-    progress.tell("Starting Keras ...")
+    progress.report("Starting Keras ...")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     sys.stderr.flush()
     kept = os.dup(2)
@@ -134,7 +134,7 @@ def _read_config(path: Path) -> Any:
 
 
 def _check_classes(config: Any, path: Path) -> None:
-    """Refuse classes that are not in `CLASSES`, wherever the file names one but for its training.
+    """Refuse classes that are not in `CLASSES`, wherever the file names one, except its training.
 
     Keras does not read the description of the training here.
     """
@@ -147,7 +147,7 @@ def _check_classes(config: Any, path: Path) -> None:
             if "class_name" in value and not _is_known(**value):
                 named = f"{value.get('module')}.{value['class_name']}"
                 raise InputError(
-                    f"{path} is not loaded: networks of this package hold no {named[:80]}, and "
+                    f"{path} is not loaded: networks of this package contain no {named[:80]}, and "
                     f"code that comes with a file is not run."
                 )
             left += value.values()

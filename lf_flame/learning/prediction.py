@@ -89,13 +89,13 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
             f"values from {picture.min():.3g} to {picture.max():.3g}: cut off below 0 and above 1"
         )
     if height % rows or width % columns:
-        notes.append(f"{height} x {width} is no multiple of {rows} x {columns}: interpolated")
+        notes.append(f"{height} x {width} is not a multiple of {rows} x {columns}: interpolated")
         picture = resize(picture, size, anti_aliasing=True)
     return NetworkInput(source, area_average(picture, size), notes)
 
 
 def _read_grey(source: Path) -> np.ndarray:
-    """Read the photograph of a light field; an image counts as a light field of one view."""
+    """Read the photograph of a light field; an image is treated as a light field of one view."""
     try:
         picture = read_light_field(source, views=1).photograph
     except InputError as error:
@@ -119,7 +119,7 @@ class Prediction:
     ms: float
 
     def write(self, run: TrainedRun, out: Path, *, overwrite: bool = False) -> None:
-        """Write images, stack and record into a folder; `overwrite` that of an earlier call.
+        """Write images, stack and record into a folder; `overwrite` that of an earlier run.
 
         The folder `out` receives ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``
         and ``prediction.json`` (record).

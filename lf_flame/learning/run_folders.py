@@ -65,7 +65,7 @@ class PaperRunRecord:
         if min(self.test_indices, default=-1) < 0 or not {"train", "test"} <= self.parts.keys():
             raise InputError("test_indices must be samples, and parts hold train and test.")
         if not all(0 < share < 1 for share in self.split):
-            raise InputError(f"split must be three shares of 1, got {self.split}.")
+            raise InputError(f"split must be three fractions between 0 and 1, got {self.split}.")
         if "batch_size" not in self.recipe:
             raise InputError("recipe.batch_size is missing.")
 
@@ -95,7 +95,7 @@ class TrainedRun:
         return load_model(self.folder / "model.keras", shapes)
 
     def open_dataset(self) -> Dataset:
-        """Open the data set; refuse one that has gone or changed."""
+        """Open the data set; refuse one that is missing or has changed."""
         dataset = Dataset(self.data)
         same = describe_dataset(dataset) == self.record["dataset"]
         if not same or max(self.record["test_indices"]) >= len(dataset):
@@ -106,7 +106,7 @@ class TrainedRun:
         return dataset
 
     def predict_test_split(self) -> tuple[Dataset, np.ndarray, np.ndarray]:
-        """Give the data set, indices [n] of its test samples, and images [n, planes, h, w]."""
+        """Return the data set, indices [n] of its test samples, and images [n, planes, h, w]."""
         dataset, indices = self.open_dataset(), np.array(self.record["test_indices"])
         stack = self.load_network().predict(dataset.inputs[indices], batch_size=8, verbose=0)
         return dataset, indices, stack[..., 0]

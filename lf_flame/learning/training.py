@@ -73,7 +73,7 @@ def train(
     started, recipe, dataset = time.perf_counter(), config.recipe(preset), Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
     source, weights = find_weights(config, preset)
-    progress.tell(f"Weights of the backbone: {weights}.")
+    progress.report(f"Weights of the backbone: {weights}.")
     planes, *image = dataset.targets.shape[1:]
     network = build_refocus_resnet50(
         tuple(image), planes, **asdict(config.model) | {"backbone_weights": source},
@@ -117,7 +117,7 @@ def train(
 
 
 def _request(config: TrainingConfig, preset: str, dataset: Dataset, weights: str) -> dict:
-    """Give everything that determines the result but the epochs; a file of weights by its hash."""
+    """Collect all that determines the result but the epochs; a file of weights by its hash."""
     recipe, model = asdict(config.recipe(preset)), asdict(config.model)
     for name in ("epochs", "checkpoint_s", "without_imagenet"):
         del recipe[name]
@@ -168,7 +168,7 @@ def compute_features(network: keras.Model, inputs: np.ndarray, part: str = "samp
 def find_weights(config: TrainingConfig, preset: str) -> tuple[str, str]:
     """Find the backbone's weights: the configured ones, or random ones if the recipe allows it.
 
-    Returned are the value of `backbone_weights` for `build_refocus_resnet50`, and the weights' name
+    Returns the value of `backbone_weights` for `build_refocus_resnet50`, and the weights' name
     for tables and records. ImagenetUnavailable is raised if ImageNet's are not available, and the
     recipe does not continue without them.
     """

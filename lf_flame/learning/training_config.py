@@ -87,7 +87,7 @@ class TrainingConfig:
 
     def __post_init__(self):
         if min(self.split) <= 0 or abs(sum(self.split) - 1) > 1e-9:
-            raise InputError(f"split must be three positive shares of 1, got {self.split}.")
+            raise InputError(f"split must be positive fractions with sum 1, got {self.split}.")
         check_seed(self.seed)
 
     def recipe(self, preset: str) -> Recipe:
@@ -97,7 +97,7 @@ class TrainingConfig:
         return self.presets[preset]
 
     def with_epochs(self, preset: str, epochs: int) -> "TrainingConfig":
-        """Give the configuration with another number of epochs for a preset."""
+        """Copy the configuration with another number of epochs for a preset."""
         recipe = replace(self.recipe(preset), epochs=epochs)
         return replace(self, presets={**self.presets, preset: recipe})
 

@@ -183,7 +183,7 @@ def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, .
     return indices
 
 
-def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str) -> None:
+def refuse_excluded(views: Views, indices: Iterable[tuple[int, int]], what: str) -> None:
     """Refuse a light field in which a view that `what` needs has weight 0, as a missing one has."""
     own = views.weights if isinstance(views, LightField) else None
     for v, u in indices:

@@ -24,7 +24,7 @@ from lf_flame.refocus._arguments import (
     as_views,
     as_weights,
     farthest_slope,
-    refuse_uncounted,
+    refuse_excluded,
 )
 from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.refinement import refine_slopes
@@ -153,7 +153,7 @@ def all_in_focus(
         raise InputError(f"window must be a number of lenslets above 0, got {window}.")
     views, slopes = as_grey(light_field), as_steps(slopes)
     down, right = (((n - 1) // 2, n // 2) for n in views.shape[:2])
-    refuse_uncounted(
+    refuse_excluded(
         light_field, product(down, right), "A slope map, which compares all views with one,"
     )
     compared = ComparedViews(views, slopes, weights)

@@ -29,7 +29,7 @@ from lf_flame.refocus.shift import (
     shift_and_sum,
     shift_taps,
 )
-from lf_flame.refocus.unknown_pixels import of_known_pixels
+from lf_flame.refocus.unknown_pixels import ignoring_unknown
 
 SLOPES_AT_ONCE = 4
 """Number of slopes with row sums that are held in memory together."""
@@ -107,7 +107,7 @@ def refocus(
     return fourier_slice(light_field, slopes, width=8, edges="clamp", weights=weights)
 
 
-@of_known_pixels(shift_and_sum)
+@ignoring_unknown(shift_and_sum)
 def fourier_refocus(
     light_field: Views,
     slopes: ArrayLike,
@@ -252,7 +252,7 @@ def _mean_by_factors(spectra: Iterable[np.ndarray], down, right) -> np.ndarray:
     return total.transpose(2, 1, 0)
 
 
-@of_known_pixels(shift_and_sum)
+@ignoring_unknown(shift_and_sum)
 def fourier_slice(
     light_field: Views,
     slopes: ArrayLike,

@@ -23,7 +23,7 @@ from lf_flame.refocus._arguments import (
     for_slopes,
     refuse_not_finite,
 )
-from lf_flame.refocus.unknown_pixels import of_known_pixels
+from lf_flame.refocus.unknown_pixels import ignoring_unknown
 
 SLOPES_AT_ONCE = 8
 """Number of slopes for each reading of the light field."""
@@ -35,7 +35,7 @@ INTERPOLATIONS = ("linear", "nearest", "cubic")
 """Interpolations: two neighbours by distance; the nearest; four by Keys's cubic convolution."""
 
 
-@of_known_pixels()
+@ignoring_unknown()
 def shift_and_sum(
     light_field: Views,
     slopes: ArrayLike,

@@ -28,7 +28,7 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
 )
 from lf_flame.refocus.shift import check_interpolation
-from lf_flame.refocus.unknown_pixels import of_known_pixels
+from lf_flame.refocus.unknown_pixels import ignoring_unknown
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
 """Number of lenslets along an axis that each interpolation reads."""
@@ -38,7 +38,7 @@ WINDOW = 1.5
 of 15 x 15 for a standard deviation of 5."""
 
 
-@of_known_pixels()
+@ignoring_unknown()
 def refocus_surface(
     light_field: Views,
     slopes: ArrayLike,

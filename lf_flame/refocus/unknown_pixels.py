@@ -25,7 +25,7 @@ BOUND = 1e-3
 Refocusing = TypeVar("Refocusing", bound=Callable[..., np.ndarray])
 
 
-def of_known_pixels(
+def ignoring_unknown(
     plain: Callable[..., np.ndarray] | None = None,
 ) -> Callable[[Refocusing], Refocusing]:
     """Make a refocusing method, linear in the views, leave out the unknown pixels.

@@ -56,7 +56,7 @@ def trace(
     seen. rays: smallest number along each axis, rounded up so that they tile pixel and lenslet. The
     light is added to `out`, float32 or float64 in the order of the layout.
     """
-    front = _first_that_dims(planes)
+    front = _first_attenuating(planes)
     for group in [*([plane] for plane in planes[:front]), planes[front:]]:
         if not group:
             continue
@@ -223,7 +223,7 @@ def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
     return (edges_mm[0] + edges_mm[-1]) / 2 + (np.arange(count + 1) - count / 2) * box_mm
 
 
-def _first_that_dims(planes: list[Plane]) -> int:
+def _first_attenuating(planes: list[Plane]) -> int:
     """Count the planes in front of the first that attenuates light."""
     return next((k for k, p in enumerate(planes) if p.transmission is not None), len(planes))
 

@@ -120,7 +120,7 @@ def render_plan(
     _check_hexagonal(seen, passes[0], plan)
     image = gather(planes, passes, layout_gathered, plan.rays)
     views = as_views(image, seen) if layout_gathered == "raw" else image
-    if _diffracts(camera, plan, "main_lens") and _dim(planes):
+    if _diffracts(camera, plan, "main_lens") and _attenuates(planes):
         views = blur_whole_lenslets(views, camera)
     if seen is not camera:
         raw = blur_on_sensor(LightField.trusted(views).to_raw(), seen, camera)
@@ -154,10 +154,10 @@ def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> l
         scene,
         dict(zip(scene.layers, plan.slabs, strict=True)),
         absorption="self_absorption" in plan.kept,
-        dimming=set(plan.traced),
+        attenuating=set(plan.traced),
     )
     _check_field(scene, camera)
-    if _diffracts(camera, plan, "main_lens") and not _dim(planes):
+    if _diffracts(camera, plan, "main_lens") and not _attenuates(planes):
         planes = blur_planes(planes, camera)
     return planes
 
@@ -166,7 +166,7 @@ def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
     return camera.wavelength_nm is not None and f"{lens}_diffraction" in plan.kept
 
 
-def _dim(planes: list[Plane]) -> bool:
+def _attenuates(planes: list[Plane]) -> bool:
     """Whether any plane occludes or attenuates light from behind."""
     return any(plane.transmission is not None for plane in planes)
 

@@ -44,26 +44,26 @@ class Plane:
 
 
 def slice_scene(
-    scene: Scene, slabs: dict[Layer, int], absorption: bool, dimming: Set[str]
+    scene: Scene, slabs: dict[Layer, int], absorption: bool, attenuating: Set[str]
 ) -> list[Plane]:
     """Cut the layers of a scene into planes, nearest to the main lens first.
 
     slabs: number of planes for layers that need more than one. absorption: whether optically thick
-    layers absorb their own light. dimming: set of "occlusion" and "self_absorption": whether opaque
-    layers occlude, and optically thick layers attenuate, the light from behind.
+    layers absorb their own light. attenuating: set of "occlusion" and "self_absorption": whether
+    opaque layers occlude, and optically thick layers attenuate, the light from behind.
     """
     planes: list[Plane] = []
     for layer in scene.front_to_back:
         count = slabs.get(layer, 1)
         if count > 1 and any(layer.tilt_deg):
-            planes += _leaning_slabs(layer, count, absorption, dimming, len(planes) + 1)
+            planes += _leaning_slabs(layer, count, absorption, attenuating, len(planes) + 1)
             continue
         if count > 1 and absorption and layer.optical_thickness.any():
-            planes += _absorbing_slabs(layer, count, dimming)
+            planes += _absorbing_slabs(layer, count, attenuating)
             continue
         tau = layer.optical_thickness / count if absorption else np.zeros(1)
         emission = layer.texture * (self_absorbed(tau) / count)
-        transmission = _transmission(layer.opacity, tau, dimming, layer.texture.shape)
+        transmission = _transmission(layer.opacity, tau, attenuating, layer.texture.shape)
         middles = (np.arange(count) + 0.5) / count - 0.5
         planes += [
             Plane(emission, transmission, layer.depth_mm + layer.thickness_mm * middle, layer)
@@ -73,7 +73,7 @@ def slice_scene(
     return sorted(planes, key=lambda plane: plane.depth_mm)
 
 
-def _absorbing_slabs(layer: Layer, count: int, dimming: Set[str]) -> list[Plane]:
+def _absorbing_slabs(layer: Layer, count: int, attenuating: Set[str]) -> list[Plane]:
     edges, planes = slab_edges(layer, count), []
     for low, high in pairwise(edges):
         tau = layer.optical_thickness * (high - low)
@@ -82,7 +82,7 @@ def _absorbing_slabs(layer: Layer, count: int, dimming: Set[str]) -> list[Plane]
         planes.append(
             Plane(
                 emission,
-                _transmission(layer.opacity, tau, dimming, layer.texture.shape),
+                _transmission(layer.opacity, tau, attenuating, layer.texture.shape),
                 depth_mm,
                 layer,
             )
@@ -91,7 +91,7 @@ def _absorbing_slabs(layer: Layer, count: int, dimming: Set[str]) -> list[Plane]
 
 
 def _leaning_slabs(
-    layer: Layer, count: int, absorption: bool, dimming: Set[str], number: int
+    layer: Layer, count: int, absorption: bool, attenuating: Set[str], number: int
 ) -> list[Plane]:
     """Cut a layer that leans into planes across the axis, each with the cells at its depth.
 
@@ -130,7 +130,7 @@ def _leaning_slabs(
         middle = np.average((front + back)[some] / 2, weights=share[some])
         depth_mm = layer.depth_mm + float(middle)
         place = Layer(emission, depth_mm, size, centre)
-        transmission = _transmission(cut(layer.opacity) * shares, tau, dimming, emission.shape)
+        transmission = _transmission(cut(layer.opacity) * shares, tau, attenuating, emission.shape)
         rise = math.tan(angle) * (-1 if axis == 0 else 1)
         lean = (rise, 0.0) if axis == 0 else (0.0, rise)
         sheet = 0 if thick else number
@@ -162,9 +162,9 @@ def slab_edges(layer: Layer, count: int) -> np.ndarray:
     return np.where(wanted > 0.5, 1 - found, found)
 
 
-def _transmission(opacity, tau: np.ndarray, dimming: Set[str], shape) -> np.ndarray | None:
-    opacity = opacity if "occlusion" in dimming else 0.0
-    passes = np.exp(-tau) if "self_absorption" in dimming else np.ones(1)
+def _transmission(opacity, tau: np.ndarray, attenuating: Set[str], shape) -> np.ndarray | None:
+    opacity = opacity if "occlusion" in attenuating else 0.0
+    passes = np.exp(-tau) if "self_absorption" in attenuating else np.ones(1)
     if np.all(opacity == 0) and np.all(passes == 1):
         return None
     return np.broadcast_to((1 - opacity) * passes, shape)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views, refuse_uncounted
+from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views, refuse_excluded
 
 ViewIndices = Sequence[tuple[int, int]]
 """Row and column of each selected view."""
@@ -91,7 +91,7 @@ class RefocusingSystem(ABC):
                 f"them by the largest."
             )
         self._check(views.shape, np.asarray(slopes, float), block)
-        refuse_uncounted(light_field, self.view_indices(*views.shape[:2]), self.name)
+        refuse_excluded(light_field, self.view_indices(*views.shape[:2]), self.name)
 
     @abstractmethod
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:

@@ -161,19 +161,19 @@ def _misfit(views, residual, chi_squared, found) -> list[Check]:
         # Least squares leaves more of a fault in its view than in all other views together.
         order = np.argsort(chi_squared[np.isfinite(chi_squared)])
         rest, odd = by_view[order[:-2]], by_view[order[-2:]]
-        shared = _likeness(rest) * inner(rest, rest)
+        shared = _correlation(rest) * inner(rest, rest)
         by_view = rest
         if shared < inner(odd, odd):
             by_view = np.zeros_like(rest)
         else:
             excess = 1.0
-    likeness = _likeness(by_view)
+    correlation = _correlation(by_view)
     size = float(np.sqrt(inner(by_view, by_view) / by_view.size))
     # Five standard errors of a correlation of white noise, of pairs along rows and columns.
     limit = max(STRUCTURE + SHARED * (found.shared**2 - 1), 5 / np.sqrt(2 * by_view.size))
-    structured = np.sqrt(max(likeness, 0)) * size > MODEL_ERROR * peak
+    structured = np.sqrt(max(correlation, 0)) * size > MODEL_ERROR * peak
     far_above = middle > 1.3 and size > MODEL_ERROR * peak
-    number = max(likeness / limit if structured else 0.0, middle / 1.3 if far_above else 0.0)
+    number = max(correlation / limit if structured else 0.0, middle / 1.3 if far_above else 0.0)
     return [
         Check(
             "view", excess, 1.3,
@@ -183,14 +183,14 @@ def _misfit(views, residual, chi_squared, found) -> list[Check]:
         Check(
             "structure", number, 1.0,
             f"No emission explains the views: the residual is {size / peak:.1%} of the peak, "
-            f"{max(likeness, 0):.0%} of it is structure that noise does not have, and chi-squared "
-            f"of the median view is {middle:.3g}. Depths or axis, camera, alignment, gains, black "
-            f"level or linearity are wrong, or light is hidden; error bars do not include this.",
+            f"{max(correlation, 0):.0%} of it is structure that noise does not have, and "
+            f"chi-squared of the median view is {middle:.3g}. Check depths or axis, camera, "
+            f"alignment, gains, black level, linearity and occlusion; error bars exclude this.",
         ),
     ]  # fmt: skip
 
 
-def _likeness(residual: np.ndarray) -> float:
+def _correlation(residual: np.ndarray) -> float:
     """Correlation of residuals of pixels `APART` from each other, over rows and columns."""
     power = inner(residual, residual) / residual.size
     pairs = (

@@ -270,7 +270,7 @@ class _LogCurves:
         inverse = np.linspace(1 / (4 * MOST_K), 2 / LEAST_K, 1025)
         logs = np.log(responses.soot(1 / inverse, exponent))
         self._curves = [CubicSpline(inverse, one) for one in logs]
-        self._outer, count = _telling_pair(inverse, logs, responses.names)
+        self._outer, count = _best_pair(inverse, logs, responses.names)
         self.inverse = inverse[:count]
         self._ratio = logs[self._outer[0], :count] - logs[self._outer[1], :count]
         self.coldest = 1 / self.inverse[-1]
@@ -302,7 +302,7 @@ class _LogCurves:
         return np.sum(weights * (rest - mean) ** 2, axis=0), np.exp(mean)
 
 
-def _telling_pair(
+def _best_pair(
     inverse: np.ndarray, logs: np.ndarray, names: Sequence[str]
 ) -> tuple[tuple[int, int], int]:
     """Colours whose ratio changes most with temperature, and for how many values of 1 / T."""

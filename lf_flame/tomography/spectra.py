@@ -209,15 +209,15 @@ class SpectralResponses:
         # neighbours at each side alone: a spline would swing in a gap between two filters.
         # At the table's ends it goes on straight, but never below 0.
         roots = np.sqrt(values)
-        before, first = _gone_on(lengths, roots)
-        after, last = _gone_on(lengths[::-1], roots[:, ::-1])
+        before, first = _extrapolated(lengths, roots)
+        after, last = _extrapolated(lengths[::-1], roots[:, ::-1])
         knots = np.concatenate([before, lengths, after[::-1]])
         roots = np.concatenate([first, roots, last[:, ::-1]], axis=1)
         curve = Akima1DInterpolator(knots, roots, axis=1)
         return nodes, curve(nodes) ** 2 * steps
 
 
-def _gone_on(lengths: np.ndarray, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _extrapolated(lengths: np.ndarray, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two wavelengths before the first, and roots there by a straight line, 0 or above."""
     back = np.array([2.0, 1.0])
     before = lengths[0] - back * (lengths[1] - lengths[0])

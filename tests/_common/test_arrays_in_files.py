@@ -58,7 +58,7 @@ def test_packings_that_zipfile_unpacks_without_a_bound_are_refused(tmp_path, arr
     np.save(tmp_path / "a.npy", arrays["a"])
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_BZIP2) as archive:
         archive.write(tmp_path / "a.npy", "a.npy")
-    with pytest.raises(InputError, match="a is packed by method 12, not DEFLATE"):
+    with pytest.raises(InputError, match="a is compressed by method 12"):
         read_all(tmp_path / "a.npz")
 
 
@@ -67,7 +67,7 @@ def test_packings_that_zipfile_unpacks_without_a_bound_are_refused(tmp_path, arr
 )
 def test_only_numbers_are_read(tmp_path, values):
     np.save(tmp_path / "a.npy", values)
-    with pytest.raises(InputError, match="what it holds is no plain array of numbers"):
+    with pytest.raises(InputError, match="its content is not a plain array of numbers"):
         read_all(tmp_path / "a.npy")
 
 

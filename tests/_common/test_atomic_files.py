@@ -41,7 +41,7 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
 @pytest.mark.parametrize("make", [os.mkdir, os.mkfifo])
 def test_what_is_no_file_is_not_replaced_by_one(tmp_path, make):
     make(tmp_path / "a.txt")
-    with pytest.raises(InputError, match="a.txt is no file, and is not replaced by one"):
+    with pytest.raises(InputError, match="a.txt is not a file, and is not replaced by one"):
         write_text(tmp_path / "a.txt", "new")
     assert names(tmp_path) == ["a.txt"]
 

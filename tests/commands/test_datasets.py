@@ -11,7 +11,7 @@ from builders import DATA, shapes, toml
 from lf_flame import InputError
 from lf_flame.commands import options as command_options
 from lf_flame.commands.cli import commands
-from lf_flame.commands.options import Crew
+from lf_flame.commands.options import WorkerOptions
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
@@ -38,7 +38,7 @@ def test_a_cluster_that_loses_a_worker_makes_the_same_bytes(tmp_path):
     options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with (
         distributed.LocalCluster(n_workers=2, **options) as cluster,
-        Crew(scheduler=cluster.scheduler_address).executor() as executor,
+        WorkerOptions(scheduler=cluster.scheduler_address).executor() as executor,
     ):
 
         def kill():
@@ -70,12 +70,12 @@ def test_a_scheduler_without_workers_or_an_answer_is_one_sentence(monkeypatch):
     monkeypatch.setattr(command_options, "START_S", 1)
     with (
         pytest.raises(InputError, match=r"tcp://127\.0\.0\.1:9 does not answer"),
-        Crew(scheduler="tcp://127.0.0.1:9").executor(),
+        WorkerOptions(scheduler="tcp://127.0.0.1:9").executor(),
     ):
         pass
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as cluster,
         pytest.raises(InputError, match="has no workers: start some with `dask worker tcp://"),
-        Crew(scheduler=cluster.scheduler_address).executor(),
+        WorkerOptions(scheduler=cluster.scheduler_address).executor(),
     ):
         pass

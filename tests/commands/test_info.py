@@ -90,7 +90,7 @@ def test_focused_lenslets_are_not_taken_for_others(told, tmp_path):
     (tmp_path / "calibration.xml").write_text(camera.xml())
     said = told("raw.png")
     assert "hexagonal lenslets, pitch 23." in said
-    assert "`lf-flame convert` reads focused lenslets, as those of a Raytrix camera" in said
+    assert "`lf-flame convert` reads focused lenslets, such as those of Raytrix" in said
     said = told("calibration.xml")
     assert "calibration.xml: calibration of a Raytrix camera" in said
     assert "pitch 23.300 pixels along rows" in said

@@ -207,7 +207,7 @@ def test_calls_for_other_slopes_get_other_folders_by_default(folder, tmp_path, m
     assert record["source"] == "../../views"
     with pytest.raises(InputError, match="views exists"):
         run(folder, "--out", folder)
-    with pytest.raises(InputError, match="views is not replaced, as it is no result"):
+    with pytest.raises(InputError, match="views is not replaced, as it is not a result"):
         run(folder, "--out", folder, "--overwrite")
 
 

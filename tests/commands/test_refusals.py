@@ -114,8 +114,8 @@ REFUSED = [
         "abel ball.npy --camera camera.toml --out out",
         ("--radius 1e20", "--radius must be above 0 and at most the camera's focus distance"),
         ("--strength inf", "'inf' is not a finite number"),
-        ("--soot-exponent 1.4", "--soot-exponent goes with --colours"),
-        ("--thin", "--thin goes with --colours"),
+        ("--soot-exponent 1.4", "--soot-exponent needs --colours"),
+        ("--thin", "--thin needs --colours"),
     ),
     *each(
         "calibrate --square-mm 5 --out out",
@@ -139,7 +139,7 @@ REFUSED = [
     ),
     ("flicker still", "State when the frames were taken"),
     ("flicker still --frames-per-second nan", "not a finite number"),
-    ("flicker still/0.npy still/1.npy --frames-per-second 9", "16 frames at least, got 2 frames"),
+    ("flicker still/0.npy still/1.npy --frames-per-second 9", "at least 16 frames, got 2 frames"),
     ("info none.npy", "no such file or folder"),
     ("info ball.npy --camera nine.toml", "9 x 9 views"),
     *(
@@ -167,7 +167,7 @@ REFUSED = [
         ("--depth-mm 0 --optical-thickness two.tif", "1 planes of 48 x 60 pixels, got shape"),
         ("--depth-mm 0 --optical-thickness levels.tif", "floating-point numbers, got uint8"),
     ),
-    ("reconstruct ball.npy --camera law.toml --depth-mm 40", "where targets stood, got 40 mm"),
+    ("reconstruct ball.npy --camera law.toml --depth-mm 40", "depths of its targets, got 40 mm"),
     *each(
         "refocus views",
         ("--depth-mm 3", "need the camera"),
@@ -181,7 +181,7 @@ REFUSED = [
         ("--map=auto --map -1 1", "cannot both be given"),
         ("--slope 1 --network empty", "no finished run"),
         ("--depth-mm 9 --camera nine.toml", "has 9 x 9 views, but the light field has 5 x 5"),
-        ("--depth-mm 100 --camera law.toml", "holds for depths from -37.5 to 37.5 mm"),
+        ("--depth-mm 100 --camera law.toml", "is valid from -37.5 to 37.5 mm"),
         ("--depth-mm 0 --f-number 8 --camera law.toml", "thin-lens camera"),
         ("--slope-of nobody", "is not one of"),
         ("--background 1", "--background needs --region"),

@@ -59,7 +59,7 @@ def test_where_numbers_are_missing_time_passes():
 def test_numbers_that_count_no_frames_get_a_note(names):
     found, notes = times_of(*names)
     assert found == names
-    assert "do not hold one number" in notes[0]
+    assert "do not contain one number" in notes[0]
 
 
 def test_other_files_and_an_own_white_image_are_no_frames(tmp_path):

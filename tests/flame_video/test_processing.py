@@ -105,13 +105,13 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path, two_together):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        process(tmp_path / "cut", steps, tell=cut)
+        process(tmp_path / "cut", steps, on_frame=cut)
     begun = zarr.open_group(tmp_path / "cut.part", mode="r")
     assert begun["state"][:].tolist() == [1, 1, 1, 1, 0, 0]
     with pytest.raises(InputError, match=r"cut\.part was made with other steps; remove it"):
         process(tmp_path / "cut", find_steps("refocus@0,height"))
     times = []
-    process(tmp_path / "cut", steps, tell=lambda done: times.append(done.frame))
+    process(tmp_path / "cut", steps, on_frame=lambda done: times.append(done.frame))
     assert times == [4, 5]
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
 

@@ -24,14 +24,14 @@ REFUSED = [
         }.items()
         for value in values
     ),
-    (partial(find_flicker, TWENTY, np.ones(19)), "one length"),
-    (partial(find_flicker, np.ones((9, 2)), np.ones((9, 2))), "one length"),
+    (partial(find_flicker, TWENTY, np.ones(19)), "equal length"),
+    (partial(find_flicker, np.ones((9, 2)), np.ones((9, 2))), "equal length"),
     *(
         (partial(find_flicker, times, np.ones(20)), "rise")
         for times in (TWENTY[::-1], np.zeros(20), np.full(20, NAN), TWENTY * 1e-310)
     ),
     (partial(find_flicker, TWENTY * 1e305, np.ones(20)), "at most"),
-    (partial(find_flicker, TWENTY, np.where(TWENTY < 15, 1, NAN)), "16 frames .* at least, got 15"),
+    (partial(find_flicker, TWENTY, np.where(TWENTY < 15, 1, NAN)), "at least 16 frames .*, got 15"),
     *(
         (partial(find_flicker, TWENTY, np.ones(20), resolvable=value), "the smallest amplitude")
         for value in (-1.0, NAN, INF)
@@ -44,7 +44,7 @@ REFUSED = [
     (partial(find_steps, "height,decode"), "decode only first, got 'height,decode'"),
     (partial(find_steps, "height,height"), "once, .*, got 'height,height'"),
     (partial(find_steps, "emission"), "needs the camera, and depths"),
-    (partial(find_steps, "../height"), r"Steps must be of .*, got '\.\./height'"),
+    (partial(find_steps, "../height"), r"Steps must be among .*, got '\.\./height'"),
 ]  # fmt: skip
 
 

@@ -89,7 +89,7 @@ def test_a_codec_that_could_run_code_is_refused(tmp_path):
     path = tmp_path / "a.zarr/.zarray"
     path.write_text(json.dumps({**facts, **kept, "compressor": codec.get_config()}))
     path.with_name("0.0.0.0").write_bytes(codec.encode(np.ones((2, 2, 3, 4), np.float32)))
-    with pytest.raises(InputError, match=r"no Zarr folder of format 3: it holds no zarr\.json"):
+    with pytest.raises(InputError, match=r"not a Zarr folder of format 3: .* no zarr\.json"):
         read_light_field(tmp_path / "a.zarr")
 
 
@@ -101,7 +101,7 @@ def test_raw_arrays_are_cut(tmp_path, rng):
     np.testing.assert_array_equal(
         read_light_field(tmp_path / "b.npz", views=3).views, views[..., 0]
     )
-    with pytest.raises(InputError, match=r"state the pixels under a lenslet .*\(3\)"):
+    with pytest.raises(InputError, match=r"state the number of pixels under a lenslet .*\(3\)"):
         read_light_field(tmp_path / "b.npz")
 
 

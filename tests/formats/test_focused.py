@@ -284,5 +284,5 @@ def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes):
     camera = Camera(columns=changes.get("rotation", 0) > 1)
     write_image(tmp_path / "raw.png", levels_of(camera))
     (tmp_path / "camera.xml").write_text(camera.xml(**changes))
-    with pytest.raises(InputError, match=r"micro-images lie .* pixels beside theirs or more"):
+    with pytest.raises(InputError, match=r"are displaced from them by .* pixels or more"):
         read_light_field(tmp_path / "raw.png", focused=tmp_path / "camera.xml")

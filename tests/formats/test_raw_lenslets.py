@@ -112,7 +112,7 @@ def test_whole_micro_images_are_a_block_that_cannot_grow(pitch, row_pitch, rotat
         return all(
             np.all((y + dy >= -1 - 1e-9) & (y + dy <= shape[0] + 1e-9))
             and np.all((x + dx >= -1 - 1e-9) & (x + dx <= shape[1] + 1e-9))
-            for dy, dx in (grid.turned(*corner) for corner in corners)
+            for dy, dx in (grid.rotated(*corner) for corner in corners)
         )
 
     assert are_whole(rows[:, None], columns)

@@ -211,4 +211,4 @@ def test_info_proposes_what_divides_the_sides_of_a_picture(tmp_path):
     for file in files[: 1 + files[1].exists()]:
         said = CliRunner().invoke(commands, ["info", str(file)]).stdout
         assert "14." not in said.replace(str(file), "")
-        assert re.search(r"only the camera's data say, and which divide its .*\b15\b", said)
+        assert re.search(r"as in the camera's data sheet, which divides its .*\b15\b", said)

@@ -105,9 +105,9 @@ FOLDERS = [
     (of(RUN, "0.png", grid="1x1"), "0.png is a stack|holds 1|must be|does not apply|state"),
     *((of(square(), order=order), "order must be one of row,col; ") for order in ("row", "")),
     (of({}, read=scan_view_folder), r"one set of images \(.png, .* got none"),
-    (of(RUN, names="view*.png"), r"are like view\*.png and differ in numbers only"),
-    (partial(scan_view_folder, "nowhere"), "is no folder"),
-    (of({**square(), **square(form="d{}_{}.png")}), "must hold one set .*--names '#?.*png'"),
+    (of(RUN, names="view*.png"), r"are like view\*.png and differ only in numbers"),
+    (partial(scan_view_folder, "nowhere"), "is not a folder"),
+    (of({**square(), **square(form="d{}_{}.png")}), "must contain one set .*--names '#?.*png'"),
     (of(dict.fromkeys(["1_1.png", "01_01.png", "1_01.png"], RUN["0.png"])), "do not number a grid"),
     (of({**square(), "0_0.png": b"no picture"}), "0_0.png cannot be read"),
     (of({**square(3), "1_1.png": levels(3, 5)}), r"1_1.png has shape \(3, 5\), 0_0.png \(3, 4\)"),
@@ -142,22 +142,22 @@ FILES = [
     ("a.npz", {"views": VIEWS, "weights": np.ones((2, 3))}, {}, "weights must"),
     ("a.npz", {"views": VIEWS, "valid": np.ones((2, 2, 3, 4))}, {}, "valid must"),
     ("a.npy", FIELD, {"grid": "3x2"}, "grid of 3 x 2 views does not fit a.npy, of 2 x 2"),
-    ("a.npy", np.ones((40, 50, 6, 7, 9)), {}, "hardly be vutsc: state its axes .* --axes AXES"),
+    ("a.npy", np.ones((40, 50, 6, 7, 9)), {}, "unlikely to be vutsc: state its .* --axes AXES"),
     ("a.npy", FIELD, {"axes": ""}, "axes must be one letter for each axis of .*, got "),
     ("a.npy", FIELD, {"axes": "xyzw"}, "axes must be one letter for each axis of .*, got "),
     ("a.png", LENSLETS, {}, r"28 x 42 .*\(2, 7, 14\), got None; to decode a raw image"),
     ("a.png", LENSLETS, {"views": 15}, r"28 x 42 pixels \(2, 7, 14\), got 15"),
     ("a.png", levels(9, 8), {"views": 3}, r"\(only 1 does\), got 3"),
     ("a.png", b"no picture", {"views": 2}, "a.png cannot be read"),
-    ("a.xyz", b"", {}, "a.xyz is no light field: it must be a folder of views"),
-    ("a.mat", b"anything", {}, r"a\.mat cannot be read: .* no MATLAB file of version 5 or 7"),
+    ("a.xyz", b"", {}, "a.xyz is not a light field: it must be a folder of views"),
+    ("a.mat", b"anything", {}, r"a\.mat cannot be read: .* not a MATLAB file of version 5 or 7"),
     (
         "a.mat",
         {"LF": np.ones((3, 4))},
         {},
-        r"a\.mat cannot be read: .* no MATLAB file of version 5 or 7",
+        r"a\.mat cannot be read: .* not a MATLAB file of version 5 or 7",
     ),
-    ("seven.tif", STACK, {}, "seven.tif holds 7 views .* make no square: .* --grid ROWSxCO"),
+    ("seven.tif", STACK, {}, "seven.tif holds 7 views .* form no square: .* --grid ROWSxCO"),
     ("text.tif", "no picture", {}, "text.tif"),
 ]
 ARRAYS = [
@@ -167,7 +167,7 @@ ARRAYS = [
     (cut("cut.tif", STACK, 200), "cut.tif"),
     (partial(read_light_field, "nowhere.npy"), "no such file"),
     (partial(read_light_field, "nowhere"), "no such file or folder"),
-    (one("b.tif", levels(2, 2, 5, 6, dtype=np.uint16), read_focal_stack), "images in one row"),
+    (one("b.tif", levels(2, 2, 5, 6, dtype=np.uint16), read_focal_stack), "images along one axis"),
 ]
 
 
@@ -219,7 +219,7 @@ RAW = [
         ((EVEN, SIX, None, EVEN[1:]), "white image must have the shape"),
         ((EVEN, SIX, None, EVEN * NAN), "white lenslet image must be finite"),
         ((EVEN, SIX, None, 0 * EVEN), "must be bright in the middle"),
-        ((EVEN[:4], SIX), "No micro-image of 6 x 6 pixels lies whole"),
+        ((EVEN[:4], SIX), "No micro-image of 6 x 6 pixels lies entirely"),
         ((EVEN, SIX, 0), "from 1 to twice the 6 pixels .* got 0"),
         ((EVEN, SIX, 13), "from 1 to twice the 6 pixels .* got 13"),
         ((EVEN, SIX, 2.5), "from 1 to twice the 6 pixels .* got 2.5"),
@@ -264,31 +264,31 @@ WHOLE = picture()
 FACTS = lytro.json_bytes(lytro.metadata("ILLUM", (6, 8)))
 OWN, ODD = lytro.name_of(FACTS), lytro.name_of(b"\0\1")
 CONTAINERS = [
-    (WHOLE[:200] + b"\xfe" + WHOLE[201:], "damaged: .* not as its SHA-1"),
-    (b"\x89PNG" + WHOLE[4:], "no container of a Lytro camera"),
-    (b"", "no container of a Lytro camera"),
+    (WHOLE[:200] + b"\xfe" + WHOLE[201:], "damaged: .* does not match its SHA-1"),
+    (b"\x89PNG" + WHOLE[4:], "not a container of a Lytro camera"),
+    (b"", "not a container of a Lytro camera"),
     (WHOLE[:16], "no table of contents"),
-    (WHOLE[:-40], "is cut: its section at byte"),
+    (WHOLE[:-40], "is truncated: its section at byte"),
     (WHOLE[: WHOLE.index(b"\x89LFM")], "no table of contents"),
     (
         WHOLE[:24] + struct.pack(">Q", 2**63) + WHOLE[32:],
         "should have 9,223,372,036,854,775",
     ),
-    (WHOLE[:24] + struct.pack(">Q", len(WHOLE)) + WHOLE[32:], "is cut"),
+    (WHOLE[:24] + struct.pack(">Q", len(WHOLE)) + WHOLE[32:], "is truncated"),
     (WHOLE[:16] + b"\0" + WHOLE[16:], "no section of a container begins"),
     (WHOLE[:32] + b"md5-" + WHOLE[36:], "has no SHA-1 for name"),
 ]
 TABLES = [
     ((b"[" * 100_000,), "recursion limit"),
     ((b"\xff\xfe{}",), "not a JSON file"),
-    ((b"[1, 2]",), "must hold names and values"),
-    ((b"{" + b" " * (1 << 22) + b"}",), "4,194,306 bytes, and 4,194,304 are the most"),
-    (({},), "holds no raw image"),
-    (({"frames": {"frame": 1}},), "holds no raw image"),
-    (({"frames": [7]},), "holds no raw image"),
-    ((frame(metadataRef=["a"]),), "holds no raw image"),
-    ((frame(metadataRef="sha1-0"),), "holds no raw image"),
-    ((frame(metadataRef=OWN, imageRef=OWN), FACTS), "must hold 60 bytes"),
+    ((b"[1, 2]",), "must contain names and values"),
+    ((b"{" + b" " * (1 << 22) + b"}",), "4,194,306 bytes, more than the 4,194,304 allowed"),
+    (({},), "contains no raw image"),
+    (({"frames": {"frame": 1}},), "contains no raw image"),
+    (({"frames": [7]},), "contains no raw image"),
+    ((frame(metadataRef=["a"]),), "contains no raw image"),
+    ((frame(metadataRef="sha1-0"),), "contains no raw image"),
+    ((frame(metadataRef=OWN, imageRef=OWN), FACTS), "must have 60 bytes"),
     ((frame(metadataRef=ODD, imageRef=ODD), b"\0\1"), "is not a JSON file"),
 ]
 METADATA = [
@@ -349,8 +349,8 @@ WHITES = [
     (found_in(linked(tarfile.SYMTYPE)), "images found: 0"),
     (found_in(linked(tarfile.LNKTYPE)), "images found: 0"),
     (found_in(linked(tarfile.CHRTYPE)), "images found: 0"),
-    (found_in(pair(bytes((1 << 22) + 1), PACKED)), "4,194,305 bytes, and 4,194,304 are the mos"),
-    (found_in(pair(TEXT, bytes(1 << 20))), "must hold 60 bytes"),
+    (found_in(pair(bytes((1 << 22) + 1), PACKED)), "4,194,305 bytes, more than the 4,194,304 all"),
+    (found_in(pair(TEXT, bytes(1 << 20))), "must have 60 bytes"),
     (found_in(pair(b"{", PACKED)), "not a JSON file"),
     (found_in(pair(b"[" * 9999, PACKED)), "recursion limit"),
     (found_in(of_negative_size(pair(TEXT, PACKED))), "a size is negative"),
@@ -358,7 +358,7 @@ WHITES = [
     (found_in(b"\x1f\x8b\x08" + bytes(600)), "damaged"),
     (found_in(b"no archive" * 100), "damaged"),
     (found_in(b""), "damaged"),
-    (found_in(lytro.tar_of({})), "caldata.tar holds no white image .*; images found: 0"),
+    (found_in(lytro.tar_of({})), "caldata.tar contains no white image .*; images found: 0"),
     (found_in(OTHERS), "images found: 4 of camera B0000000000; too dark: 0"),
     (found_in(OTHERS, UNKNOWN), "does not say which white image fits it"),
 ]
@@ -376,7 +376,7 @@ LYTRO = [
     (one("a.raw", PACKED, read_lytro), "without a description: .* beside it as a.json"),
     (
         of({"a.raw": PACKED[:-1], "a.json": FACTS}, "a.raw", read_lytro),
-        "must hold 60 bytes, 6 x 8 pixels of 10 bits .* got 59",
+        "must have 60 bytes, 6 x 8 pixels of 10 bits .* got 59",
     ),
     *WHITES,
 ]
@@ -384,13 +384,13 @@ LYTRO = [
 GOOD = Camera().xml()
 CALIBRATIONS = [
     ("", "cannot be read as XML: no element found"),
-    ("<scene/>", "no calibration of a Raytrix camera"),
+    ("<scene/>", "not a calibration of a Raytrix camera"),
     ("<RayCalibData/>", "must state offset/x as a number, got nothing"),
     (GOOD.replace("0.012<", "much<"), "must state rotation as a number, got 'much'"),
     (GOOD.replace(">23.3<", ">nan<"), "must state diameter as a number, got 'nan'"),
     (GOOD.replace(">23.3<", ">3<"), "at least 8 pixels wide, got 3"),
     (GOOD.replace(">23.3<", ">900<"), "Fewer than 3 x 3 micro-images of 900 pixels"),
-    (GOOD.replace("<x>1.0", "<x>0.0"), "none or three kinds of lenslets .* got 2"),
+    (GOOD.replace("<x>1.0", "<x>0.0"), "no or three kinds of lenslets .* got 2"),
     (GOOD.replace("<max>4<", "<max>1<"), "must rise from above 0, got 2.8 to 1"),
     (GOOD.replace(">1.0<", ">12<"), "border must be from 0 to a quarter"),
     (
@@ -398,7 +398,7 @@ CALIBRATIONS = [
         "calibration.xml cannot be read: it declares a document type or entities",
     ),
     ("<RayCalibData>" + "<a>" * 9000, "cannot be read as XML"),
-    (GOOD + " " * 70000, "bytes, and 65,536 are the most"),
+    (GOOD + " " * 70000, "bytes, more than the 65,536 allowed"),
     (GOOD.replace("?>", "?>\0"), "cannot be read as XML"),
 ]
 

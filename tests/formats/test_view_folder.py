@@ -190,7 +190,7 @@ test_numbers_without_one_step_are_refused = refusals(
             pictures("0_0.png", "9999_0.png", "1_0.png", "5_1.png", "5_20000.png"),
             "cannot fill a grid of 10000 x 20001",
         ),
-        (pictures(*(f"{n}.png" for n in range(7))), "make no square: .* --grid ROWSxCOLUMNS"),
+        (pictures(*(f"{n}.png" for n in range(7))), "form no square: .* --grid ROWSxCOLUMNS"),
     ]
 )
 
@@ -320,7 +320,7 @@ def test_a_running_number_counts_the_stated_grid_row_by_row(tmp_path, rng, kind)
     np.testing.assert_array_equal(found, views / np.float32(255))
     less = read_light_field(path, grid="3x5", dark=black, **stated).views
     np.testing.assert_allclose(255 * less, views.astype(float) - dark, atol=1e-3)
-    with pytest.raises(InputError, match="15 views .* make no square"):
+    with pytest.raises(InputError, match="15 views .* form no square"):
         read_light_field(path, **stated)
     with pytest.raises(InputError, match="grid of 2 x 5|not count 10"):
         read_light_field(path, grid="2x5", **stated)

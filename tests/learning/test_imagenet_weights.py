@@ -68,7 +68,7 @@ def test_half_a_file_is_none_and_nobody_waits_for_the_rest(server, tmp_path, sta
     started = time.perf_counter()
     with pytest.raises(ImagenetUnavailable) as said:
         imagenet_file()
-    reason = "timed out" if stalls else "what came is not the file, or not all of it"
+    reason = "timed out" if stalls else "the download is incomplete or not the file"
     assert str(said.value).endswith(f"could not be downloaded into {tmp_path}/models ({reason}).")
     assert time.perf_counter() - started < 10
     assert list((tmp_path / "models").iterdir()) == []

@@ -132,7 +132,7 @@ def test_other_sizes_are_interpolated_and_that_is_said(height, tmp_path):
     found = read_input(tmp_path / "ramp.png", SIZE)
     expected = (np.arange(64) + 0.5) / 64
     np.testing.assert_allclose(found.image[20, 4:-4], expected[4:-4], atol=1e-3)
-    assert found.notes == [f"{height} x {width} is no multiple of 40 x 64: interpolated"]
+    assert found.notes == [f"{height} x {width} is not a multiple of 40 x 64: interpolated"]
 
 
 def test_values_beyond_0_and_1_are_cut_off_and_that_is_said(tmp_path):

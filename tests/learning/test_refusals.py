@@ -150,7 +150,7 @@ REFUSED = [
             ({"test_indices": [-1]}, "test_indices must be samples"),
             ({"recipe": {"epochs": 2}}, "recipe.batch_size is missing"),
             ({"parts": {}}, "parts hold train and test"),
-            ({"split": [0.5, 1e308, 0.1]}, "split must be three shares"),
+            ({"split": [0.5, 1e308, 0.1]}, "split must be three fractions"),
             ({"dataset": MADE | {"slopes": [1.0]}}, "as many as the depths"),
             ({"dataset": MADE | {"config": {}}}, "run.json: dataset: "),
             ({"dataset": MADE | {"config": 3}}, "dataset.config: "),
@@ -168,9 +168,9 @@ REFUSED = [
         r"This network takes several views \('views'\)",
     ),
     (another_output, r"into \(8, 8, 2\), but it should turn .* into \(2, 40, 64, 1\)"),
-    (loading_a_device, "must be a regular file, and is a device"),
+    (loading_a_device, "must be a regular file, but is a device"),
     *(
-        (loading_layer(**values), rf"other\.keras is not loaded: .*hold no {said}")
+        (loading_layer(**values), rf"other\.keras is not loaded: .*contain no {said}")
         for values, said in (
             (LAMBDA, "keras.layers.Lambda, and code that comes with a file is not run"),
             ({"config": {"activation": FUNCTION}}, "builtins.function"),

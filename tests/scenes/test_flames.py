@@ -126,6 +126,6 @@ def test_a_template_sways_by_a_share_of_the_radius(radius):
 
 def test_a_flame_that_flickers_down_to_nothing_is_refused():
     """A sine of this standard deviation swings by sqrt(2) of it, here by the whole height."""
-    with pytest.raises(InputError, match="height_mm above the swing of its flicker"):
+    with pytest.raises(InputError, match="height_mm above the amplitude of its flicker"):
         FlameObject("flame", 0.0, (0.0, 0.0), 2**0.5, 1.0, RADIUS)
     assert FlameObject("flame", 0.0, (0.0, 0.0), 1.42, 1.0, RADIUS).height_mm == 1.42

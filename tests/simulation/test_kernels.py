@@ -22,7 +22,7 @@ from lf_flame.simulation.slabs import slice_scene
 def test_rays_summed_along_one_axis_first_are_the_same_rays(small_camera, rng):
     """Against the kernel that traces every ray of every pixel by itself."""
     layer = Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 1.6), (0.1, -0.2))
-    planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
+    planes = slice_scene(Scene([layer]), {}, absorption=False, attenuating=set())
 
     def each_by_itself(planes, rays, weights, *rest):
         _ray_kernels.trace_planes(planes, rays, weights, None, None, None, *rest)
@@ -69,7 +69,7 @@ def test_a_kernel_has_no_code_for_what_is_left_out(small_camera, rng):
     kernel = Kernel(_ray_kernels.trace_apart.count, _ray_kernels.trace_apart.body)
     kernel.compiled._cache = NullCache()  # Numba shows no code that it loaded from its files
     scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
-    planes = slice_scene(scene, {}, absorption=False, dimming=set())
+    planes = slice_scene(scene, {}, absorption=False, attenuating=set())
     image = np.zeros((5, 5, 24, 30), np.float32)
     with patch.object(_ray_kernels, "trace_apart", kernel):
         trace(planes, OpticalPass(small_camera), "views", 2, image)

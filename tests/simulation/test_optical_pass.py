@@ -33,7 +33,7 @@ def test_square_micro_images_keep_a_white_field(small_camera, error, integrator)
 def test_chosen_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, monkeypatch):
     """As where a number of rays is looked for."""
     scene = Scene([Layer(rng.uniform(size=(30, 30)), 5.0, (2.0, 2.0))])
-    planes = slice_scene(scene, {}, absorption=False, dimming=set())
+    planes = slice_scene(scene, {}, absorption=False, attenuating=set())
     rows, columns = np.array([3, 40, 77, 100]), np.array([0, 14, 65, 149, 120])
     lines = Lines(rows, columns)
     optics = OpticalPass(small_camera, falloff=True)
@@ -64,7 +64,7 @@ def test_boxes_have_the_mean_and_variance_of_the_bundle(small_camera, rays, axis
 
 def opened(camera, rays, *stops):
     """Light of every pixel of a white field behind some round stops, (distance, diameter)."""
-    planes = slice_scene(WHITE, {}, absorption=False, dimming=set())
+    planes = slice_scene(WHITE, {}, absorption=False, attenuating=set())
     image = blank_image(camera, "views")
     optics = OpticalPass(camera, stops=tuple((distance, d / 2) for distance, d in stops))
     trace(planes, optics, "views", rays, image)

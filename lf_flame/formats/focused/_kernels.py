@@ -45,16 +45,16 @@ def compare(own, image, y, x, spots, down, right, radius):
 
 
 @parallel(lambda kinds: kinds.size)
-def match(i, image, centres, kinds, near, spots, radius, start, steps, likeness):
-    """Likeness of each micro-image to its neighbours', displaced as at inverse virtual depths.
+def match(i, image, centres, kinds, near, spots, radius, start, steps, similarity):
+    """Similarity of each micro-image to its neighbours', displaced as at inverse virtual depths.
 
     It is the covariance of both over the geometric mean of their variances, each summed over the
-    neighbours: 1 where they are equal but for their means and contrasts, about 0 where nothing but
-    noise is seen. Neighbours of the same kind count more, because their blur is the same.
+    neighbours: 1 where they are equal except for mean and contrast, about 0 where there is only
+    noise. Neighbours of the same kind have more weight, because their blur is the same.
 
     image: shape (rows, columns, 1). centres: (n, 2). kinds: (n,). near: (n, k), the neighbours'
     numbers, and n behind the last. spots: (m, 2), places in a micro-image, from its centre. start:
-    (n,) and steps: inverse depths, which are added. likeness: (n, steps), filled.
+    (n,) and steps: inverse depths, which are added. similarity: (n, steps), filled.
     """
     y, x = centres[i, 0], centres[i, 1]
     own = np.empty(len(spots))
@@ -68,8 +68,8 @@ def match(i, image, centres, kinds, near, spots, radius, start, steps, likeness)
                 break
             its_y, its_x = centres[j, 0], centres[j, 1]
             down, right = inverse * (its_y - y), inverse * (its_x - x)
-            # Weights fall to 0 with the part that both see, so that the likeness has no steps
-            # where neighbours begin to count.
+            # Weights fall to 0 with the part that both see, so that the similarity has no steps
+            # where neighbours come into reach.
             weight = 1 - (down * down + right * right) / (1.6 * radius) ** 2
             if weight <= 0:
                 continue
@@ -78,7 +78,7 @@ def match(i, image, centres, kinds, near, spots, radius, start, steps, likeness)
             both, spread = compare(own, image, its_y, its_x, spots, down, right, radius)
             common += weight * both
             total += weight * spread
-        likeness[i, k] = common / total if total > 0 else 0.0
+        similarity[i, k] = common / total if total > 0 else 0.0
 
 
 @parallel(lambda views: views.shape[0] * views.shape[1])
@@ -88,7 +88,7 @@ def render(
     """Put views together from patches of the micro-images.
 
     A place of a view belongs to the lenslets near it. Each gives the part of its micro-image around
-    the view's offset, magnified by the lenslet's virtual depth; nearer ones count more.
+    the view's offset, magnified by the lenslet's virtual depth; nearer ones have more weight.
 
     image: shape (rows, columns, channels). centres: (n, 2), with inverse virtual depths and weights
     of the lenslets. near: (down, along, k), numbers of those within reach of each square of a
@@ -115,7 +115,7 @@ def render(
             weight = weights[j] * (1 - distance / reach) ** 2
             at_y, at_x = offsets[n, 0] + down * inverse[j], offsets[n, 1] + right * inverse[j]
             away = np.sqrt(at_y * at_y + at_x * at_x)
-            if away > radius:  # the lenslet does not see the place, and counts if none does
+            if away > radius:  # the lenslet does not see the place, and is used if none does
                 at_y, at_x = at_y * radius / away, at_x * radius / away
                 weight *= 1e-6
             total += weight

@@ -59,7 +59,7 @@ class FocusedLenslets:
 
     @cached_property
     def array(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centres ``(y, x)``, shape (n, 2), and kinds of the lenslets that lie whole in a picture.
+        """Centres ``(y, x)``, shape (n, 2), and kinds of the lenslets entirely in a picture.
 
         Kinds are 0 to 2, in a rectangular array all 0. Fewer than 3 x 3 lenslets are refused.
         """
@@ -70,8 +70,8 @@ class FocusedLenslets:
         whole = inside.all(axis=2)
         if min(len(np.unique(found)) for found in np.nonzero(whole)) < 3:
             raise InputError(
-                f"Fewer than 3 x 3 micro-images of {self.grid.pitch:.4g} pixels lie whole in the "
-                f"picture of {self.shape[0]} x {self.shape[1]}: the calibration does not fit it."
+                f"Fewer than 3 x 3 micro-images of {self.grid.pitch:.4g} pixels lie entirely in "
+                f"the picture of {self.shape[0]} x {self.shape[1]}: the calibration does not fit."
             )
         kinds = (columns - rows[:, None] % 2) % (3 if self.grid.layout == "hexagonal" else 1)
         return centres[whole], kinds[whole]
@@ -98,15 +98,15 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarr
     """Find the virtual depth of each lenslet, shape (n,), in a levelled picture.
 
     A point is displaced by the pitch over the virtual depth from one micro-image to the next
-    (Perwass and Wietzke, Proc. SPIE 8291, 2012). The likeness of a micro-image to its neighbours is
-    their covariance, over the places that both see, relative to the geometric mean of their
+    (Perwass and Wietzke, Proc. SPIE 8291, 2012). The similarity of a micro-image to its neighbours
+    is their covariance, over the places that both see, relative to the geometric mean of their
     variances. It is summed over all neighbours within 1.8 pitches; in a hexagonal array those of
-    another kind, which are blurred differently, count little. Its largest value over inverse depths
-    from -0.55 to 0.55 (from 0, where the lenslets have ranges) is refined with all neighbours
-    within 3.1 pitches.
+    another kind, which are blurred differently, have little weight. Its largest value over inverse
+    depths from -0.55 to 0.55 (from 0, where the lenslets have ranges) is refined with all
+    neighbours within 3.1 pitches.
 
-    A depth is NaN without texture (a likeness below 0.5), where several depths fit (another
-    likeness is less than 0.1 lower), or where fewer than two neighbours agree within 10 %: where
+    A depth is NaN without texture (a similarity below 0.5), where several depths fit (another
+    similarity is less than 0.1 lower), or where fewer than two neighbours agree within 10 %: where
     texture is faint, single ones match by accident.
     """
     grey = np.ascontiguousarray(image.mean(axis=2, keepdims=True), np.float32)
@@ -114,17 +114,18 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarr
     step = 0.5 / (near * pitch)  # displaces the farthest neighbours by half a pixel
     count = int(np.ceil(0.55 / step))
     inverses = step * np.arange(-2 if lenslets.ranges else -count, count + 1)
-    coarse = _likeness(grey, lenslets, near, np.zeros(len(centres)), inverses)
+    coarse = _similarity(grey, lenslets, near, np.zeros(len(centres)), inverses)
     best = coarse.argmax(axis=1)
     start = inverses[best]
     fine = np.arange(-8, 9) * step / 4
-    found = start + _tops(_likeness(grey, lenslets, far, start, fine), fine)
-    # At inverse depths as near as that, likeness is still that of the same peak.
+    found = start + _peak_places(_similarity(grey, lenslets, far, start, fine), fine)
+    # Inverse depths as near as that belong to the same peak.
     apart = np.abs(inverses - start[:, None]) > max(0.07, 2 / pitch)
-    likeness, other = coarse.max(axis=1), np.where(apart, coarse, 0).max(axis=1)
-    known = (likeness >= 0.5) & (likeness - other >= 0.1)
+    similarity, other = coarse.max(axis=1), np.where(apart, coarse, 0).max(axis=1)
+    known = (similarity >= 0.5) & (similarity - other >= 0.1)
     known &= (best > 0) & (best < inverses.size - 1)
-    # Above 0.5 no place is seen by two lenslets whole; below 2 pixels any two micro-images match.
+    # Above 0.5 no place is seen entirely by two lenslets; below 2 pixels any two micro-images
+    # match.
     known &= (np.abs(found) <= 0.52) & (np.abs(found) * pitch >= 2)
     found[~known] = np.nan
     pairs = cKDTree(centres).query_pairs(1.1 * pitch, output_type="ndarray")
@@ -134,14 +135,14 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarr
     return 1 / found
 
 
-def _likeness(grey, lenslets: FocusedLenslets, reach: float, start, steps) -> np.ndarray:
-    """Likeness to the neighbours within a reach in pitches, at inverse depths around `start`."""
+def _similarity(grey, lenslets: FocusedLenslets, reach: float, start, steps) -> np.ndarray:
+    """Similarity to the neighbours within a reach in pitches, at inverse depths around `start`."""
     (centres, kinds), radius = lenslets.array, lenslets.radius
     stride = max(1.0, radius / 7)  # between places that are compared
     half = int(radius / stride)
     spots = stride * np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).T
     spots = np.ascontiguousarray(spots[np.hypot(*spots.T) <= radius])
-    # A hexagonal array has 37 lenslets within 3.1 pitches, the first of which is the own one.
+    # A hexagonal array has 37 lenslets within 3.1 pitches, the first of which is the central one.
     reach *= lenslets.grid.pitch
     _, near = cKDTree(centres).query(centres, 40, distance_upper_bound=reach)
     near, out = np.ascontiguousarray(near[:, 1:]), np.zeros((len(centres), len(steps)))
@@ -149,10 +150,10 @@ def _likeness(grey, lenslets: FocusedLenslets, reach: float, start, steps) -> np
     return out
 
 
-def _tops(likeness: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Places of the largest likeness, by a parabola through the five values around it."""
-    top = np.clip(likeness.argmax(axis=1), 2, len(steps) - 3)
-    near = np.take_along_axis(likeness, top[:, None] + np.arange(-2, 3), axis=1)
+def _peak_places(similarity: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Places of the largest similarity, by a parabola through the five values around it."""
+    top = np.clip(similarity.argmax(axis=1), 2, len(steps) - 3)
+    near = np.take_along_axis(similarity, top[:, None] + np.arange(-2, 3), axis=1)
     slope = near @ np.array([-2, -1, 0, 1, 2]) / 10
     bend = near @ np.array([2, -1, -2, -1, 2]) / 14
     shift = np.where(bend < 0, -slope / np.where(bend < 0, 2 * bend, 1), 0)
@@ -183,7 +184,7 @@ def read_raytrix(path: str | Path, shape: tuple[int, ...]) -> FocusedLenslets:
     except ElementTree.ParseError as error:
         raise InputError(f"{path} cannot be read as XML: {error}.") from None
     if root.tag != "RayCalibData":
-        raise InputError(f"{path} is no calibration of a Raytrix camera (RayCalibData).")
+        raise InputError(f"{path} is not a calibration of a Raytrix camera (RayCalibData).")
     try:
         grid = LensletGrid(
             (shape[1] - 1) / 2 + _number(root, "offset/x"),
@@ -214,7 +215,7 @@ def _ranges(root: ElementTree.Element, grid: LensletGrid) -> tuple[tuple[float, 
         found[(round(place.real - row % 2 / 2) - row % 2) % 3] = (low, high)
     if len(found) not in (0, 3):
         raise InputError(
-            f"it must state none or three kinds of lenslets (lens_type) at different offsets, got "
+            f"it must state no or three kinds of lenslets (lens_type) at different offsets, got "
             f"{len(found)}."
         )
     return tuple(found[kind] for kind in sorted(found))

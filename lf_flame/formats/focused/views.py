@@ -23,11 +23,11 @@ from lf_flame.formats.focused.lenslets import (
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.decode_plan import count_views
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import check_bayer, check_colours, less_dark
+from lf_flame.formats.raw.sensor_images import check_bayer, check_colours, subtract_dark
 from lf_flame.lightfield import LightField
 
 REFERENCE = 3.0
-"""Absolute virtual depth at which views coincide by default; Raytrix cameras use depths from 2 on.
+"""Absolute virtual depth at which views coincide by default; Raytrix cameras use depths above 2.
 It is the same for all pictures, so that their slopes are comparable."""
 
 
@@ -51,13 +51,13 @@ def plan_focused(
         lenslets = read_raytrix(focused, image.shape)
     else:
         shown = read_image(focused)
-        light = less_dark(shown, black, "white", image.shape)
+        light = subtract_dark(shown, black, "white", image.shape)
         lenslets = FocusedLenslets(estimate_grid(light), image.shape)
         flat = shown if flat is None else flat
     plan = FocusedPlan(lenslets, white=flat, dark=black, bayer=bayer, **options)
-    light = less_dark(image, black, "raw", image.shape)
+    light = subtract_dark(image, black, "raw", image.shape)
     if stated:
-        shown = light if flat is None else less_dark(flat, black, "white", image.shape)
+        shown = light if flat is None else subtract_dark(flat, black, "white", image.shape)
         _check_fit(shown, lenslets, focused)
     if bayer is None:
         check_colours(light, lenslets.grid, "raw")
@@ -78,9 +78,9 @@ def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object
     away = float(cKDTree(shown).query(lenslets.array[0])[0].max())
     if away > 0.08 * lenslets.grid.pitch:
         raise InputError(
-            f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
-            f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
-            f"picture whole, neither scaled nor cropped."
+            f"The lenslets of {calibration} do not fit the picture, whose micro-images are "
+            f"displaced from them by {away:.2g} pixels or more: both must be of the same camera, "
+            f"and the picture neither scaled nor cropped."
         )
 
 
@@ -90,9 +90,9 @@ class FocusedPlan:
     Each place of a view is put together from the lenslets around it: from the part of each
     micro-image around an offset p that belongs to the view, magnified by the lenslet's virtual
     depth v: a patch of pitch / v pixels for each lenslet. Lenslets of a kind that is out of focus
-    at its depth count only where no other sees the place. From view to view the offset p moves
+    at its depth are used only where no other sees the place. From view to view the offset p moves
     through the micro-image, and a place at the depth v moves by ``(3 - v) p`` pixels of the raw
-    picture. The offsets lie in a square within the round micro-image, so that all views count.
+    picture. The offsets lie in a square within the round micro-image, so that all views are used.
     Unlike a view of an unfocused camera, a patch holds directions from p - pitch / (2 v) to
     p + pitch / (2 v).
 
@@ -130,7 +130,7 @@ class FocusedPlan:
         centres = lenslets.array[0]
         self._black, self._fall = dark, None
         if white is not None:
-            light = less_dark(white, dark, "white", self.shape)
+            light = subtract_dark(white, dark, "white", self.shape)
             self._fall = fall_off(self._coloured(light), centres)
         inner = np.array(self.shape[:2]) - 1
         room = inner - 2 * (lenslets.radius + 1 + self.step * farthest + pitch / 2)
@@ -152,13 +152,13 @@ class FocusedPlan:
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Put the views of a raw picture of the planned shape together."""
-        image = less_dark(raw, self._black, "raw", self.shape)
+        image = subtract_dark(raw, self._black, "raw", self.shape)
         image = self._coloured(image.astype(np.float32, copy=False))
         (centres, _), radius = self.lenslets.array, self.lenslets.radius
         fall = mean_fall_off(image, centres, radius) if self._fall is None else self._fall
         image = np.ascontiguousarray(image / fall, np.float32)
         inverse = self._inverse(image)
-        # A lenslet of a kind that is out of focus counts only where no other sees the place.
+        # A lenslet of a kind that is out of focus is used only where no other sees the place.
         weights = np.where(self.lenslets.in_focus(1 / inverse), 1.0, 1e-3)
         places = centred(self.views) * self.spacing
         offsets = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -59,7 +59,7 @@ def find(values: Any, types: tuple[type, ...], *paths: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class LytroMetadata:
-    """Facts of a frame; what the file does not say is None, or empty.
+    """Metadata of a frame; what the file does not state is None, or empty.
 
     Attributes
     ----------
@@ -88,17 +88,17 @@ class LytroMetadata:
     focus_step: float | None
 
     def check_size(self, size: int, source: str | Path) -> None:
-        """Refuse packed pixels of another number of bytes than the frame's."""
+        """Refuse packed pixels whose number of bytes is not the frame's."""
         rows, columns = self.shape
         if size != rows * columns * self.bits // 8:
             raise InputError(
-                f"{source} must hold {rows * columns * self.bits // 8:,} bytes, {rows} x {columns} "
-                f"pixels of {self.bits} bits as its metadata say, got {size:,}."
+                f"{source} must have {rows * columns * self.bits // 8:,} bytes, {rows} x {columns} "
+                f"pixels of {self.bits} bits by its metadata, got {size:,}."
             )
 
 
 def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
-    """Take the facts out of the metadata of a frame of either camera.
+    """Parse the metadata of a frame of either camera.
 
     values: metadata of a frame; or a table with a list of frames, the first of which holds its
     metadata and private metadata.
@@ -183,7 +183,7 @@ class LytroPicture:
 
     @cached_property
     def mosaic(self) -> np.ndarray:
-        """Levels as the sensor counted them, one colour a pixel: uint16, (rows, columns)."""
+        """Levels as the sensor counted them, one colour per pixel: uint16, (rows, columns)."""
         rows, columns = self.metadata.shape
         check_memory(16 * rows * columns, self.source)  # also for floats with a copy
         data = np.frombuffer(self.packed, np.uint8)
@@ -226,8 +226,8 @@ def read_lytro(path: str | Path) -> LytroPicture:
     Raises
     ------
     InputError
-        If the file cannot be read, is damaged or is cut, holds no raw picture, or is packed in
-        another way than those of the two cameras.
+        If the file cannot be read, is damaged or truncated, contains no raw picture, or is packed
+        in another way than those of the two cameras.
 
     Examples
     --------
@@ -258,8 +258,8 @@ def read_lytro(path: str | Path) -> LytroPicture:
     facts, packed = held.get("metadataRef"), held.get("imageRef")
     if facts is None or packed is None:
         raise InputError(
-            f"{path} holds no raw image of the sensor: export the raw picture (.lfr, or .lfp) from "
-            f"the camera's library."
+            f"{path} contains no raw image of the sensor: export the raw picture (.lfr, or .lfp) "
+            f"from the camera's library."
         )
     frame = {"metadata": parse_table(facts, path)}
     if (private := held.get("privateMetadataRef")) is not None:
@@ -278,8 +278,8 @@ def _description(path: Path) -> dict[str, Any]:
         if beside.is_file():
             return parse_table(read_bytes(beside), beside)
     raise InputError(
-        f"{path} is packed pixels without a description: put the camera's metadata beside it as "
-        f"{path.with_suffix('.json').name} (Lytro), or export the image as PNG or TIFF."
+        f"{path} contains packed pixels without a description: put the camera's metadata beside it "
+        f"as {path.with_suffix('.json').name} (Lytro), or export the image as PNG or TIFF."
     )
 
 
@@ -287,10 +287,10 @@ def _description(path: Path) -> dict[str, Any]:
 
 
 def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Read the table of contents, and the sections by their names in small letters."""
+    """Read the table of contents, and the sections by their names in lower case."""
     data = read_bytes(path)
     if not data.startswith(b"\x89LFP\r\n\x1a\n"):
-        raise InputError(f"{path} is no container of a Lytro camera: it begins otherwise.")
+        raise InputError(f"{path} is not a container of a Lytro camera: its first bytes differ.")
     table, sections, offset = None, {}, ALIGNMENT
     while (header := data[offset : offset + HEADER]).strip(b"\0"):  # zeros may follow at the end
         kind, length = header[:8], int.from_bytes(header[8:16], "big")
@@ -307,14 +307,14 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
         content = data[begin : begin + length]
         if len(content) < length:
             raise InputError(
-                f"{path} is cut: its section at byte {offset:,} should have {length:,} bytes, and "
-                f"{len(content):,} are left."
+                f"{path} is truncated: its section at byte {offset:,} should have {length:,} "
+                f"bytes, and {len(content):,} are left."
             )
         if named is not None:
             name = named[1].decode().lower()
             if name != f"sha1-{hashlib.sha1(content, usedforsecurity=False).hexdigest()}":
                 raise InputError(
-                    f"{path} is damaged: its section at byte {offset:,} is not as its SHA-1."
+                    f"{path} is damaged: its section at byte {offset:,} does not match its SHA-1."
                 )
             sections[name] = content
         if kind == CONTENTS and table is None:
@@ -326,7 +326,7 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a regular file whole, if its size may be held."""
+    """Read all of a regular file, if twice its size fits into memory."""
     check_memory(2 * check_regular(path), path)
     with readable(path):
         return Path(path).read_bytes()
@@ -336,8 +336,8 @@ def check_table_size(size: int, source: str | Path) -> None:
     """Refuse metadata of more than 4 MiB; those of the cameras have some 10 kB."""
     if size > 1 << 22:
         raise InputError(
-            f"{source} cannot be read: its metadata have {size:,} bytes, and {1 << 22:,} are the "
-            f"most."
+            f"{source} cannot be read: its metadata have {size:,} bytes, more than the "
+            f"{1 << 22:,} allowed."
         )
 
 
@@ -346,5 +346,5 @@ def parse_table(data: bytes, source: str | Path) -> dict[str, Any]:
     check_table_size(len(data), source)
     values = parse_json(data.rstrip(b"\0").decode("utf-8-sig", "replace"), source)
     if not isinstance(values, dict):
-        raise InputError(f"{source} cannot be read: its metadata must hold names and values.")
+        raise InputError(f"{source} cannot be read: its metadata must contain names and values.")
     return values

@@ -64,8 +64,8 @@ def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np
         serial, its = (one.metadata.serial.upper() for one in (picture, other))
         if serial and its and serial != its:
             LOGGER.warning(
-                f"The {name} image {printable(path)} is of camera {printable(its, 40)}, the "
-                f"picture of {printable(serial, 40)}: lenslets and vignetting may not fit."
+                f"The {name} image {printable(path)} is of camera {printable(its, 40)}, but "
+                f"the picture of {printable(serial, 40)}: lenslets and vignetting may not fit."
             )
         return other.radiance
     if name == "dark":
@@ -107,7 +107,7 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
             return white
     cameras = sorted({f" of camera {one.metadata.serial or 'unknown'}" for one in files})
     raise InputError(
-        f"{where} holds no white image for {picture.source}, of camera {facts.serial}; images "
+        f"{where} contains no white image for {picture.source}, of camera {facts.serial}; images "
         f"found: {len(files)}{' and'.join(cameras[:5])}; too dark: {len(alike)}."
     )
 
@@ -147,7 +147,7 @@ class _Member(tarfile.TarInfo):
 @contextmanager
 def _opened(path: Path) -> Iterator[tarfile.TarFile]:
     with (
-        readable(path, "is no archive of white images"),
+        readable(path, "is not an archive of white images"),
         tarfile.open(path, "r:", tarinfo=_Member, errorlevel=2) as archive,
     ):
         yield archive

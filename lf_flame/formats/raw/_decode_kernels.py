@@ -1,7 +1,7 @@
 """The compiled loop of decoding: pixels under a lenslet to equal parts of its micro-image.
 
-Only pixels that belong to the lenslet are read; beyond the last one along a line, light goes on
-linearly. Light is summed along a line; between the pixels' edges the sum is the cubic
+Only pixels that belong to the lenslet are read; beyond the last one along a line, light is
+extrapolated linearly. Light is summed along a line; between the pixels' edges the sum is the cubic
 through the four nearest edges, and differences of it are the light of parts (Colella and Woodward
 1984, section 1). Pixels are reproduced where parts coincide with them, and a view's light comes
 from its part's centre, also at the rim. The loop gathers: one thread writes each element.
@@ -39,8 +39,8 @@ class Lenslets(NamedTuple):
     wide along a row of pixels. Own pixels are up to `half_down` and `half_along` from the centre,
     across and along the array's rows; in round micro-images up to `half_along` in any direction.
     They reach up to `high` above and below the centre, and parts up to `wide` beside it and
-    `margin` lines beyond the own pixels. There light goes on linearly over `reach` lines: corners
-    of round micro-images, which no view that counts shows, are farther. A line with less than
+    `margin` lines beyond the own pixels. There light is extrapolated linearly over `reach` lines:
+    corners of round micro-images, which no used view shows, are farther. A line with less than
     `fewest` own pixels is not read.
     """
 
@@ -62,11 +62,11 @@ class Lenslets(NamedTuple):
     fewest: int
 
 
-class Room(NamedTuple):
-    """Arrays to work in, for one micro-image.
+class Workspace(NamedTuple):
+    """Working arrays for one micro-image.
 
-    Own pixels of each line, and those that continue them, (lines, pixels); light of the parts along
-    each line, (u, lines); sums of light. The own pixels of each line are those from `low` to
+    Own pixels of each line, and those extrapolated beyond them, (lines, pixels); light of the parts
+    along each line, (u, lines); sums of light. The own pixels of each line are those from `low` to
     `high`, and the own lines of each part across those from `first` to `end`, where `high` and
     `end` are last + 1, or 0 if there are none (`low` is then beyond the line).
     """
@@ -82,7 +82,7 @@ class Room(NamedTuple):
 
 @uncounted
 def is_read(y, x, lenslets, gain, i, j, n):
-    """Whether a pixel, (y, x) from a lenslet's centre, is whole in its micro-image, and lit."""
+    """Whether a pixel, (y, x) from a lenslet's centre, is lit and entirely in its micro-image."""
     if gain.size > 0 and gain[i, j, n] == 0.0:
         return False
     if lenslets.is_round:
@@ -93,7 +93,7 @@ def is_read(y, x, lenslets, gain, i, j, n):
 
 @uncounted
 def continue_linearly(values, line, n, first, end, reach):
-    """Fill a line before `first`, and from `end` to n, linearly for `reach` steps, then evenly."""
+    """Fill a line before `first`, and from `end` to n, linearly for `reach` steps, then flat."""
     line, left, right = np.uintp(line), np.uintp(first), np.uintp(end - 1)
     one = np.uintp(end - first > 1)
     before = values[line, left] - values[line, left + one]
@@ -119,7 +119,8 @@ def integrate(values, lines, n, start, part, parts, drift, total, light, shift):
     """Find the mean light of parts along lines, light[number of the part, shift + line].
 
     values: lines of n pixels. start: where the first part begins, moved by `drift` line by line.
-    part: width of each. total: room, (n + 1, LANES). light has a row and LANES columns to spare.
+    part: width of each. total: (n + 1, LANES), overwritten. light has a spare row and LANES spare
+    columns.
     """
     scale, move = np.float32(1.0 / part), np.float32(drift)
     # Lines that are read at the same pixels; of one line the other lanes are overwritten later.
@@ -176,13 +177,13 @@ def fill_green(own, low, high, odd):
 
 
 @uncounted
-def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, room):
-    """Read a micro-image's own, lit pixels line by line, and continue each line beyond them.
+def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, work):
+    """Read a micro-image's own, lit pixels line by line, and extrapolate each line.
 
-    Fills room.own and its ranges. n: number of the lattice. y, x: centre in its pixels. top, left:
-    pixel of the lattice at room.own[0, 0].
+    Fills work.own and its ranges. n: number of the lattice. y, x: centre in its pixels. top, left:
+    pixel of the lattice at work.own[0, 0].
     """
-    own, low, high = room.own, room.low, room.high
+    own, low, high = work.own, work.low, work.high
     step, upper, j = lattices.step[n], lattices.top[n], lattices.left[n]
     # Channel of each, which may be grey or a mosaic.
     channel, factor = np.uintp(min(n, image.shape[2] - 1)), np.uintp(min(n, gain.shape[2] - 1))
@@ -221,12 +222,12 @@ def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, room):
 
 
 @uncounted
-def find_own_lines(start, drift, part, room):
+def find_own_lines(start, drift, part, work):
     """Find the lines that show each part across: those in whose own pixels its middle is.
 
     Or half a pixel beyond. start: place of the first part's middle in line 0; it moves by `drift`.
     """
-    first, end, low, high, views = room.first, room.end, room.low, room.high, room.first.size
+    first, end, low, high, views = work.first, work.end, work.low, work.high, work.first.size
     for u in range(views):
         first[u], end[u] = low.size, 0
         for line in range(low.size):
@@ -242,17 +243,17 @@ def find_own_lines(start, drift, part, room):
 
 
 @uncounted
-def read_micro_image(image, gain, lattices, n, y, x, lenslets, room, light):
+def read_micro_image(image, gain, lattices, n, y, x, lenslets, work, light):
     """Find the light of the parts of one micro-image, light[v, u], in one lattice."""
-    own, across, margin, views = room.own, room.across, lenslets.margin, room.first.size
+    own, across, margin, views = work.own, work.across, lenslets.margin, work.first.size
     lines, pixels = own.shape
-    first, end = room.first, room.end
+    first, end = work.first, work.end
     top, left = int(np.ceil(y - lenslets.high)), int(np.ceil(x - lenslets.wide))
-    read_lines(image, gain, lattices, n, y, x, top, left, lenslets, room)
+    read_lines(image, gain, lattices, n, y, x, top, left, lenslets, work)
     tan, part = lenslets.sin / lenslets.cos, lenslets.part_along
     start = x - left + 0.5 - tan * (top - y) - 0.5 * views * part
-    integrate(own, lines, pixels, start, part, views, -tan, room.total, across, margin)
-    find_own_lines(start + 0.5 * part, -tan, part, room)
+    integrate(own, lines, pixels, start, part, views, -tan, work.total, across, margin)
+    find_own_lines(start + 0.5 * part, -tan, part, work)
     count = lines + 2 * margin
     for u in range(views):
         if end[u] > 0:
@@ -263,15 +264,15 @@ def read_micro_image(image, gain, lattices, n, y, x, lenslets, room, light):
     # (views - 1) / 2 parts before the centre.
     drift, part = lenslets.sin * lenslets.cos * part, lenslets.part_down
     start = y - top + margin + 0.5 - 0.5 * drift * (views - 1) - 0.5 * views * part
-    integrate(across, views, count, start, part, views, drift, room.total, light, 0)
+    integrate(across, views, count, start, part, views, drift, work.total, light, 0)
 
 
 @njit
-def make_room(lenslets, views):
-    """Make room to work in."""
+def make_workspace(lenslets, views):
+    """Allocate a workspace."""
     lines, pixels = int(2 * lenslets.high) + 1, 2 * int(lenslets.wide) + 2
     count = lines + 2 * lenslets.margin
-    return Room(
+    return Workspace(
         np.zeros((lines, pixels), np.float32), np.zeros((views + 1, count + LANES), np.float32),
         np.zeros((max(count, pixels) + 1, LANES), np.float32),
         np.zeros(lines, np.int64), np.zeros(lines, np.int64),
@@ -290,18 +291,18 @@ def resample(r, image, gain, lattices, lenslets, rows, columns, left, share, out
     out: (v, u, row, column, channel).
     """
     views, channels, parity = out.shape[0], out.shape[4], rows[r] % 2
-    rooms = (make_room(lenslets[0], views), make_room(lenslets[1], views))
+    spaces = (make_workspace(lenslets[0], views), make_workspace(lenslets[1], views))
     # With a row and some columns to spare, which `integrate` needs, and a lenslet.
     found = np.zeros((columns.size + 1, channels, views + 1, views + LANES), np.float32)
     for n in range(channels):
         step = lattices.step[n]
-        own, room = lenslets[step - 1], rooms[step - 1]
+        own, work = lenslets[step - 1], spaces[step - 1]
         down, offset = own.row_pitch * rows[r], 0.5 * parity if own.is_round else 0.0
         for c in range(columns.size):
             along = own.pitch * (columns[c] + offset)
             y = own.y - lattices.top[n] / step + own.sin * along + own.cos * down
             x = own.x - lattices.left[n] / step + own.cos * along - own.sin * down
-            read_micro_image(image, gain, lattices, n, y, x, own, room, found[c, n])
+            read_micro_image(image, gain, lattices, n, y, x, own, work, found[c, n])
     for v in range(np.uintp(views)):  # unsigned, as above
         for u in range(np.uintp(views)):
             for c in range(np.uintp(out.shape[3])):

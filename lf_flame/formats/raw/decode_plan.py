@@ -27,7 +27,7 @@ TOUCHED = 0.02
 """Share of saturated or dead pixels of the sensor in a pixel of a view from which it is unknown."""
 
 LEAST_LIT = 0.5
-"""Smallest brightness, relative to its micro-image's centre, of what counts as lit. A darker pixel
+"""Smallest brightness, relative to its micro-image's centre, of a lit pixel. A darker pixel
 is partly outside the image of the aperture, so that its light comes from its inner part."""
 
 LEAST_LEVEL = 0.05
@@ -39,16 +39,16 @@ class DecodePlan:
 
     A micro-image is divided into views x views equal parts, so that a slope does not depend on how
     many pixels it has. A view's pixel is the mean radiance of its part, found from the lenslet's
-    own pixels alone: those that lie whole in its micro-image, which is round in a hexagonal array,
-    and are lit in the white image. Beyond them light goes on linearly, so that no light comes from
-    a neighbour, and that of a part at the rim from its own centre. Between pixels a cubic conserves
-    the light (Colella and Woodward 1984). Parts of a rotated array have their true centres; their
-    edges stay parallel to the sensor's, right to first order in the rotation. Each colour of a
-    Bayer mosaic is decoded from its own pixels, without a demosaic.
+    own pixels alone: those that lie entirely in its micro-image, round in a hexagonal array, and
+    are lit in the white image. Beyond them light is extrapolated linearly, so that no light comes
+    from a neighbour, and a part at the rim has the light of its own centre. Between pixels a cubic
+    conserves the light (Colella and Woodward 1984). Parts of a rotated array have their true
+    centres; their edges stay parallel to the sensor's, right to first order in the rotation. Each
+    colour of a Bayer mosaic is decoded from its own pixels, without a demosaic.
 
     A hexagonal array is resampled to a square grid with the distance of its rows, by linear
     interpolation along each row: slopes are in row distances per view, 2 / sqrt(3) times those in
-    pitches per view. An array in straight columns is decoded with rows and columns exchanged.
+    pitches per view. An array in straight columns is decoded as its transpose.
 
     A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it come from saturated
     pixels; or, in the views that are used, if it is too dark in the white image, or bad pixels
@@ -68,8 +68,8 @@ class DecodePlan:
     white : array_like, shape as raw, or without channels; optional
         White image (flat field), by which the pixels are divided, relative to the median of its
         central view (in each channel or colour): views keep the unit and the colour of the raw
-        image. For reflectance, divide them by the views of the white image, decoded alike. Pixels
-        darker than half the centre of their micro-image are not used. Default: no division.
+        image. For reflectance, divide them by the views of the white image, decoded by this plan.
+        Pixels darker than half the centre of their micro-image are not used. Default: no division.
     dark : array_like, shape as raw, or without channels; optional
         Image without light, in the same units. It is subtracted from both raw and white image,
         because each contains the sensor's black level. Default: black is 0.
@@ -88,7 +88,7 @@ class DecodePlan:
     Raises
     ------
     InputError
-        If an argument cannot be used, no micro-image lies whole in the image, or the white image
+        If an argument cannot be used, no micro-image lies entirely in the image, or the white image
         is a calibration with a closed aperture.
 
     Examples
@@ -132,11 +132,11 @@ class DecodePlan:
         self._flat: np.ndarray | None = None
         self._unknown = np.empty(0, int)  # numbers of the pixels that are not valid
         if dark is not None:
-            black = self._upright(sensor.fitting(dark, "dark", self.shape))
+            black = self._upright(sensor.checked(dark, "dark", self.shape))
             self._black = black.astype(np.float32, copy=False)
         self.weights = _own_views(grid, self.views)
         if white is not None:
-            self._use_white(self._upright(sensor.fitting(white, "white", self.shape)), pattern)
+            self._use_white(self._upright(sensor.checked(white, "white", self.shape)), pattern)
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Decode one raw image.
@@ -158,7 +158,7 @@ class DecodePlan:
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
             pattern of a mosaic that is not stated, or does not fit the white or the dark image.
         """
-        image = self._upright(sensor.fitting(raw, "raw", self.shape))
+        image = self._upright(sensor.checked(raw, "raw", self.shape))
         saturated = sensor.find_saturated(image, self._saturation)
         light = image if self._black is None else image - self._black
         if self._is_new:
@@ -228,13 +228,13 @@ class DecodePlan:
             is_lit = pixels >= LEAST_LIT * np.maximum(around, LEAST_LEVEL * most)
             is_lit &= pixels < 1.5 * highest
             np.divide(most, pixels, out=gain[at], where=is_lit)
-        # Decoded by itself a white image is even, but where pixels among lit ones are not lit.
+        # Decoded by itself a white image is even, except where single pixels are not lit.
         even = self._resample(light, gain)
         even -= level.astype(np.float32)
         valid &= (np.abs(even, out=even) <= TOUCHED * level).all(axis=4)
         del even
         share = self._resample((gain > 0).astype(np.float32))
-        # A view counts if 85 % of it are lit, in each colour: where one has no lit pixels, light
+        # A view is used if 85 % of it are lit, in each colour: where one has no lit pixels, light
         # from farther inside is in its place, which makes slopes smaller.
         lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
         self.weights &= lit >= 0.85
@@ -256,8 +256,8 @@ class DecodePlan:
         if saturated is not None:
             clipped = np.count_nonzero(saturated)
             LOGGER.warning(
-                f"{clipped} pixels ({clipped / light.size:.2g} of all) are saturated: what they "
-                f"touch in the views is unknown, and left out; expose less."
+                f"{clipped} pixels ({clipped / light.size:.2g} of all) are saturated: view "
+                f"pixels that contain them are unknown, and left out; expose less."
             )
 
 
@@ -304,7 +304,7 @@ def _lenslets(grid: LensletGrid, views: int, step: int) -> Lenslets:
     """
     cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
     height, width = (side / step for side in grid.window)
-    # Own pixels lie whole in the micro-image, to 0.02 pixel.
+    # Own pixels lie entirely in the micro-image, to 0.02 pixel.
     half_down, half_along = (max(side / 2 - 0.48 / step, 0.5) for side in (height, width))
     is_round = grid.layout == "hexagonal"
     covered = (cos * height + abs(sin) * width) / 2
@@ -332,7 +332,7 @@ def _lenslets(grid: LensletGrid, views: int, step: int) -> Lenslets:
 def _join(grid: LensletGrid, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Interpolation of a hexagonal array to a square grid that both kinds of rows share.
 
-    Gives the column on the left and the share of the one on the right, (parity of the row, column).
+    Returns left columns and shares of the right ones, (parity of the row, column).
     """
     is_square = grid.layout == "rectangular"  # its columns stay as they are
     spacing, offset = (1.0, 0.0) if is_square else (grid.row_pitch / grid.pitch, 0.5)

@@ -3,8 +3,8 @@
 Pixel centres are at integers; x runs right with the columns and y down with the rows. The
 micro-image in row i and column j of the array is centred at
 ``(x0, y0) + R(rotation) (pitch (j + offset), row_pitch i)``. The offset is 1/2 in the odd rows of a
-hexagonal array, else 0; a positive rotation turns the x axis towards the y axis. Where lenslets
-stand in straight columns, all this is said of the transposed image.
+hexagonal array, else 0; a positive rotation takes the x axis towards the y axis. Where lenslets
+form straight columns, all this applies to the transposed image.
 """
 
 import math
@@ -36,8 +36,8 @@ class LensletGrid:
         Distance between neighbouring rows, in pixels. Default: the pitch, times sqrt(3)/2 in a
         hexagonal array.
     columns : bool, optional
-        Whether the lenslets of a hexagonal array stand in straight columns: the array's rows run
-        down the image, and a positive rotation turns the y axis towards the x axis.
+        Whether the lenslets of a hexagonal array form straight columns: the array's rows run
+        down the image, and a positive rotation takes the y axis towards the x axis.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class LensletGrid:
                 raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
         if not abs(self.rotation) <= math.pi / 4:
             raise InputError(
-                f"rotation must lie within pi/4 rad; turn the image first, got {self.rotation}."
+                f"rotation must lie within pi/4 rad; rotate the image first, got {self.rotation}."
             )
 
     def position(self, row: Number, column: Number) -> tuple[Number, Number]:
@@ -87,15 +87,15 @@ class LensletGrid:
             x, y = self.upright.position(row, column)
             return y, x
         offset = row % 2 / 2 if self.layout == "hexagonal" else 0.0
-        y, x = self.turned(self.row_pitch * row, self.pitch * (column + offset))
+        y, x = self.rotated(self.row_pitch * row, self.pitch * (column + offset))
         return self.y0 + y, self.x0 + x
 
     @property
     def upright(self) -> "LensletGrid":
-        """Grid of rows: of the transposed image, if the lenslets stand in columns."""
+        """Grid of rows: of the transposed image, if the lenslets form columns."""
         return replace(self, x0=self.y0, y0=self.x0, columns=False) if self.columns else self
 
-    def turned(self, down: Number, along: Number) -> tuple[Number, Number]:
+    def rotated(self, down: Number, along: Number) -> tuple[Number, Number]:
         """Rotate a vector (across, along) the array's rows to ``(y, x)`` of the image."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         return sin * along + cos * down, cos * along - sin * down
@@ -130,8 +130,8 @@ class LensletGrid:
         top, bottom, left, right = _largest_block(first, last)
         if top == bottom:
             raise InputError(
-                f"No micro-image of {height:.4g} x {width:.4g} pixels lies whole in the image of "
-                f"{shape[0]} x {shape[1]}."
+                f"No micro-image of {height:.4g} x {width:.4g} pixels lies entirely in the image "
+                f"of {shape[0]} x {shape[1]}."
             )
         return rows[top:bottom], columns[left:right]
 
@@ -146,7 +146,7 @@ class LensletGrid:
         stand = " in straight columns" if self.columns else ""
         return (
             f"{self.layout} lenslets{stand}, pitch {self.pitch:.3f} pixels along {lines} and "
-            f"{self.row_pitch:.3f} between them, turned by {self.rotation:+.5f} rad"
+            f"{self.row_pitch:.3f} between them, rotated by {self.rotation:+.5f} rad"
         )
 
     def indices(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +155,7 @@ class LensletGrid:
             return self.upright.indices(shape[1::-1])
         y, x = np.meshgrid([0.0, shape[0]], [0.0, shape[1]])
         back = replace(self, rotation=-self.rotation)
-        down, along = back.turned(y - self.y0, x - self.x0)
+        down, along = back.rotated(y - self.y0, x - self.x0)
         rows, columns = (
             np.arange(math.floor(i.min()) - 1, math.ceil(i.max()) + 2)
             for i in (down / self.row_pitch, along / self.pitch)

@@ -56,7 +56,7 @@ def estimate_grid(
     -------
     LensletGrid
         Grid with row and column 0 at the centre of the image, and the measured row pitch; of
-        straight columns, if the lenslets stand so.
+        straight columns, if the lenslets form such.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def estimate_grid(
     (10.0, 'rectangular')
     """
     image = as_image(white, "white").mean(axis=2, dtype=np.float64)
-    for i, j in np.ndindex(*np.minimum(image.shape, 2).tolist()):  # colours of a mosaic, alike
+    for i, j in np.ndindex(*np.minimum(image.shape, 2).tolist()):  # colours of a mosaic
         image[i::2, j::2] /= image[i::2, j::2].mean() or 1.0
     grid = _guess(image, pitch)
     # Rows of an array in straight columns would be 30 degrees off.
@@ -216,10 +216,10 @@ def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
     reach = 3.5 if min(white.shape) > 2 * WINDOW * grid.pitch else 0.5
     shape = _mean_micro_image(local, contrast, reach)
     grid = replace(local, y0=local.y0 + top, x0=local.x0 + left)
-    likeness = np.zeros(white.shape)
+    match = np.zeros(white.shape)
     for part in product(down, along):
         found = scipy.signal.oaconvolve(_gaps(white[part], grid), shape, mode="same")
-        likeness[part] = ndimage.spline_filter(found)
+        match[part] = ndimage.spline_filter(found)
     reach, extent = FIRST_REACH, max(len(i) for i in grid.indices(white.shape))
     while True:
         rows, columns = (i[np.abs(i) <= reach] for i in grid.indices(white.shape))
@@ -230,7 +230,7 @@ def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
         if not whole.any():
             raise _no_grid("no micro-image lies clear of its border")
         row, column, y, x = (values[whole] for values in (row, column, y, x))
-        top_y, top_x, curvature = _peaks(likeness, y, x, grid.pitch / 6)
+        top_y, top_x, curvature = _peaks(match, y, x, grid.pitch / 6)
         away = np.hypot(top_y - y, top_x - x)
         found = (curvature > 0.2 * np.median(curvature)) & (away < grid.pitch / 4)
         if reach == FIRST_REACH and np.mean(found) < 0.5:
@@ -245,16 +245,16 @@ def _refined(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
 
 
 def _gaps(white: np.ndarray, grid: LensletGrid) -> np.ndarray:
-    """Contrast, in which what is brighter than the mean is alike, as it is contents.
+    """Contrast, at most 0: what is brighter than the mean is scene content.
 
-    Not that of spots, which are little more than what is bright.
+    Spots, which are little more than their bright part, keep theirs.
     """
     contrast = flattened(white, 2 * grid.pitch)
     return np.minimum(contrast, 0) if np.median(contrast) > -0.5 else contrast
 
 
 def _windows(length: int, pitch: float) -> list[slice]:
-    """Parts of an axis in which micro-images are looked for: all of it, unless it is long."""
+    """Parts of an axis in which micro-images are searched for: all of it, unless it is long."""
     side = math.ceil(WINDOW * pitch)
     if length <= WINDOWS * side:
         return [slice(0, length)]
@@ -288,7 +288,7 @@ def _in_phase(grid: LensletGrid, contrast: np.ndarray) -> LensletGrid:
     near = np.arange(-2 * FIRST_REACH, 2 * FIRST_REACH + 1)
     y, x = grid.position(near[:, None], near)
     share = np.arange(16) / 16
-    down, along = grid.turned(grid.row_pitch * share[:, None], grid.pitch * share)
+    down, along = grid.rotated(grid.row_pitch * share[:, None], grid.pitch * share)
     # Noise falls with 1 / sigma^2, a pattern of one pitch with exp(-2 pi^2 sigma^2): their ratio is
     # largest for this Gaussian.
     smooth = ndimage.gaussian_filter(contrast, math.sqrt(2) / (2 * math.pi) * grid.pitch)
@@ -302,16 +302,16 @@ def _between(image: np.ndarray, y: np.ndarray, x: np.ndarray, order: int = 1) ->
     return ndimage.map_coordinates(image, [y, x], order=order, mode="mirror", prefilter=False)
 
 
-def _peaks(likeness: np.ndarray, y, x, step: float):
+def _peaks(match: np.ndarray, y, x, step: float):
     """Peaks near y, x and the smaller of their curvatures along y and x.
 
     Parabolas are fitted again around their tops, which gives no bias for symmetric peaks even with
     wide steps.
     """
     for _ in range(4):
-        top = _between(likeness, y, x, order=3)
-        up, down = (_between(likeness, y + n, x, order=3) for n in (-step, step))
-        left, right = (_between(likeness, y, x + n, order=3) for n in (-step, step))
+        top = _between(match, y, x, order=3)
+        up, down = (_between(match, y + n, x, order=3) for n in (-step, step))
+        left, right = (_between(match, y, x + n, order=3) for n in (-step, step))
         curvature = np.stack([2 * top - up - down, 2 * top - left - right])
         slope = np.stack([down - up, right - left]) / 2
         shift = step * slope / np.where(curvature > 0, curvature, np.inf)
@@ -327,7 +327,7 @@ def _fitted(grid: LensletGrid, row, column, y, x, found) -> tuple[LensletGrid, f
     kept = found
     for _ in range(4):
         if min(len(np.unique(row[kept])), len(np.unique(column[kept]))) < 3:
-            raise _no_grid("fewer than 3 x 3 micro-images stand clear of its border")
+            raise _no_grid("fewer than 3 x 3 micro-images are clear of its border")
         grid = _least_squares(grid, row[kept], column[kept], y[kept], x[kept])
         fit_y, fit_x = grid.position(row, column)
         distance = np.hypot(fit_y - y, fit_x - x)

@@ -14,7 +14,7 @@ from lf_flame.formats.lytro.white import mosaic_like
 from lf_flame.formats.raw.decode_plan import DecodePlan
 from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import as_image, less_dark
+from lf_flame.formats.raw.sensor_images import as_image, subtract_dark
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ def decode_raw(
     Raises
     ------
     InputError
-        If an argument cannot be used, no micro-image lies whole in the image, or a grey image
+        If an argument cannot be used, no micro-image lies entirely in the image, or a grey image
         shows the 2 x 2 pattern of a mosaic that is not stated.
 
     Examples
@@ -86,7 +86,7 @@ def read_raw(
         White image (flat field), in which the micro-images are found and by which the views are
         divided, as in `DecodePlan`. For a Lytro picture also the camera's folder of MOD_*.RAW and
         MOD_*.TXT, or ``caldata-SERIAL.tar``, of which the nearest in zoom and focus is taken;
-        default: the one in the picture's file; without one the picture shows the lenslets.
+        default: the one in the picture's file, else the lenslets are found in the picture.
     pitch : float, optional
         Distance between micro-images in pixels. With a white image a rough value suffices. Without
         one it is required, and the array is assumed to be upright and centred in the image.
@@ -116,7 +116,7 @@ def read_raw(
     ------
     InputError
         If a file cannot be read, no grid is found, neither white image, lenslets nor pitch are
-        given, or one image is of other lenslets, or was turned or moved against the raw image.
+        given, or one image is of other lenslets, or rotated or shifted relative to the raw image.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def plan_raw(
     flat, black = others["white"], others["dark"]
     kind = "white" if others["lenslet"] is None else "lenslet"
     if (shown := others[kind]) is not None:
-        grid = estimate_grid(less_dark(shown, black, kind, image.shape), pitch, layout)
+        grid = estimate_grid(subtract_dark(shown, black, kind, image.shape), pitch, layout)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout or "rectangular")
     else:

@@ -1,4 +1,4 @@
-"""Images of a sensor under lenslets: what they must be, saturated pixels, and which fit.
+"""Images of a sensor under lenslets: their checks, saturated pixels, and whether they fit.
 
 Light comes to a pixel through its lenslet, so that a raw image is the white image times the
 scene's light: dark between micro-images, whatever the scene. A mosaic and a wrong white or dark
@@ -21,7 +21,7 @@ PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 
 
 def check_bayer(pattern: str | None, shape: tuple[int, ...]) -> str | None:
-    """Return the pattern in small letters; refuse another one, and an image that is no mosaic."""
+    """Return the pattern in lower case; refuse another one, and an image that is not a mosaic."""
     if pattern is None:
         return None
     if str(pattern).lower() not in PATTERNS:
@@ -54,7 +54,7 @@ def as_image(image: ArrayLike, name: str) -> np.ndarray:
     return np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
 
 
-def fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
+def checked(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Check an image of a camera; all but a raw one may be grey where the raw ones are coloured."""
     image = as_image(image, name)
     if image.shape != (*shape, 1)[:3] and (name == "raw" or image.shape != (*shape[:2], 1)):
@@ -65,10 +65,10 @@ def fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
     return image
 
 
-def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str, shape: tuple) -> np.ndarray:
-    """Check an image of a camera and subtract the dark one; gives (rows, columns, channels)."""
-    image = fitting(image, name, shape)
-    return image if dark is None else image - fitting(dark, "dark", shape).astype(np.float32)
+def subtract_dark(image: ArrayLike, dark: ArrayLike | None, name: str, shape: tuple) -> np.ndarray:
+    """Check an image of a camera and subtract the dark one: (rows, columns, channels)."""
+    image = checked(image, name, shape)
+    return image if dark is None else image - checked(dark, "dark", shape).astype(np.float32)
 
 
 def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray | None:
@@ -97,9 +97,9 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
 def check_colours(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     """Refuse a grey image with the 2 x 2 pattern of a Bayer mosaic, which no grey one has.
 
-    image: (rows, columns[, channels]), without its black level; one in colour is no mosaic. The
+    image: (rows, columns[, channels]), without its black level; one in colour is not a mosaic. The
     pattern is that of the light around the centres of eight groups of lenslets, whose mean must
-    exceed 8 standard errors: texture is then not taken for colour.
+    exceed 8 standard errors: texture is then not mistaken for colour.
     """
     image = np.atleast_3d(image)
     if image.shape[2] != 1 or min(image.shape[:2]) < 2 * grid.pitch:
@@ -170,7 +170,7 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
     low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))
     if low < -error or shown > error:
         raise InputError(
-            f"The dark image does not fit: without it the raw image is at {low:.3g} between "
+            f"The dark image does not fit: minus it, the raw image is at {low:.3g} between "
             f"micro-images, where it must be 0, and the dark image is {shown:.3g} brighter in "
             f"them than between them; take it with the lens covered, at the raw image's exposure "
             f"and bits."
@@ -206,8 +206,8 @@ def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> 
     raise InputError(
         f"The white image does not fit the raw image: between its micro-images the raw image is "
         f"{between / max(within, 1e-30):.0%} as bright as in them, where it should be dark; it is "
-        f"the wrong one, or was turned, mirrored or moved; give the white image of the raw image's "
-        f"camera, lens and aperture, as the sensor recorded it."
+        f"the wrong one, or was rotated, mirrored or shifted; give the white image of the raw "
+        f"image's camera, lens and aperture, as the sensor recorded it."
     )
 
 

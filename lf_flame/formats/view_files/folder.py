@@ -92,8 +92,8 @@ class ViewFolder:
             image = read_image(path)
             if image.shape != first.shape:
                 raise InputError(
-                    f"All views must be alike: {path} has shape {image.shape}, {paths[0].name} "
-                    f"{first.shape}."
+                    f"All views must have one shape: {path} has shape {image.shape}, "
+                    f"{paths[0].name} {first.shape}."
                 )
             views[tuple(at)] = image
 
@@ -112,7 +112,7 @@ def is_view_folder(path: str | Path) -> bool:
 def _find_files(path: Path, names: str) -> list[Path]:
     """Find the images whose names differ only in numbers, but for hidden files."""
     if not path.is_dir():
-        raise InputError(f"The views cannot be read: {path} is no folder.")
+        raise InputError(f"The views cannot be read: {path} is not a folder.")
     images = [
         one
         for one in sorted(path.iterdir())
@@ -127,8 +127,8 @@ def _find_files(path: Path, names: str) -> list[Path]:
         return kinds[several[0]]
     held = ", ".join(f"{len(kinds[kind])} of {kind}" for kind in several) or "none"
     raise InputError(
-        f"{path} must hold one set of images ({', '.join(IMAGE_SUFFIXES)}) whose names are like "
-        f"{names} and differ in numbers only, got {held}: choose the views by --names, such as "
+        f"{path} must contain one set of images ({', '.join(IMAGE_SUFFIXES)}) whose names are like "
+        f"{names} and differ only in numbers, got {held}: choose the views with --names, such as "
         f"--names '{several[0].replace('#', '*') if several else 'view_*.png'}'."
     )
 
@@ -174,8 +174,8 @@ def scan_view_folder(
     Raises
     ------
     InputError
-        If the folder, its names or the order cannot be used, steps between views differ, or the
-        views of a running number move as a single row does.
+        If the folder, its names or the order cannot be used, steps between views differ, or
+        views with a running number move as a single row does.
 
     Notes
     -----
@@ -213,7 +213,7 @@ def scan_view_folder(
 # Numbers in names ---------------------------------------------------------------------------------
 
 NUMBER = r"(?:(?<![0-9.])[0-9]+\.[0-9]+(?!\.?[0-9])|[0-9]+)"
-"""Pattern of a decimal number, beside which there is no other point, or of a whole one."""
+"""Pattern of a decimal number, without another point beside it, or of an integer."""
 
 SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 """Patterns of an optional sign, that after neither a letter nor a digit, and of any."""
@@ -227,7 +227,7 @@ def number_grid(
 ) -> np.ndarray:
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
-    Gives shape (first number, second number), or (running number,). A stated `grid` is that of the
+    The shape is (first number, second number), or (running number,). A stated `grid` is that of the
     numbers: (first, second), and `first` the number of the first place. Numbers are multiples of
     one step, the same along both axes, as slopes would have no unit otherwise. Where they do not
     fill a stated grid, whole numbers are places in it: they count from `first`, by default from 0,
@@ -248,7 +248,7 @@ def number_grid(
             if places is None or gcd(*places) > 1:
                 raise InputError(
                     f"The views of {source} need equal steps along both axes, got "
-                    f"{' and '.join(texts)} by the numbers in their names; where these only "
+                    f"{' and '.join(texts)} by the numbers in their names; if these only "
                     f"count, rename the files with 0, 1, 2 ..."
                 )
             size = places[-1] + 1
@@ -266,8 +266,8 @@ def number_grid(
         sizes.append(size)
     if grid is None and len(columns) == 1 and sizes[0] > len(files):
         raise InputError(
-            f"Only {len(files)} views of {source} are there, numbered {texts[0]} with gaps: state "
-            f"the grid that they do not fill, --grid ROWSxCOLUMNS."
+            f"{source} has only {len(files)} views, numbered {texts[0]} with gaps: state the grid "
+            f"that they do not fill, --grid ROWSxCOLUMNS."
         )
     if prod(sizes) > max(2 * len(files), 10_000):
         raise InputError(

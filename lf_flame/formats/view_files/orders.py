@@ -54,7 +54,7 @@ class ViewOrder:
         return lines
 
     def with_sign_of(self, true: tuple[float, float] | None) -> "ViewOrder":
-        """Order or its half-turn, by the scene's true `slopes`; itself where these are unknown."""
+        """Order or its half-turn, by the scene's true `slopes`; unchanged without these."""
         if true is None or self.slopes is None:
             return self
         low, high = self.slopes
@@ -126,12 +126,12 @@ def fold(
     """Cut views with one running number into rows (or columns, if so stated); find their order.
 
     The views fill a `grid`, by default a square. Entries of `row` are views, or arguments of
-    `read`. Refused are other numbers of views, and such that move as one row or column does.
+    `read`. Other numbers of views, and views that move as one row or column does, are refused.
     """
     count, side = len(row), isqrt(len(row))
     rows, columns = grid or (side, side)
     if rows * columns != count:
-        fault = "make no square" if grid is None else f"do not fill a grid of {rows} x {columns}"
+        fault = "form no square" if grid is None else f"do not fill a grid of {rows} x {columns}"
         raise InputError(
             f"{source} holds {count} views with one running number, which {fault}: state their "
             f"rows x columns, --grid ROWSxCOLUMNS."
