@@ -85,8 +85,8 @@ def find_times(
         rows[count] = path
     if missing := rows.count(None):
         notes.append(
-            f"According to the numbers in the names, {missing} frames are missing between the "
-            f"first and the last; they stay gaps in time."
+            f"According to the numbers in the names, {missing} of the frames between the first "
+            f"and the last are missing; they stay gaps in time."
         )
     return rows, np.arange(len(rows)) / frames_per_second, notes
 

@@ -58,7 +58,7 @@ test_it_is_refused_in_a_sentence = refusals(
             (([0.0, 10.0],), "3 or more different distances"),
             (([0.0, 10.0, 10.0],), "3 or more different distances"),
             (([0.0, 10.0, np.nan],), "3 or more different distances"),
-            (([0.0, 1e-9, 2e-9],), "far apart|positive away|no law|range"),
+            (([0.0, 1e-9, 2e-9],), "far apart|positive away|camera law|range"),
             ((FIVE, 1, [0, 3, 2, 1, 4]), "which picture was taken at which depth"),
             ((FIVE, -1), "positive away from the camera"),
         ),

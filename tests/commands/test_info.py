@@ -144,7 +144,7 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     for option, why in ((given[2:4], "give a white image"), (given[4:], "--bayer does not apply")):
         with pytest.raises(InputError, match=why):
             told("raw.png", *option)
-    assert "divide its 100 x 150 pixels (2, 5, 10, 25, 50)" in told("plain.png")
+    assert "divides its 100 x 150 pixels (2, 5, 10, 25, 50)" in told("plain.png")
     mosaic = raw.copy()
     mosaic[::2, ::2] //= 3  # of red or blue
     write_image(tmp_path / "mosaic.png", mosaic)

@@ -42,7 +42,7 @@ def times_of(*names):
 def test_where_numbers_are_missing_time_passes():
     found, notes = times_of("f0", "f2", "f3", "f4", "f6")
     assert found == ["f0", None, "f2", "f3", "f4", None, "f6"]
-    assert "2 are missing" in notes[0]
+    assert "2 of the frames between" in notes[0]
     assert times_of("f08", "f09", "f10", "f11") == (["f08", "f09", "f10", "f11"], [])
     assert times_of("a-1", "a0", "a2")[0] == ["a-1", "a0", None, "a2"]
     # One number that never changes counts nothing.

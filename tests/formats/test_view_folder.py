@@ -137,7 +137,9 @@ def test_names_choose_the_views_and_other_files_are_left_out(tmp_path, rng):
     assert "3 x 3 views, top left 0_0.png, bottom right 2_2.png" in folder.describe()
     np.testing.assert_array_equal(folder.read().views, views / np.float32(255))
     imsave(tmp_path / "depth_0_0.png", views[0, 0], check_contrast=False)
-    with pytest.raises(InputError, match=r"only, got 9 of #_#.png, 1 of depth_#_#.png: choose"):
+    with pytest.raises(
+        InputError, match=r"in numbers, got 9 of #_#.png, 1 of depth_#_#.png: choose"
+    ):
         scan_view_folder(tmp_path)
     found = read_light_field(tmp_path, names="?_?.png")
     np.testing.assert_array_equal(found.views, folder.read().views)
