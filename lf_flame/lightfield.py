@@ -100,12 +100,12 @@ class LightField:
         Weights of views in every search, refocusing and fit: 0 or above, at least one above 0;
         weights passed to such a function multiply these. A decoded raw image has weight 0 for views
         with light of neighbouring lenslets, and for mostly dark ones. Stored as float32. Default:
-        all views count alike.
+        all views have weight 1.
     valid : array_like of bool, shape (v, u, t, s), optional
         Whether the value of each pixel is known: it is not where the sensor was saturated, a pixel
-        is bad, or its lenslet is too dark. The value that an unknown pixel holds counts as a lower
-        bound of its light. Refocusing and fits leave unknown pixels out; all else takes them
-        from `filled`. Default: all are known.
+        is bad, or its lenslet is too dark. The stored value of an unknown pixel is a lower bound of
+        its light. Refocusing and fits leave unknown pixels out; everything else takes them from
+        `filled`. Default: all are known.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class LightField:
     Notes
     -----
     An `xarray.DataArray` may have its axes in any order if they are named ``v, u, t, s`` and,
-    for colour, ``channel``; `to_xarray` gives one.
+    for colour, ``channel``; `to_xarray` returns one.
 
     Examples
     --------
@@ -201,13 +201,13 @@ class LightField:
         return cls(np.moveaxis(cells, (1, 3), (0, 1)))
 
     def to_raw(self) -> np.ndarray:
-        """Give the raw lenslet image: float32, shape (t * v, s * u) or with a channel axis."""
+        """Return the raw lenslet image: float32, shape (t * v, s * u) or with a channel axis."""
         v, u, t, s = self.views.shape[:4]
         cells = np.moveaxis(self.views, (0, 1), (1, 3))
         return cells.reshape(t * v, s * u, *self.views.shape[4:])
 
     def to_xarray(self) -> Any:
-        """Give an `xarray.DataArray` with axes ``v, u, t, s`` and, for colour, ``channel``.
+        """Return an `xarray.DataArray` with axes ``v, u, t, s`` and, for colour, ``channel``.
 
         The axes v and u have coordinates, in view steps from the central view. It needs the extra
         ``[xarray]``.
@@ -231,7 +231,7 @@ class LightField:
         return self.views.shape[4] if self.views.ndim == 5 else 1
 
     def grey(self) -> LightField:
-        """Average over the channels; gives the light field itself if it is grey.
+        """Average over the channels; returns the light field itself if it is grey.
 
         Examples
         --------
@@ -248,8 +248,8 @@ class LightField:
     def filled(self) -> np.ndarray:
         """Views with unknown pixels filled, float32, shape of the views.
 
-        A filled pixel has the mean of the known ones around it in its view, or the value that it
-        holds, if that is larger. If all are known, these are the views themselves.
+        A filled pixel has the mean of the known ones around it in its view, or its stored value, if
+        that is larger. If all are known, these are the views themselves.
 
         Examples
         --------
@@ -271,7 +271,7 @@ class LightField:
         return f"LightField({v} x {u} views of {t} x {s} pixels, {kind})"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
-        """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
+        """Return the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
         return np.array(self.views, dtype, copy=copy)
 
     @property
@@ -284,7 +284,7 @@ class LightField:
 
     @property
     def counted(self) -> np.ndarray:
-        """Values of known pixels in views that count; all values where there are none."""
+        """Values of known pixels in views with weight; all values where there are none."""
         some = slice(None) if self.weights is None else self.weights > 0
         found = self.views[some] if self.valid is None else self.views[some][self.valid[some]]
         return found if found.size else self.views
@@ -295,7 +295,7 @@ class LightField:
         if self.weights is None or self.weights.all():
             return ""
         return (
-            f"{np.count_nonzero(self.weights == 0)} of the {self.weights.size} views do not count: "
+            f"{np.count_nonzero(self.weights == 0)} of the {self.weights.size} views are excluded: "
             f"outermost ones, mostly dark or lit through neighbouring lenslets, or missing ones"
         )
 
@@ -318,8 +318,8 @@ AROUND = [(i, j, 0.5 if i and j else 1.0) for i in (-1, 0, 1) for j in (-1, 0, 1
 def fill_unknown(images: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Fill unknown pixels of images with means of known neighbours, from the rim of a hole inwards.
 
-    A pixel that holds more than that mean keeps its value, which is a lower bound of the light, as
-    where a sensor is saturated.
+    A pixel with more than that mean keeps its value, which is a lower bound of the light, for
+    example where a sensor is saturated.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def fill_unknown(images: np.ndarray, known: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of float32, shape of `images`
-        Images; one without a known pixel stays as it is.
+        Images; one without a known pixel is unchanged.
     """
     out = images.reshape(-1, *images.shape[-3:]).copy()
     given, done = images.reshape(out.shape), known.reshape(out.shape[:3]).copy()

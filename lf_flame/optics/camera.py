@@ -3,8 +3,8 @@
 Lengths are in mm, angles in rad. ``depth`` is measured from the focal plane, positive = farther
 from the main lens. ``slope`` is in lenslets per view step, positive = behind the focal plane.
 ``alpha`` is Ng's relative image distance: the refocused image plane lies at ``alpha`` times the
-distance of the microlens array. Images are stored upright: the whole sensor, lenslets and
-micro-images alike, is turned by 180 degrees. Rows therefore run down and columns run right in the
+distance of the microlens array. Images are stored upright: the whole sensor, with lenslets
+and micro-images, is rotated by 180 degrees. Rows therefore run down and columns run right in the
 scene and in the image; the sign of the slope does not change.
 """
 
@@ -65,7 +65,7 @@ class PlenopticCamera(Lens):
         Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
     aperture_diameter_mm : float, optional
         Diameter of the main lens's round aperture, as seen from the scene. Default: an ideal square
-        aperture, matched to the lenslets (`aperture_mm` wide), which lights every pixel alike.
+        aperture, matched to the lenslets (`aperture_mm` wide), which lights every pixel equally.
     rim_diameter_mm, rim_distance_mm : float, optional
         Diameter of a second round stop, the rim of the lens barrel or of a window, and its
         distance in front of the main lens. Default: no such stop. Like the aperture it cuts the
@@ -77,7 +77,7 @@ class PlenopticCamera(Lens):
         about the band's fraction of the F-C range divided by the Abbe number.
     lenslet_rotation_rad : float, optional
         Rotation of the microlens array against the sensor, about the optical axis, within 0.1.
-        Positive turns x towards y: clockwise in the stored image, whose rows run down.
+        Positive rotates x towards y: clockwise in the stored image, whose rows run down.
     lenslet_pitch_error : float, optional
         Relative error of the lenslet pitch, within 0.1; the sensor is read as if it were 0.
     falloff_corrected : bool, optional
@@ -177,7 +177,7 @@ class PlenopticCamera(Lens):
             raise InputError(f"layout must be {' or '.join(ROW_SPACING)}, got {self.layout!r}.")
         if not self.pupil_distance_mm > 0 or math.isinf(self.pupil_distance_mm):
             raise InputError(
-                f"exit_pupil_mm must leave the entrance pupil before the focal plane, got "
+                f"exit_pupil_mm must leave the entrance pupil in front of the focal plane, got "
                 f"{self.exit_pupil_mm}."
             )
         object.__setattr__(self, "lenslets", tuple(self.lenslets))
@@ -200,14 +200,14 @@ class PlenopticCamera(Lens):
             )
 
     def check_depths(self, depths_mm: ArrayLike) -> None:
-        """Refuse depths behind the main lens or beyond 10,000 focus distances, as at infinity."""
+        """Refuse depths behind the lens or optically at infinity, beyond 10,000 focus distances."""
         low = -min(self.focus_distance_mm, self.pupil_distance_mm)
         high = 1e4 * self.focus_distance_mm
         for depth in np.ravel(depths_mm):
             if not low < depth <= high:
                 raise InputError(
                     f"Depths must lie above {low:g} mm (the main lens) and up to {high:g} mm, "
-                    f"beyond which all is as at infinity, got {depth:g}."
+                    f"beyond which everything is optically at infinity, got {depth:g}."
                 )
 
     @cached_property

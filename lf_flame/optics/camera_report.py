@@ -49,8 +49,8 @@ def _doubts(camera: PlenopticCamera) -> list[str]:
     if given is not None and given > 1.02 * matched:  # up to there, micro-images hardly overlap
         return [
             f"note: the aperture is wider than the {matched:.2f} mm that match the lenslets: "
-            f"micro-images overlap, and the outer views hold light of two lenslets. From f/"
-            f"{camera.main_lens_focal_mm / matched:.2f} on, as engraved, they do not."
+            f"micro-images overlap, and the outer views contain light of two lenslets. At f/"
+            f"{camera.main_lens_focal_mm / matched:.2f} or more, as engraved, they do not."
         ]
     lit = (given or matched) / camera.view_step_mm
     if lit < camera.views / 2:

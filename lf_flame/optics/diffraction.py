@@ -40,7 +40,7 @@ def blur_cells(
     """Blur light that is constant over each cell of (rows, columns), float64; means over cells.
 
     The light is multiplied by the aperture's transfer function in the frequency domain, so that
-    the whole pattern counts, and cells may be large compared with it.
+    the whole pattern is included, and cells may be large compared with it.
 
     over: range of rows and of columns to return, (first, last + 1), counted from the first cell;
     it may extend beyond the cells. dark: number of dark rows and columns added beside all these,
@@ -98,7 +98,7 @@ def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool)
     """Fraction of the light of a uniformly lit square that diffraction moves out of it.
 
     It bounds the change of the mean over the square, relative to the range of the light: the loss
-    if all is bright inside and dark outside. Each axis counts by itself: for a round aperture this
+    if all is bright inside and dark outside. Each axis is taken alone: for a round aperture this
     is up to a seventh too much.
     """
     ratio = spread_mm / side_mm

@@ -85,15 +85,15 @@ class Lens:
         return np.hypot(far[:, None], far) <= radius * (1 + 1e-9)
 
     def corrected(self, light_field: LightField) -> LightField:
-        """Undo what the lens is known to do to pictures: here nothing."""
+        """Correct measured faults of the lens in pictures: here none."""
         return light_field
 
     def for_light_field(self, shape: tuple[int, ...]) -> "Lens":
-        """Give the same camera with as many lenslets as views (v, u, t, s) have pixels.
+        """Copy the camera, with as many lenslets as views (v, u, t, s) have pixels.
 
         The number of lenslets in a camera file is that of the whole array; a light field may be
         a part of it, or be decoded without its rim. A measured distortion forbids that: it is known
-        about the middle of whole views alone.
+        only about the centre of whole views.
         """
         self.check_views(shape)
         size = int(shape[2]), int(shape[3])
@@ -102,7 +102,7 @@ class Lens:
         if getattr(self, "distortion", 0.0):
             raise InputError(
                 f"The calibration undoes the distortion of views of {self.lenslets[0]} x "
-                f"{self.lenslets[1]} pixels about their middle, got views of {size[0]} x {size[1]}."
+                f"{self.lenslets[1]} pixels about their centre, got views of {size[0]} x {size[1]}."
             )
         return replace(self, lenslets=size)  # type: ignore[type-var]
 

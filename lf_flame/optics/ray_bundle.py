@@ -64,7 +64,7 @@ def chain(*elements: np.ndarray) -> np.ndarray:
 def inverse(system: np.ndarray) -> np.ndarray:
     """Inverse ``[[D, -B], [-C, A]]`` of ``[[A, B], [C, D]]``: from the ray behind to that before.
 
-    It is not the matrix of the system turned round, ``[[D, B], [C, A]]``, where angles change their
+    It is not the matrix of the reversed system, ``[[D, B], [C, A]]``, where angles change their
     sign. It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
     (C = 0) and telecentric (A or D = 0) systems.
 
@@ -145,7 +145,7 @@ def trace_footprint(
     """
     if not camera.focus_distance_mm + depth_mm > 0:
         raise InputError(
-            f"A layer must stand in front of the main lens, at a depth above "
+            f"A layer must be in front of the main lens, at a depth above "
             f"{-camera.focus_distance_mm} mm, got {depth_mm} mm."
         )
     return _trace(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour, part)
@@ -179,7 +179,7 @@ def _trace(
     moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
     views = np.arange(camera.views) - (camera.views - 1) / 2
     pixel = (chief - moved)[None, :] + views[:, None] * camera.pixel_mm
-    # The sensor is turned by 180 degrees: images are upright.
+    # The sensor is rotated by 180 degrees: images are upright.
     centres = -(back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle)
     per_place = back[0, 0] - back[0, 1] * s_height / s_angle
     lenslet_mm = camera.lenslet_pitch_mm * lenslet_scale

@@ -123,7 +123,7 @@ def expose(
     """
     unknown = sorted(map(str, set(kept) - set(STAGES)))
     if unknown:
-        raise InputError(f"Unknown sensor stage {unknown[0]!r}; known are {', '.join(STAGES)}.")
+        raise InputError(f"Unknown sensor stage {unknown[0]!r}; use {', '.join(STAGES)}.")
     image = np.array(values, np.float32, order="C")
     bad = image.size - np.count_nonzero(np.isfinite(image))
     if bad:

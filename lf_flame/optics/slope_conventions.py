@@ -5,8 +5,8 @@ per view, rows counted downward and columns rightward as the views are stored, i
 ``slope = d``. Programs differ in sign, and some scale their number with the number of views. (For
 Ng's alpha a camera is needed: `PlenopticCamera.slope_to_alpha`.)
 
-The views must be stored in the same order. A program or decoder that turns the micro-images, and
-with them the views, by 180 degrees changes the sign of every number here.
+The views must be stored in the same order. A program or decoder that rotates the micro-images,
+and with them the views, by 180 degrees changes the sign of every number here.
 """
 
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def to_slope(number: Number, convention: str, views: int | None = None) -> Numbe
         A name in `CONVENTIONS`.
     views : int, optional
         Number of views along an axis, for conventions that depend on it. For unequal numbers of
-        rows and columns of views such a program's number stands for no slope.
+        rows and columns of views such a program's number is not a slope.
 
     Returns
     -------

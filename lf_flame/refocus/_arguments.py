@@ -69,7 +69,7 @@ def as_numbers(values: ArrayLike, name: str) -> np.ndarray:
 
 
 def for_slopes(stack: np.ndarray, slopes: ArrayLike) -> np.ndarray:
-    """Give the stack for several slopes, and the image itself for a single slope."""
+    """Return the stack for several slopes, and the image itself for a single slope."""
     return stack[0] if np.ndim(slopes) == 0 else stack
 
 
@@ -136,8 +136,8 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
     both = stated * own
     if not 0 < both.sum() < np.inf:
         raise InputError(
-            "No view that the weights choose counts in this light field, whose own weights are 0 "
-            "there; choose a wider aperture."
+            "All views that the weights choose are excluded from this light field (weight 0); "
+            "choose a wider aperture."
         )
     return both
 
@@ -189,8 +189,8 @@ def refuse_excluded(views: Views, indices: Iterable[tuple[int, int]], what: str)
     for v, u in indices:
         if own is not None and own[v, u] == 0:
             raise InputError(
-                f"{what} needs the view in row {v}, column {u} (from 0), which does not count in "
-                f"this light field: it is missing, or holds other light."
+                f"{what} needs the view in row {v}, column {u} (from 0), which is excluded from "
+                f"this light field: it is missing, or contains other light."
             )
 
 

@@ -80,7 +80,7 @@ def sum_views(lines, first, weight, part):
 
 @njit
 def sum_views_twice(lines, first, weight, other, this, that):
-    """Do as `sum_views` for two lists of weights, loading every pixel once."""
+    """Sum views as `sum_views` does, for two lists of weights, loading every pixel once."""
     for s in range(np.uint64(this.size)):
         value = lines[first[0] + s]
         a, b = weight[0] * value, other[0] * value

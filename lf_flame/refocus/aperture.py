@@ -61,7 +61,7 @@ def aperture_weights(
         )
     if not 0 <= ring < width:
         raise InputError(
-            f"A ring needs a covered middle, 0 or more, below its outer width, "
+            f"A ring needs a covered centre, 0 or more, below its outer width, "
             f"got {ring} and {width}."
         )
     if shape not in SHAPES:
@@ -75,7 +75,7 @@ def aperture_weights(
     if not weights.any():
         raise InputError(
             f"No view lies in an aperture of width {width:g} at {centre[0]:g}, {centre[1]:g}; the "
-            f"{views[0]} x {views[1]} views reach from the middle to {(views[0] - 1) / 2:g} and "
+            f"{views[0]} x {views[1]} views reach from the centre to {(views[0] - 1) / 2:g} and "
             f"{(views[1] - 1) / 2:g}."
         )
     return weights
@@ -90,7 +90,7 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
         Number of views along v and u.
     diameter : float, optional
         Diameter in widths of the full aperture, above 0. Above 1 the square of the views cuts it;
-        from sqrt(2) on it is the full aperture.
+        at sqrt(2) or more it is the full aperture.
 
     Returns
     -------

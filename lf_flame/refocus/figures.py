@@ -103,7 +103,7 @@ def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
 
 
 def _image_beside_slopes(image, slopes, titles, camera=None, **options):
-    """Draw an image beside a slope map; gives the figure and both axes."""
+    """Draw an image beside a slope map; returns the figure and both axes."""
     height, width = slopes.shape
     figure, axes = subplots(1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained")
     axes[0].imshow(np.clip(image, 0, 1), cmap="gray", vmin=0, vmax=1)

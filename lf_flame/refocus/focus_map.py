@@ -46,7 +46,7 @@ TILE = 12
 """Smallest side of a tile in reduced lenslets."""
 
 CERTAIN, ALONE = 0.5, 0.9
-"""Smallest confidence of a tile that counts: if a neighbour agrees, and if none does."""
+"""Smallest confidence of a certain tile: if a neighbour agrees, and if none does."""
 
 AGREEING = 0.5
 """Largest difference of slope of neighbours that agree. At an outline a tile may be wrong."""
@@ -66,8 +66,8 @@ FEWEST = 0.25
 class FocusMap:
     """Slope map and image with everything in focus, from `all_in_focus`.
 
-    Things that one sees through, as a flame before others, have no one slope, and nothing here
-    tells: for flames use `lf_flame.tomography.reconstruct`.
+    Transparent objects, such as flames behind each other, have no single slope, and the map does
+    not show this: for flames use `lf_flame.tomography.reconstruct`.
 
     Attributes
     ----------
@@ -75,9 +75,9 @@ class FocusMap:
         Slope of each pixel, in lenslets per view step: mean of its own and of neighbours of similar
         brightness with about the same slope.
     confidence : ndarray of float64, shape (t, s)
-        Confidence from 0 to 1; a slope is certain from 0.2 on. It is the share of neighbours of
+        Confidence from 0 to 1; a slope is certain at 0.2 or more. It is the share of neighbours of
         similar brightness whose own best slope agrees, to 0.3 lenslets in the outermost view,
-        minus the share of the others; 0 where these are more. Best slopes that are the first or
+        minus the share of the others, at least 0. Best slopes that are the first or
         last agree with none. Texture that repeats, and reflections that glide over a smooth
         surface, agree on wrong slopes.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
@@ -120,7 +120,7 @@ def all_in_focus(
         needs.
     window : float, optional
         Standard deviation, in lenslets, of the Gaussian by which neighbours are weighted; it
-        reaches 24 lenslets at most.
+        reaches at most 24 lenslets.
     interpolation : optional
         Interpolation for the image, as in `refocus_surface`.
     weights : array_like, shape (v, u), optional
@@ -178,7 +178,7 @@ def _matched(
     best = slopes[costs.argmin(axis=2)]
     picture = _middle(as_views(light_field), best)
     grey = picture.mean(axis=2) if picture.ndim == 3 else picture
-    guide = gaussian_filter(grey, 1.0)  # smooth enough that noise is no edge
+    guide = gaussian_filter(grey, 1.0)  # smooth enough that noise makes no edges
     return *choose_slopes(costs, slopes, guide, window, distinct_by(weights)), guide, limit
 
 
@@ -275,7 +275,7 @@ def find_slope_range(light_field: Views) -> SlopeRange:
 
 
 def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    """Whether each tile counts, shape (rows, columns)."""
+    """Whether each tile is certain, shape (rows, columns)."""
     sure = confidence >= CERTAIN
     rows, columns = slopes.shape
     around = np.pad(np.where(sure, slopes, np.nan), 1, constant_values=np.nan)

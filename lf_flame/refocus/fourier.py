@@ -65,7 +65,7 @@ def refocus(
         `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or chosen.
         "auto" is "fourier" for "sinc", and "space" otherwise, the fastest for some images. A slice
         is read from all over a spectrum far larger than the cache, and takes less time than phases
-        for many tens of images only.
+        only for many tens of images.
     weights : array_like, shape (v, u), optional
         Weight of each view, 0 or above; divided by their sum. The light field's own weights
         multiply them. Default: all equal.
@@ -96,7 +96,7 @@ def refocus(
     if method == "auto":
         method = "fourier" if interpolation == "sinc" else "space"
     if (method == "space") == (interpolation == "sinc") and method != "fourier":
-        raise InputError(f"The method {method!r} does not know {interpolation!r} interpolation.")
+        raise InputError(f"The method {method!r} does not offer {interpolation!r} interpolation.")
     if method == "space":
         return shift_and_sum(light_field, slopes, interpolation=interpolation, weights=weights)
     if method == "fourier":
@@ -369,7 +369,7 @@ def _slice_taps(frequencies, views: int, slopes: np.ndarray, width: int):
 
 
 def _mend_nyquist(spectra, slopes, width: int, out: np.ndarray) -> None:
-    """Replace the Nyquist frequencies, of which only the real part counts, by the exact ones."""
+    """Replace the Nyquist frequencies, of which only the real part is used, by the exact ones."""
     rows, columns, height = spectra.shape[:3]
     down = _phase_factors(np.fft.fftfreq(height), centred(rows) * slopes[:, None])
     right = _phase_factors(np.fft.rfftfreq(width), centred(columns) * slopes[:, None])

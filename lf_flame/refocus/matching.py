@@ -1,16 +1,16 @@
-"""How well the views match at each slope, judged by those views that see a place.
+"""Mismatch of the views at each slope, for those views that see a place.
 
 Shifted by the right slope all views show the same as the central one, except where a nearer object
-occludes the place. A straight outline occludes it on one side of the aperture at most. Therefore
+occludes the place. A straight outline occludes it on at most one side of the aperture. Therefore
 all views, each half and each quarter of them are compared (Kang, Szeliski, Chai, CVPR 2001, choose
 halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outline in the aperture),
-and the best match counts. Because fewer views agree more easily by chance, they must match better
+and the best match is used. Because fewer views agree more easily by chance, they must match better
 by a margin.
 
 Absolute differences from the central view count up to a limit, which follows the contrast of the
 image and the noise. Without it, one sharp outline outweighs the faint texture beside it, and its
-slope spreads to its surroundings. They are averaged over little more than a pixel; what a pixel
-alone does not tell, its surroundings do afterwards (`lf_flame.refocus.semi_global`).
+slope spreads to its surroundings. They are averaged over little more than a pixel; what a single
+pixel leaves open, its surroundings decide afterwards (`lf_flame.refocus.semi_global`).
 
 Views that are darker or brighter than the central one, such as those near the rim of a lens, are
 first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
@@ -38,7 +38,7 @@ must by twice as much."""
 
 LIMIT = 0.07
 """Largest difference that counts, in standard deviations of the central view: with a small limit an
-occluded view hardly matters, nor does a strong outline beside faint texture."""
+occluded view matters little, and so does a strong outline beside faint texture."""
 
 NOISY = 2.5
 """Smallest limit, relative to the usual least difference, which is mostly noise."""
@@ -75,8 +75,8 @@ OWN, BESIDE = np.float32(0.787), np.float32(0.1065)
 def sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the nine parts in all views, each half and each quarter, and their margins.
 
-    Halves and quarters include the central row or column. A side that has hardly more than the
-    central view, as for an off-centre aperture, is left out: it would match at every slope.
+    Halves and quarters include the central row or column. A side of little more than the
+    central view, as in an off-centre aperture, is left out: it would match at every slope.
     """
     spans = (slice(0, 3), slice(0, 2), slice(1, 3))
     needed = LEAST_SIDE * (counts.sum() - counts[1, 1])
@@ -93,7 +93,7 @@ def sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class WeightedViews(NamedTuple):
-    """Views, and how they count."""
+    """Views with their weights and levels, for kernels."""
 
     views: np.ndarray
     """Grey views, shape (v, u, t, s)."""
@@ -215,7 +215,7 @@ class ComparedViews:
         return out, middle
 
     def weighted(self) -> WeightedViews:
-        """Give the views to the kernels, and how they count."""
+        """Bundle the views with their weights and levels, for kernels."""
         down, across = self._parts
         weights = self._weights.astype(np.float32)
         return WeightedViews(
@@ -234,7 +234,7 @@ def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _part_of_view(count: int) -> np.ndarray:
-    """Give 0 for views before the centre, 1 for those in it (one or two), 2 for those after it."""
+    """Find 0 for views before the centre, 1 for those in it (one or two), 2 for those after it."""
     at = centred(count)
     return (1 + np.sign(at) * (np.abs(at) >= 1)).astype(np.int64)
 
@@ -244,7 +244,7 @@ def shift_row(view, row, down_weight, start, across_weight, reach, line, out):
     """Shift a row of a view along both axes: out[s].
 
     row[a]: rows that are read, down_weight[a] their weights; start: lenslet that tap 0 reads for
-    s = 0; line: room for a row with `reach` lenslets beyond both ends, where the edges repeat.
+    s = 0; line: space for a row with `reach` lenslets beyond both ends, where the edges repeat.
     """
     width = out.size
     line[:] = 0.0

@@ -1,10 +1,10 @@
 """Slopes between those searched, by least squares over the views.
 
 A change of the slope moves each view's picture of a place along its gradient (Adelson, Wang, IEEE
-Trans. Pattern Anal. Mach. Intell. 14, 99, 1992). The costs of the search do not tell it: their
+Trans. Pattern Anal. Mach. Intell. 14, 99, 1992). The costs of the search do not show it: their
 limit makes them flat a step away. The gradient is that of the mean of the matching views, because
 noise in the gradient of a single view would count as texture, and draw faint slopes to those found.
-Views that differ from the central one, as occluded ones do, hardly count.
+Views that differ from the central one, as occluded ones do, have almost no weight.
 
 A fit of one pixel is uncertain. Therefore the equations of the pixels around it are added, of
 similar brightness and of about the same slope, each at its own: a tilted surface stays tilted.
@@ -25,7 +25,7 @@ WINDOW, REACH = 2.0, 3
 distance in these."""
 
 OUTLYING = 1.5
-"""Difference from which a view hardly counts, relative to the largest that counts in the search,
+"""Difference above which a view has little weight, relative to the limit of the search,
 which leaves larger differences than chance."""
 
 SCATTER = 3.0
@@ -43,9 +43,9 @@ further. It matters where the search is coarse."""
 def refine_slopes(
     compared: ComparedViews, slope: np.ndarray, guide: np.ndarray, limit: float
 ) -> np.ndarray:
-    """Change each pixel's slope by the little at which the views around it agree best.
+    """Change each pixel's slope by the small amount at which the views around it agree best.
 
-    Pixels of other brightness of the guide count less; limit: see `ComparedViews.limit`.
+    Pixels of other brightness of the guide have less weight; limit: see `ComparedViews.limit`.
     """
     step = compared.slopes[1] - compared.slopes[0]
     equations = set_up_equations(compared, slope, OUTLYING * limit)
@@ -61,7 +61,7 @@ def set_up_equations(
 
     Brightness, and its changes along the views' rows v and columns u, are fitted together: a view
     at (v, u) differs from their mean by the change times ``v down + u across``, (down, across)
-    being the gradient. A view hardly counts beyond a difference of `limit`.
+    being the gradient. Beyond a difference of `limit` a view has little weight.
     """
     numerator, denominator = np.empty((2, *slope.shape))
     _fit_views(
@@ -193,7 +193,7 @@ def _fit(t, slope, numerator, denominator, guide, near, same, least, change):
     """Ratio of the sums of numerators and denominators over pixels of about the same slope.
 
     near[distance]: weights along either axis; same: largest difference of slopes; least is added to
-    the denominator, so that a change to which nothing points is 0.
+    the denominator, so that a change without evidence is 0.
     """
     height, width = slope.shape
     reach = near.size - 1

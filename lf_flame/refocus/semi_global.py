@@ -1,13 +1,13 @@
 """Slopes from the costs of each pixel at each slope: semi-global matching, and votes of neighbours.
 
-Along paths in eight directions the cost of a slope is its own plus that of the best way to it: a
+Along paths in eight directions the cost of a slope is its own plus that of the best path to it: a
 change by one step costs a little, a jump costs more, and least across edges of a guide image
 (Hirschmueller, IEEE Trans. Pattern Anal. Mach. Intell. 30, 328, 2008). The slope with the least sum
 over the paths wins, refined by a parabola through the costs. Then each pixel takes the slope for
 which most neighbours of similar brightness vote, as their mean (a weighted mode): this removes
 single wrong slopes and averages noise, without inventing a surface halfway between two others.
-The slope is as certain as the best slopes of single pixels around it agree: how deep their minima
-are says little, because outlines and highlights have deep ones, and smooth shading has none.
+The confidence is the agreement of the best slopes of single pixels around it: the depth of minima
+says little, because outlines and highlights have deep ones, and smooth shading has none.
 
 All loops gather in a fixed order; the bits do not depend on the number of threads.
 """
@@ -26,7 +26,7 @@ EDGE = 8.0
 deviations of the guide image."""
 
 ALIKE = 0.3
-"""Difference of brightness at which a vote counts half."""
+"""Difference of brightness at which a vote has half its weight."""
 
 BENT = 1e-3
 """Smallest curvature of the costs at a best slope; in darkness without noise it is less."""
@@ -53,7 +53,7 @@ def choose_slopes(
     """Choose the slope of least costs[t, s, n] that a pixel's surroundings agree with.
 
     Edges of guide[t, s] stop smoothing; `width` is the largest difference of slopes that cannot be
-    distinguished. Gives slope and confidence, which is 0 where the best slopes are the first or
+    distinguished. Returns slope and confidence, which is 0 where the best slopes are the first or
     last, and everywhere without distinct slopes.
     """
     guide = in_deviations(guide)
@@ -141,7 +141,7 @@ def _pick(t, costs, sums, place, inside):
 
 @parallel(lambda place: len(place))
 def _vote(t, place, inside, guide, near, count, close, voted, confidence):
-    """Mean of the votes for the slope with most of them, and by how many more agree than do not.
+    """Mean of the votes for the slope with most of them, and the majority of those that agree.
 
     near[distance]: weights along either axis; close: largest difference of those that agree.
     """

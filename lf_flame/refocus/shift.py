@@ -43,7 +43,7 @@ def shift_and_sum(
     interpolation: str = "linear",
     weights: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Refocus by shifting and averaging views; outside a view its nearest edge pixel counts.
+    """Refocus by shifting and averaging views; outside a view its nearest edge pixel is used.
 
     Interpolation is separable over rows and columns of views: each row is first shifted and summed
     along s, then the row sums along t. This takes N^2 + N shifts instead of 2 N^2 for N x N views.

@@ -162,7 +162,7 @@ def _as_slope_maps(slopes: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     if slopes.ndim not in (2, 3) or slopes.shape[-2:] != tuple(shape) or slopes.size == 0:
         raise InputError(
             f"A slope map must have the {shape[0]} x {shape[1]} lenslets of the views, or be "
-            f"several such, got an array of shape {slopes.shape}."
+            f"a stack of such maps, got an array of shape {slopes.shape}."
         )
     if not np.all(np.isfinite(slopes)):
         bad = np.count_nonzero(~np.isfinite(slopes))

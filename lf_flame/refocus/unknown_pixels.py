@@ -31,8 +31,8 @@ def ignoring_unknown(
     """Make a refocusing method, linear in the views, leave out the unknown pixels.
 
     A refocused pixel is the sum over the known pixels over the sum of their weights (normalised
-    convolution: Knutsson, Westin, CVPR 1993); where hardly one is known, that over filled pixels.
-    It is at least the mean of what all pixels hold, because that of an unknown pixel is a lower
+    convolution: Knutsson, Westin, CVPR 1993); where almost none is known, that over filled pixels.
+    It is at least the mean of all stored values, because that of an unknown pixel is a lower
     bound: where the brightest views are saturated, the mean of the others would be too dark. A
     warning counts the places where this decides.
 
@@ -70,7 +70,7 @@ def _mean(plain: Callable, own, slopes, interpolation, weights, views: np.ndarra
 
 
 def _best(light_field: LightField, filled: np.ndarray, mean: Callable) -> np.ndarray:
-    """Mean of the known pixels, or that of filled ones, and at least that of what all hold."""
+    """Mean of the known pixels, or that of filled ones, and at least that of all stored values."""
     views, known = light_field.views, np.asarray(light_field.valid, np.float32)
     colour = (..., None) if views.ndim == 5 else ...
     share = mean(known)[colour]
@@ -82,6 +82,6 @@ def _best(light_field: LightField, filled: np.ndarray, mean: Callable) -> np.nda
     if bounds.any():
         LOGGER.warning(
             f"{np.count_nonzero(bounds)} of the {bounds.size} refocused values are lower bounds: "
-            f"pixels that are unknown there, saturated or dark, hold more light than the others."
+            f"pixels that are unknown there, saturated or dark, have more light than the others."
         )
     return np.maximum(image, held)

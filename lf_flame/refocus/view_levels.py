@@ -1,7 +1,7 @@
 """Level of each view relative to the central one; it falls towards the corners.
 
-By cos^4, vignetting or the gain of a camera, views of one place differ in brightness, which a
-comparison of views would take for parallax. The level of a view is a polynomial of second order
+Because of cos^4, vignetting or gains, views of one place differ in brightness, which a
+comparison of views would mistake for parallax. The level of a view is a polynomial of second order
 over the image, by which the view is multiplied. It is fitted to the central view where both
 probably show the same place, by instrumental variables: sums of pixels times powers of their
 coordinates, which noise does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel
@@ -64,7 +64,7 @@ def find_levels(
     """Find the factor, over the image, that makes each view as bright as the central one.
 
     Uses pixels `known` of some rows, with their approximate slopes; views of weight 0 get level 1.
-    Gives coefficients of `POWERS`, (v, u, 6): 1 and zeros if views differ by at most `EVEN`.
+    Returns coefficients of `POWERS`, (v, u, 6): 1 and zeros if views differ by at most `EVEN`.
     """
     levels = even_levels(views.shape[:2])
     down, across = (centred(n) for n in views.shape[:2])

@@ -42,7 +42,7 @@ class DeadLeaves:
         Number of leaves in a light field.
     smallest, largest : float
         Range of half a leaf's length along each of its axes, in pixels; the density of lengths r
-        is r^-3, with which an image looks alike at all scales.
+        is r^-3, with which an image looks the same at all scales.
     slopes : (float, float)
         Range of slopes, in pixels per view step, positive = behind the focal plane; uniform.
     contrast : float
@@ -73,7 +73,7 @@ class DeadLeaves:
             )
         if self.slopes[0] > self.slopes[1] or not 2 <= self.wavelength[0] <= self.wavelength[1]:
             raise InputError(
-                f"slopes and wavelength must be two rising numbers, wavelength from 2 pixels on, "
+                f"slopes and wavelength must be two rising numbers, wavelength from 2 pixels, "
                 f"got {self.slopes} and {self.wavelength}."
             )
 

@@ -119,7 +119,7 @@ class Layer:
         if coverage is not None:
             coverage = _checked_cells(coverage, "coverage", cells.shape, most=1)
             if not opaque:
-                raise InputError("coverage goes with opaque=True, got opaque=False.")
+                raise InputError("coverage needs opaque=True, got opaque=False.")
         if np.ndim(optical_thickness) == 0:
             optical_thickness = np.full(cells.shape, optical_thickness, np.float64)
         tau = _checked_cells(optical_thickness, "optical_thickness", cells.shape)
@@ -249,7 +249,7 @@ class Scene:
             if all(_overlap(one, other, axis) for axis in (0, 1)):
                 raise InputError(
                     f"Layers {i} and {j} are both opaque and overlap at depth "
-                    f"{one.depth_mm} mm; one of them must stand in front."
+                    f"{one.depth_mm} mm; one of them must be in front."
                 )
 
     def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> Scene:

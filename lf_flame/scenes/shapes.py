@@ -45,7 +45,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     (8, 8)
     """
     if shape not in SHAPES:
-        raise InputError(f"Unknown shape {shape!r}; known are {', '.join(SHAPES)}.")
+        raise InputError(f"Unknown shape {shape!r}; use {', '.join(SHAPES)}.")
     inside = SHAPES[shape]
     if inside is None:
         return np.ones((1, 1))

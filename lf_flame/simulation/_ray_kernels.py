@@ -98,13 +98,13 @@ def radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
 @njit
 def hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
     """Cell that a ray through any lenslet meets on plane p, and the weights of the next cells."""
-    # The ray through the pixel's own lenslet, on an array that is not turned;
+    # The ray through the pixel's own lenslet, on an array that is not rotated;
     row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
     column = rays.columns[p, pixel.view_column, pixel.column, ray.column]
-    # its shift by the turn of the array,
+    # its shift by the rotation of the array,
     row += shifts.rows[p, pixel.view_column, pixel.column]
     column += shifts.columns[p, pixel.view_row, pixel.row]
-    # by the turn of the lenslet's own square,
+    # by the rotation of the lenslet's own square,
     row += shifts.turned_rows[p, ray.column]
     column += shifts.turned_columns[p, ray.row]
     # and from the pixel's own lenslet to this one.
@@ -161,7 +161,7 @@ def bundle(
 def through_lenslets(
     planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
 ):
-    """Light of a pixel through every lenslet that can send it any."""
+    """Light of a pixel through every lenslet that can light it."""
     light = 0.0
     own = on_array(micro_images, pixel)
     reach, cosine, sine = micro_images.reach, micro_images.cosine, micro_images.sine
@@ -213,7 +213,7 @@ def trace_planes(k, planes, rays, weights, stop, second, falloff, seen, share, o
 
 @parallel(lambda seen: seen.lines.size)
 def trace_apart(k, planes, rays, weights, seen, share, out):
-    """Do the same for one plane without stops or falloff, in fewer operations.
+    """Trace one plane, without stops or falloff, in fewer operations than `trace_planes`.
 
     A ray's row on the plane depends on its number along y alone, its column on that along x. The
     sum over the rays along y is therefore taken once for all pixels of a line: the result has all
@@ -251,7 +251,7 @@ def add_rows(sums, values, first, down):
 
 @parallel(lambda seen: seen.lines.size)
 def trace_lenslets(k, tables, seen, share, out):
-    """Do the same for light through every lenslet; tables: `LensletTables`."""
+    """Trace rays through every lenslet that can light a pixel; tables: `LensletTables`."""
     # Taken from the tuple once: each time, Numba counts the references to all arrays.
     planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt = tables
     lines = seen.lines

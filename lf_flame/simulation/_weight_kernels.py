@@ -101,7 +101,7 @@ def on_array(micro_images, pixel):
     row, column = (pixel.view_row, pixel.row), (pixel.view_column, pixel.column)
     y = micro_images.rows[row] + micro_images.shift_rows[column]
     x = micro_images.columns[column] + micro_images.shift_columns[row]
-    # Along the axes of the turned array.
+    # Along the axes of the rotated array.
     cosine, sine = micro_images.cosine, micro_images.sine
     return Place(cosine * y - sine * x, cosine * x + sine * y)
 
@@ -128,7 +128,7 @@ def overlap(position, breadth, half):
 
 @njit
 def whole(squares, place):
-    """Whether all of a pixel lies in a square micro-image, however it is turned."""
+    """Whether all of a pixel lies in a square micro-image, at any rotation."""
     if squares is None:
         return False
     return max(abs(place.down), abs(place.right)) < 0.5 - 0.75 * squares.pixel

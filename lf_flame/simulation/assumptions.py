@@ -84,7 +84,7 @@ def _assumed_fields(camera: PlenopticCamera, word: str, stated: Collection[str])
     if found := re.fullmatch(r"(\d{1,2})bit", word):
         return {"sensor": replace(camera.sensor or TYPICAL_SENSOR, bits=int(found[1]))}
     raise InputError(
-        f"What to assume must be 550nm, round, f/4, 12bit (any numbers), falloff or typical, "
+        f"Assumptions must be 550nm, round, f/4, 12bit (any numbers), falloff or typical, "
         f"separated by commas, got {word!r}."
     )
 
@@ -100,7 +100,7 @@ def measure_changes(
 
     An effect whose cause the camera does not state is measured at a typical value of the cause
     (`lf_flame.simulation.planning.plan`). The bounds of a plan hold for all similar scenes;
-    the measured change of one scene is smaller, often by far.
+    the measured change of one scene is smaller, often much smaller.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ CELLS = 8
 """Cells under the image of a lenslet, at least: each is taken as even after the blur, too."""
 
 MARGIN = 200
-"""Spreads of the pattern beside the light that stay dark, so that hardly any comes back from the
+"""Spreads of the pattern beside the light that stay dark, so that almost none comes back from the
 other side of the transform: beyond them lies 5e-4 of a line's light, on each side half of it."""
 
 MOST_DARK = 2048
@@ -56,12 +56,12 @@ def leaves_gaps(camera: PlenopticCamera) -> bool:
 
 
 def tiled_sensor(camera: PlenopticCamera, parts: int = 1) -> PlenopticCamera:
-    """Camera whose pixels leave no gaps: tiles no wider than such parts of the pixels.
+    """Camera whose pixels leave no gaps: tiles at most as wide as these parts of the pixels.
 
     Raises
     ------
     InputError
-        If so many tiles are out of reach.
+        If too many tiles are needed.
     """
     ratio = camera.micro_image_pitch_mm / camera.pixel_mm * parts
     tiles = max(math.ceil(ratio * (1 - SAME_PITCH)), camera.views * parts)
@@ -79,7 +79,7 @@ def blur_on_sensor(
 ) -> np.ndarray:
     """Let the lenslets diffract a raw image on tiles, and let the pixels gather it: a raw image.
 
-    The light is taken as even over each tile. Beyond the border the outermost tiles go on.
+    The light is taken as even over each tile. Beyond the border the outermost tiles are repeated.
     tiled: camera of the tiles, from `tiled_sensor`; camera: that of the pixels.
     """
     image = tiles
@@ -135,7 +135,7 @@ def _spread_mm(camera: PlenopticCamera) -> float:
 
 
 def _wavelength_mm(camera: PlenopticCamera) -> float:
-    """Take a camera's wavelength in mm, or refuse to go on without one."""
+    """Wavelength of a camera in mm; refuse a camera without one."""
     if camera.wavelength_nm is None:
         raise InputError("Diffraction needs the camera's wavelength_nm, got none.")
     return camera.wavelength_nm * 1e-6
@@ -154,7 +154,7 @@ def main_lens_spread_mm(camera: PlenopticCamera) -> float:
 
 
 def main_lens_share_leaving(camera: PlenopticCamera) -> float:
-    """Share of the light on a lenslet, where it is even, that diffraction throws out of it."""
+    """Share of the light on a lenslet, where it is even, that diffraction moves out of it."""
     spread = main_lens_spread_mm(camera)
     return diffraction.share_leaving_square(spread, camera.lenslet_pitch_mm, _is_round(camera))
 

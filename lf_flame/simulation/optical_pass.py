@@ -86,7 +86,7 @@ class OpticalPass:
     neighbour : (int, int), optional
         Rows and columns from a pixel's own lenslet to the one through which its light comes.
     neighbours : tuple of (int, int), optional
-        The same of all lenslets through which light reaches some pixel, if the array is not turned.
+        Such offsets of all lenslets that light some pixel, if the array is not rotated.
     every_lenslet : bool, optional
         Whether light through all lenslets that can reach a pixel adds up. Default: a pixel receives
         light through one lenslet only, as with an ideal aperture and an ideal lenslet array.
@@ -158,7 +158,7 @@ class OpticalPass:
 
     @property
     def lenslet_tangent(self) -> float:
-        """Tangent of the angle by which the array is turned."""
+        """Tangent of the angle by which the array is rotated."""
         return self.lenslet_skew / self.lenslet_scale
 
     @property
@@ -197,7 +197,7 @@ class OpticalPass:
     def offsets_mm(self, axis: int) -> np.ndarray:
         """Pixel centres from the middles of the lenslet's micro-images, shape (view, lenslet).
 
-        Along one axis, as if the array were not turned.
+        Along one axis, as if the array were not rotated.
         """
         camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
@@ -219,7 +219,7 @@ class OpticalPass:
         """Tangent of each pixel's central ray behind the main lens, shape (view, lenslet).
 
         It is that of the ray through the lenslet's middle: the pixel's distance from the lenslet's
-        axis over the lenslet's focal length, as if the array were not turned.
+        axis over the lenslet's focal length, as if the array were not rotated.
         """
         camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
@@ -295,7 +295,7 @@ def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
     A lenslet that is farther off than half a pitch leaves the micro-image to another one.
     """
     half = camera.lenslet_pitch_mm * (1 + max(camera.lenslet_pitch_error, 0)) / 2
-    half *= 1 + abs(math.tan(camera.lenslet_rotation_rad))  # of a square that is turned
+    half *= 1 + abs(math.tan(camera.lenslet_rotation_rad))  # of a rotated square
     y, x = misplaced_mm(camera)
     return min(y, half), min(x, half)
 

@@ -53,16 +53,17 @@ class WeightTable(NamedTuple):
 class ShiftTable(NamedTuple):
     """Shifts of bundles by lenslets that are not where the sensor is read."""
 
-    # By a turned array, in cells of each plane: by the lenslet's place on the other axis.
+    # By a rotated array, in cells of each plane: by the lenslet's place on the other axis.
     rows: np.ndarray  # (p, b, d)
     columns: np.ndarray  # (p, a, c)
-    # By the turn of each lenslet's own square: by the ray's place on the other axis.
+    # By the rotation of each lenslet's own square: by the ray's place on the other axis.
     turned_rows: np.ndarray  # (p, j)
     turned_columns: np.ndarray  # (p, i)
     # For each lenslet pitch.
     pitch_rows: np.ndarray  # (p,)
     pitch_columns: np.ndarray  # (p,)
-    # On each stop, in mm. (There, a lenslet's own turn is a ten thousandth of the stop at most.)
+    # On each stop, in mm. (There, a lenslet's own rotation is at most a ten thousandth of the
+    # stop.)
     stop_rows: np.ndarray  # (k, b, d)
     stop_columns: np.ndarray  # (k, a, c)
     stop_pitch: np.ndarray  # (k,)
@@ -91,22 +92,22 @@ class RayFalloffTable(NamedTuple):
 class TiltTable(NamedTuple):
     """Change of the rays' tangents by lenslets that are not where the sensor is read."""
 
-    rows: np.ndarray  # (b, d), by a turned array
+    rows: np.ndarray  # (b, d), by a rotated array
     columns: np.ndarray  # (a, c)
     pitch: float  # for each lenslet pitch
 
 
 class MicroImageTable(NamedTuple):
-    """Places of pixels on the sensor, for light through every lenslet that can send them any.
+    """Places of pixels on the sensor, for light through every lenslet that can light them.
 
     From the middle of their lenslet's micro-image, in the pitch of the micro-images.
     """
 
     rows: np.ndarray  # (a, c)
     columns: np.ndarray  # (b, d)
-    shift_rows: np.ndarray  # (b, d): change by a turned array
+    shift_rows: np.ndarray  # (b, d): change by a rotated array
     shift_columns: np.ndarray  # (a, c)
-    cosine: float  # of the angle by which the array is turned
+    cosine: float  # of the angle by which the array is rotated
     sine: float
     reach: float  # largest distance, along an axis of the array, at which a pixel gets any light
 
@@ -122,7 +123,7 @@ class SquareTable(NamedTuple):
 
 
 class LensletTables(NamedTuple):
-    """Tables of the kernel for light through every lenslet that can send a pixel any."""
+    """Tables of the kernel for light through every lenslet that can light a pixel."""
 
     planes: PlaneTable
     rays: RayTable

@@ -81,7 +81,7 @@ def ray_grid(
     rays: int,
     axis: int,
 ) -> RayGrid:
-    """Lay the rays of all bundles over some planes along an axis, at least so many for a pixel."""
+    """Lay the rays of all bundles over some planes along an axis, at least `rays` per pixel."""
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
     edges = [plane.layer.cell_edges_mm[axis] for plane in planes]
     tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
@@ -231,7 +231,7 @@ def _first_attenuating(planes: list[Plane]) -> int:
 def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
     """Return the kernel for light through every lenslet, and its tables."""
     stop, second = _stop_tables(optics, y, x)
-    # Shifts of lenslets along y and x by a turned array, by their place on the other axis.
+    # Shifts of lenslets along y and x by a rotated array, by their place on the other axis.
     skews = [
         arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout, 1 - axis)
         for axis in (0, 1)
@@ -312,7 +312,7 @@ def _falloff_table(
 
 
 def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass, skews) -> ShiftTable:
-    """Shifts by a turned array, by the turn of each lenslet's own square, and for each pitch."""
+    """Shifts by a rotated array, by the rotation of each lenslet's own square, and per pitch."""
     tangent, pitch = optics.lenslet_tangent, optics.lenslet_pitch_mm
     return ShiftTable(
         rows=y.planes.gains[:, None, None] * skews[0],

@@ -74,7 +74,8 @@ def render(
     -------
     LightField
         ``views[v, u, t, s]``, float32, in the unit of the textures, with its ``plan``. Views that
-        the stops cut, or that hold light of two lenslets, have weight 0, as in a decoded raw image.
+        the stops cut, or that contain light of two lenslets, have weight 0, as in a decoded raw
+        image.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def render_plan(
     seed: int | Sequence[int] | None = None,
     layout: str = "views",
 ) -> LightField:
-    """Render with a plan at hand, for instance one plan for all scenes of a data set.
+    """Render with a given plan, for instance one plan for all scenes of a data set.
 
     The parameters are those of `render`; a plan made for another scene has to fit the number of
     layers.
@@ -130,7 +131,7 @@ def render_plan(
 
 
 def _check_hexagonal(camera: PlenopticCamera, optics: OpticalPass, plan: EffectPlan) -> None:
-    """Refuse what is not simulated through hexagons: light that leaves its own lenslet."""
+    """Refuse what hexagonal arrays do not simulate: light that leaves its own lenslet."""
     if camera.layout == "hexagonal" and (
         optics.every_lenslet or _diffracts(camera, plan, "lenslet")
     ):
@@ -202,13 +203,13 @@ def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> Ligh
 
 
 def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray | None:
-    """Weights of views that stops leave: 1 for whole ones of one lenslet, 0 for others.
+    """Weights of views behind stops: 1 for uncut ones of one lenslet, 0 for others.
 
-    A view counts if its part of each stop lies wholly inside, seen through the middle of the array,
-    and if no light of a neighbouring lenslet reaches it. Where no view is whole, those that see
-    most of the aperture count.
+    A view is used if its part of each stop lies entirely inside, seen through the middle of the
+    array, and if no light of a neighbouring lenslet reaches it. If no view is whole, those that see
+    most of the aperture are used.
 
-    Returns float32 of shape (v, u), or None if all count.
+    Returns float32 of shape (v, u), or None if all are used.
     """
     shares = np.ones((camera.views, camera.views))
     for distance_mm, radius_mm in stops:

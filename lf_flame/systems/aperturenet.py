@@ -1,4 +1,4 @@
-"""ApertureNet, ours: nine views, each for a ninth of the aperture, and the widths of their blur.
+"""ApertureNet, our own: nine views, each for a ninth of the aperture, and the widths of their blur.
 
 The square aperture of the main lens is divided into 3 x 3 squares, and the network receives the
 view at the centre of each. The image of an out-of-focus object that moves by d pixels over the

@@ -108,8 +108,8 @@ class RefocusingSystem(ABC):
         for slope in slopes / block[0]:
             if not low <= slope <= high:
                 raise InputError(
-                    f"{self.name} does slopes from {low:.3g} to {high:.3g} pixels per view step of "
-                    f"{shape[0]} x {shape[1]} views, got {slope:.3g}."
+                    f"{self.name} takes slopes from {low:.3g} to {high:.3g} pixels per view step "
+                    f"of {shape[0]} x {shape[1]} views, got {slope:.3g}."
                 )
         height, width = (n // m for n, m in zip(shape[2:4], block, strict=True))
         if min(height, width) < self.smallest:
@@ -171,7 +171,7 @@ class NetworkSystem(RefocusingSystem):
     def predict(self, inputs: np.ndarray) -> np.ndarray:
         """Run the network on images (m, h, w, channels), in batches that fit into memory.
 
-        If the sides are no multiples of `multiple`, edges are repeated, and cut off again.
+        If the sides are not multiples of `multiple`, edges are repeated, and cut off again.
         """
         height, width = inputs.shape[1:3]
         beyond = -height % self.multiple, -width % self.multiple

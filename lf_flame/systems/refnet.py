@@ -92,7 +92,7 @@ class RefNet(NetworkSystem):
         super()._check(shape, slopes, block)
         if shape[0] != shape[1] or block[0] != block[1]:
             raise InputError(
-                f"{self.name} needs as many views and lenslets to a pixel down as across, got "
+                f"{self.name} needs as many views and lenslets per pixel down as across, got "
                 f"{shape[0]} x {shape[1]} and {block[0]} x {block[1]}."
             )
 

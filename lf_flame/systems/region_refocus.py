@@ -96,7 +96,7 @@ def refocus_regions(
     weights = only_views(shape, cross_of_views(*shape)) if cross else None
     found = [_find(light_field, region, slopes, weights) for region in regions]
     if not found:
-        raise InputError("regions must hold at least one region, got none.")
+        raise InputError("regions must contain at least one region, got none.")
     if background is None:
         lowest = min(one.slope for one in found) - 2 * BLUR / max(max(shape) - 1, 1)
         background = max(lowest, -farthest_slope(light_field))

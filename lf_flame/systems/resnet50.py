@@ -63,13 +63,13 @@ class ResNet50(NetworkSystem):
         if tuple(shape[2:4]) != tuple(lenslets) or tuple(block) != own or len(shape) != 4:
             raise InputError(
                 f"{self.name} was trained on grey light fields of {lenslets[0]} x {lenslets[1]} "
-                f"lenslets, {own[0]} x {own[1]} to a pixel, got an array of shape {tuple(shape)} "
+                f"lenslets, {own[0]} x {own[1]} per pixel, got an array of shape {tuple(shape)} "
                 f"and {block[0]} x {block[1]}."
             )
         for slope in slopes:
             if np.abs(self.slopes - slope).min() > NEAR:
                 known = ", ".join(f"{x:z.2f}" for x in self.slopes)
-                raise InputError(f"{self.name} only does the slopes {known}, got {slope:.3g}.")
+                raise InputError(f"{self.name} only takes the slopes {known}, got {slope:.3g}.")
 
     def prepare_input(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Encode the light field as in training."""

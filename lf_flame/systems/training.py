@@ -86,12 +86,12 @@ class TrainingSamples:
 
     @cached_property
     def configs(self) -> list[DatasetConfig]:
-        """Configurations of the data sets; their images must have one size."""
+        """Configurations of the data sets; their images must have the same size."""
         configs = [read_config(Path(path)) for path in self.data]
         sizes = {config.image for config in configs}
         if len(sizes) > 1:
             raise InputError(
-                f"Training samples need images of one size, {self.data} have {sorted(sizes)}."
+                f"Training samples need images of equal size, {self.data} have {sorted(sizes)}."
             )
         return configs
 

@@ -95,6 +95,6 @@ def _end(_):
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_one_sentence():
-    words = "was killed, .*what is finished is kept"
+    words = "was killed, .*finished work is kept"
     with pytest.raises(ChildProcessError, match=words), worker_pool(1) as pool:
         list(pool.map(_end, range(3)))

@@ -187,7 +187,7 @@ def test_the_distortion_of_a_lens_is_undone_in_all_views():
     assert target.slope == pytest.approx(straight.slope(ZERO + 20), rel=3e-3)
     whole = pictures[0].views
     cut = LightField(whole[:, :, :-2])
-    with pytest.raises(InputError, match="views of 44 x 52 pixels about their middle"):
+    with pytest.raises(InputError, match="views of 44 x 52 pixels about their centre"):
         law.corrected(cut)
     with pytest.raises(InputError, match="folds the corners"):
         replace(law, distortion=-5e-4).corrected(pictures[0])

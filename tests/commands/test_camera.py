@@ -50,7 +50,7 @@ def test_periods_from_two_pixels_on_are_listed(tmp_path):
         ({"f_number": 150 / 77.0}, ""),
         # 277.84 mm * 0.112 / 0.4 = 77.80 mm match the lenslets: f/1.93.
         ({"f_number": 1.6}, "wider than the 77.80 mm that match the lenslets"),
-        ({"f_number": 1.6}, "From f/1.93 on"),
+        ({"f_number": 1.6}, "At f/1.93 or more"),
         ({"f_number": 8}, "lights 3.6 of the 15 pixels"),
     ],
 )

@@ -41,7 +41,7 @@ def furnace(tmp_path, monkeypatch):
 def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     shown = run("calibrate-colours", *furnace, "--responses", "camera.csv")
     assert "source (K)" in shown.output
-    assert "determine temperatures of soot from 500 K on" in shown.output
+    assert "determine temperatures of soot above 500 K" in shown.output
     flame = SootFlame(radius=1.6, height=4.2)
     views = trace(LENS, flame.slabs(COLOURS), parts=1, channels=(2,)) * GAINS
     views += 0.002 * views.max() * rng.standard_normal(views.shape)

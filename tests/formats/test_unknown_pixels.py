@@ -151,6 +151,6 @@ def test_commands_say_what_is_unknown_and_which_files_do_not_hold_it(tmp_path):
         assert done.exit_code == 0
         assert "of the views (" in done.stderr
         assert "are unknown: saturated, bad" in done.stderr
-        assert ("does not hold which" in done.stderr) == lost
+        assert ("does not store which" in done.stderr) == lost
     said = CliRunner().invoke(commands, ["info", str(tmp_path / "views.npz")])
     assert "are unknown: saturated, bad" in said.stdout

@@ -55,7 +55,7 @@ test_it_is_refused_in_a_sentence = refusals(
         ),
         *each(
             expose,
-            ((ONES, Sensor(1.0), {"blooming"}, RNG), "Unknown sensor stage 'blooming'; known are"),
+            ((ONES, Sensor(1.0), {"blooming"}, RNG), "Unknown sensor stage 'blooming'; use"),
             ((ONES * NAN, Sensor(1.0), set(), RNG), "finite radiance, got 16 NaN"),
         ),
         *each(

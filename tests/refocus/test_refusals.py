@@ -63,8 +63,8 @@ VIEWS = [
 ]
 METHODS = [
     ({"method": "magic"}, "one of auto, space, fourier, slice, got 'magic'"),
-    ({"interpolation": "sinc", "method": "space"}, "'space' does not know 'sinc'"),
-    ({"interpolation": "linear", "method": "slice"}, "'slice' does not know 'linear'"),
+    ({"interpolation": "sinc", "method": "space"}, "'space' does not offer 'sinc'"),
+    ({"interpolation": "linear", "method": "slice"}, "'slice' does not offer 'linear'"),
     ({"interpolation": "spline"}, "linear, nearest, cubic, sinc, got 'spline'"),
 ]
 MAPS = [

@@ -58,7 +58,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"smallest": 9.0, "largest": 5.0}, "lengths rise"),
             ({"contrast": -0.1}, "contrast be 0 or above"),
             ({"slopes": (1.0, -1.0)}, "two rising numbers"),
-            ({"wavelength": (1.0, 5.0)}, "wavelength from 2 pixels on"),
+            ({"wavelength": (1.0, 5.0)}, "wavelength from 2 pixels, got"),
         ),
         *(
             (file(read, PITCH, new), said)

@@ -180,4 +180,4 @@ def test_wrong_keys_are_told_all_at_once_with_those_that_are_like_them(tmp_path)
     assert "camera.lenslet_pitch_mm is missing; camera.views is missing" in said
     for layer in (1, 2, 3):
         assert f"layers #{layer}.depht_mm is not a known key (perhaps depth_mm" in said
-    assert "layers #3.xyzzy is not a known key (known are depth_mm, size_mm," in said
+    assert "layers #3.xyzzy is not a known key (known keys: depth_mm, size_mm," in said

@@ -48,7 +48,7 @@ INPUTS = {
                      "takes grey light fields and those of 3 channels, got 2"),
     "slope": (partial(SUM, (3, 3, 20, 20), np.inf), "slopes must be one or more finite numbers"),
     "RefNet's slopes": (partial(REFNET, [0.2, 0.9]),
-                        "does slopes from -1 to 0.875 pixels .* got 0.9"),
+                        "takes slopes from -1 to 0.875 pixels .* got 0.9"),
     **{f"images below {side}, {k}": (
         partial(refocus, system, (9, 9, side - 1, 60)),
         f"needs images of {side} pixels or more along each side, got {side - 1} x 60",
@@ -97,9 +97,9 @@ def test_the_papers_network_is_for_its_own_camera_and_slopes(coarse_data):
     stack = system.refocus(views, [-0.5, 0.5], (2, 2))
     np.testing.assert_allclose(stack, np.broadcast_to(np.float32([[[0.3]], [[0.1]]]), (2, 24, 48)))
     for wrong, slope, block, words in [
-        (views, 0.3, (2, 2), "only does the slopes 1.00, 0.50, 0.00, -0.50, got 0.3"),
+        (views, 0.3, (2, 2), "only takes the slopes 1.00, 0.50, 0.00, -0.50, got 0.3"),
         (views[:5, :5], 0.5, (2, 2), "a camera of 9 x 9 views, got 5 x 5"),
-        (views, 0.5, (1, 1), "48 x 96 lenslets, 2 x 2 to a pixel, got .* and 1 x 1"),
+        (views, 0.5, (1, 1), "48 x 96 lenslets, 2 x 2 per pixel, got .* and 1 x 1"),
         (views[..., None].repeat(3, -1), 0.5, (2, 2), "trained on grey light fields"),
     ]:
         with pytest.raises(InputError, match=words):

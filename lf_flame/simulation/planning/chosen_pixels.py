@@ -42,7 +42,7 @@ ENOUGH_LINES = 96
 """Number of lines of an image along an axis; if it has fewer, fewer are chosen in proportion."""
 
 TIMED_CROSSINGS = 1_000_000
-"""Number of crossings of rays and planes that are timed: some hundredths of a second."""
+"""Number of crossings of rays and planes that are timed: several hundredths of a second."""
 
 MOST_VIEWS, MOST_LENSLETS = 15, 1024
 """Largest numbers of views and lenslets along an axis among which lines are chosen."""
@@ -67,7 +67,7 @@ WINDOW = 3
 class ChosenPixels:
     """Pixels of a scene in front of a camera at the crossings of chosen lines.
 
-    weights: share of the image for which each pixel stands (of the lines nearest to its own), shape
+    weights: share of the image that each pixel represents (of the lines nearest to its own), shape
     (1, 1, rows, columns).
     """
 
@@ -245,7 +245,7 @@ def find_counts(
     """Find the numbers of slabs, colours, parts of pixels and rays that a tolerance needs.
 
     by_rays: whether rays are traced. rays: their number, if it is given; parts of pixels are then
-    not counted either.
+    not found either.
     """
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
@@ -295,10 +295,10 @@ def refine(
 
     The error falls about as one over the number or faster: with the doubled number it is at most
     about the change. As soon as it falls so, up to two more doublings are not rendered: the change
-    is taken to fall on, by 15 % less each time. Raises InputError if `MOST` are too few.
+    is assumed to keep falling, by 15 % less each time. Raises InputError if `MOST` are too few.
 
     allowance: of the root mean square, relative to the brightest pixel. weights: share of the image
-    for which each pixel stands. fewest: number of images that decide; two with few rays agree about
+    that each pixel represents. fewest: number of images that decide; two with few rays agree about
     an edge that both miss.
     """
     most = MOST[what]

@@ -327,7 +327,7 @@ RAYS = ("round_aperture", "f_number_mismatch", "vignetting", "lenslet_rotation")
 """Effects that treat the rays of one pixel's bundle differently, and so need traced rays."""
 
 NOT_SEPARABLE = {
-    "occlusion": "hides light from behind",
+    "occlusion": "occludes light from behind",
     "self_absorption": "attenuates light from behind",
     "cos4": "darkens pixels by their distance from the axis",
     "round_aperture": "limits bundles of rays by a circle",

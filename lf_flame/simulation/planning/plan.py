@@ -49,7 +49,7 @@ class PlannedEffect:
     kept : bool
         Whether the effect is simulated.
     forced : bool
-        Whether the user made the decision, not the bound.
+        Whether the user, not the bound, made the decision.
     criterion : str
         Reason for the bound, with its numbers.
     stated : bool
@@ -269,8 +269,8 @@ def plan_effects(
     Raises
     ------
     InputError
-        If the tolerance is not above 0, an effect is unknown, the integrator cannot do one, or the
-        tolerance would need too many slabs, colours, parts of pixels or rays.
+        If the tolerance is not above 0, an effect is unknown, the integrator cannot simulate one,
+        or the tolerance would need too many slabs, colours, parts of pixels or rays.
 
     Examples
     --------
@@ -291,7 +291,7 @@ def plan_effects(
     traced = _traced(bounds, {one.name for one in planned if one.kept and one.bound > 0})
     if integrator == "exact" and traced:
         raise InputError(
-            f"The exact integrator cannot do {', '.join(traced)} here; "
+            f"The exact integrator cannot simulate {', '.join(traced)} here; "
             f"use integrator='auto', or force them off."
         )
     undivided = (1,) * len(scene.layers)
@@ -317,7 +317,7 @@ def _noise(bounds: SceneBounds, forced: Mapping[str, bool]) -> float:
 def _decide(
     bounds: SceneBounds, forced: dict[str, bool], allowance: float, stated: Collection[str]
 ) -> tuple[SceneBounds, tuple[PlannedEffect, ...]]:
-    """Decide on all effects; also gives the bounds as the decision on defocus leaves them."""
+    """Decide on all effects; also returns the bounds as the decision on defocus leaves them."""
     # Where defocus may be left out, the blur that softens other changes may be missing.
     defocus = EFFECTS["defocus"](bounds).bound
     bounds = replace(bounds, defocus=forced.get("defocus", defocus > allowance))
@@ -335,7 +335,7 @@ def _decide(
 
 
 def _check_request(tolerance, forced: Mapping[str, bool], integrator: str, rays) -> None:
-    """Refuse values out of range, and effects that are unknown or no booleans."""
+    """Refuse values out of range, and effects that are unknown or not booleans."""
     if tolerance is not None and not (tolerance > 0 and math.isfinite(tolerance)):
         raise InputError(f"tolerance must be above 0, got {tolerance}.")
     unknown = [repr(name) for name in forced if name not in EFFECTS]
@@ -350,7 +350,7 @@ def _check_request(tolerance, forced: Mapping[str, bool], integrator: str, rays)
         raise InputError(f"integrator must be auto, exact or rays, got {integrator!r}.")
     if rays is not None and (integrator != "rays" or rays < 1):
         raise InputError(
-            f"rays must be at least 1 and goes with integrator='rays', "
+            f"rays must be at least 1 and needs integrator='rays', "
             f"got rays={rays}, integrator={integrator!r}."
         )
 

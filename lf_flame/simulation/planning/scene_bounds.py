@@ -198,9 +198,9 @@ def _largest_step(cells: np.ndarray, axis: int) -> float:
 
 
 def mixed_inside(bounds: SceneBounds, layer: Layer) -> float:
-    """Bound on the radiance that matter stops at depths at which a thick layer lies, too.
+    """Bound on the radiance that matter stops at depths within a thick layer.
 
-    As one plane the layer stands wholly in front of what is there, or behind it.
+    As one plane the layer is entirely in front of that matter, or behind it.
     """
     stopped, behind = 0.0, 0.0
     for other in bounds.layers:
@@ -307,7 +307,7 @@ def farthest_move_mm(
 ) -> float:
     """Largest displacement of a ray if the layer had another depth or the lens another focus.
 
-    here: bundles on the layer as it stands. focal_mm: that of the camera by default.
+    here: bundles on the layer as it is. focal_mm: that of the camera by default.
     """
     there = trace_footprint(camera, depth_mm, axis, focal_mm)
     widening = abs(there.lenslet_width_mm - here.lenslet_width_mm)

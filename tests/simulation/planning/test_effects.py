@@ -219,7 +219,7 @@ def test_a_plan_reads_as_a_table():
 @pytest.mark.parametrize("name", [*RAYS, "occlusion"])
 def test_the_exact_integrator_says_what_it_cannot_do(name):
     scene, camera = NEEDS[name]
-    with pytest.raises(InputError, match=f"exact integrator cannot do .*{name} here"):
+    with pytest.raises(InputError, match=f"exact integrator cannot simulate .*{name} here"):
         render(scene, camera, integrator="exact")
     stops = ("round_aperture", "f_number_mismatch")
     off = {name: False} | (dict.fromkeys(stops, False) if name in stops else {})
