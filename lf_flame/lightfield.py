@@ -283,14 +283,14 @@ class LightField:
         return np.einsum("vu,vu...->...", weights, self.filled).astype(np.float32)
 
     @property
-    def counted(self) -> np.ndarray:
+    def used_values(self) -> np.ndarray:
         """Values of known pixels in views with weight; all values where there are none."""
         some = slice(None) if self.weights is None else self.weights > 0
         found = self.views[some] if self.valid is None else self.views[some][self.valid[some]]
         return found if found.size else self.views
 
     @property
-    def uncounted(self) -> str:
+    def excluded(self) -> str:
         """Sentence on the number of views with weight 0; empty if there are none."""
         if self.weights is None or self.weights.all():
             return ""

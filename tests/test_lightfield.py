@@ -81,5 +81,5 @@ def test_it_says_what_it_is(rng):
 def test_known_pixels_of_views_that_count():
     views = np.array([[[[9.0, 1.0]], [[5.0, 2.0]]]])
     for known, expected in (([[[[1, 1]], [[0, 1]]]], [2.0]), ([[[[1, 1]], [[0, 0]]]], views)):
-        found = LightField(views, weights=[[0, 1]], valid=known).counted
+        found = LightField(views, weights=[[0, 1]], valid=known).used_values
         np.testing.assert_array_equal(found, expected)

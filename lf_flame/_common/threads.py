@@ -49,7 +49,7 @@ with suppress(importlib.metadata.PackageNotFoundError, OSError):
         if _file.name == "libtbb.so.12":
             ctypes.CDLL(str(_file.locate()))
 
-uncounted = njit(_nrt=False)
+without_refcounts = njit(_nrt=False)
 """Compile a function that a loop calls without counts of references to its arrays.
 
 Threads wait for each other where they count: a slope map took four times as long with counts. The

@@ -84,12 +84,12 @@ def describe(source: Path, **options: Any) -> FileFacts:
 def _light_field(source: Path, options: dict[str, Any]) -> FileFacts:
     """Read a light field of any kind, so that all that belongs to it fits."""
     found = find_light_field(source, **options)
-    counted, (v, u, t, s, *channels) = found.light_field.counted, found.light_field.shape
+    values, (v, u, t, s, *channels) = found.light_field.used_values, found.light_field.shape
     colour = f"{channels[0]} channels" if channels else "grey"
     record = record_of(source)
     facts = {
         "views": f"{v} x {u}, of {t} x {s} pixels, {colour}",
-        "values": f"{counted.min():.4g} to {counted.max():.4g}",
+        "values": f"{values.min():.4g} to {values.max():.4g}",
         "made by": ", ".join(str(record[x]) for x in ("command", "date") if x in record),
     }
     given = [word for name, value in options.items() for word in (f"--{name}", value)]

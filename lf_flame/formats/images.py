@@ -81,8 +81,8 @@ def white_level(pixels: np.ndarray) -> float:
 
 
 def white_of(light_field: LightField) -> float:
-    """Radiance of a light field that is shown as white: `white_level` of its `counted` pixels."""
-    return white_level(light_field.counted)
+    """Radiance of a light field that is shown as white: `white_level` of its `used_values`."""
+    return white_level(light_field.used_values)
 
 
 def to_preview(image: np.ndarray, white: float) -> np.ndarray:

@@ -159,7 +159,7 @@ class Found:
 
     def doubts(self, path: Path) -> list[str]:
         """Sentences on what is excluded or unknown, and on an order that parallax contradicts."""
-        notes = [self.light_field.uncounted, self.light_field.unknown]
+        notes = [self.light_field.excluded, self.light_field.unknown]
         seen = find_order(self.light_field.views) if self.order is AS_STORED else self.order
         if self.order is AS_STORED and seen.order != AS_STORED.order:
             notes.append(

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from lf_flame._common.arrays import centred
-from lf_flame._common.threads import parallel, uncounted
+from lf_flame._common.threads import parallel, without_refcounts
 from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.semi_global import ALIKE, SAME, in_deviations
 
@@ -146,7 +146,7 @@ def _fit_views(t, slope, some, unit, limit, numerator, denominator):
         )
 
 
-@uncounted
+@without_refcounts
 def _read_view(some, slope, v, u, t, s, y, y_taps, x, x_taps):
     """Read view (v, u) where it shows pixel (t, s): value, and derivatives along t and s."""
     value, along_t, along_s = np.float32(0.0), np.float32(0.0), np.float32(0.0)

@@ -223,10 +223,10 @@ def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np
         y, x = places[0][:, None, :, None], places[1][None, :, None, :]
         inside = np.hypot(y, x) <= radius_mm * (1 + 1e-9)
         shares = np.minimum(shares, inside.mean(axis=(2, 3)))
-    counted = (shares == 1) & _own_light(camera, stops)
-    if not counted.any():
-        counted = shares == shares.max()
-    return None if counted.all() else counted.astype(np.float32)
+    used = (shares == 1) & _own_light(camera, stops)
+    if not used.any():
+        used = shares == shares.max()
+    return None if used.all() else used.astype(np.float32)
 
 
 def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray:

@@ -81,7 +81,7 @@ class AbsorbingOperator(GridOperator):
             slab.seen = through.astype(dtype)
             tau = slab.spread(absorption)
             slab.own = self_absorbed(tau).astype(dtype)
-            # Beside the cells nothing absorbs.
+            # Outside the cells nothing absorbs.
             through = through * (1 + slab.views(np.expm1(-tau)))
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
@@ -226,10 +226,10 @@ class Absorption:
     """Effect of absorption on a light field, as a correction to a fit without absorption.
 
     If every view saw the mean transmission over the views, a fit in which light only adds up would
-    explain the light field by emission times that mean. Single views differ from this by their
-    more or less absorption. The difference is small; it is subtracted from the light field before a
-    fit, estimated again from that fit, and so on (deferred correction; Stetter, Numer. Math. 29,
-    425, 1978). `transmission` is the fraction of each cell's emission that leaves.
+    explain the light field by emission times that mean. Single views differ from this, because they
+    see more or less absorption. The difference is small; it is subtracted from the light field
+    before a fit, estimated again from that fit, and so on (deferred correction; Stetter, Numer.
+    Math. 29, 425, 1978). `transmission` is the fraction of each cell's emission that leaves.
     """
 
     def __init__(self, even: GridOperator, grid, absorption: np.ndarray):
@@ -248,7 +248,7 @@ class Absorption:
         """Fit, correct the light field, and fit again until the correction converges.
 
         `fit` maps a light field without absorption, and None or the last fit, to keep its strength,
-        to the light that leaves each cell. Gives the last fit, and whether the correction
+        to the light that leaves each cell. Returns the last fit, and whether the correction
         converged, or only one fit was allowed.
         """
         correction = np.zeros_like(views) if start is None else self.excess(start.cells)

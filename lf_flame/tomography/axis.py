@@ -123,7 +123,7 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     views = _checked_views(light_field.filled, camera, depth_mm)
     columns = views.sum(axis=(0, 2), dtype=np.float64)  # view column, lenslet column
     if not columns.max() > 0:
-        raise InputError("The light field holds no light above that at its sides.")
+        raise InputError("The light field contains no light above that at its sides.")
     middles = np.array([_middle(line) for line in columns])
     at = np.arange(len(middles)) - (len(middles) - 1) / 2
     if depth_mm is None or len(middles) > 2:
@@ -161,8 +161,8 @@ def _inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Len
     count = len(weights)
     if not weights.all() or count < min(FEWEST, camera.views) or np.ptp(weights) > 0:
         raise InputError(
-            f"The axis is found in an inner square of {FEWEST} x {FEWEST} views or more that all "
-            f"count alike, got one of {count} x {count} with weights from {weights.min():g} to "
+            f"The axis is found in an inner square of {FEWEST} x {FEWEST} views or more with "
+            f"equal weights, got one of {count} x {count} with weights from {weights.min():g} to "
             f"{weights.max():g}."
         )
     if count == camera.views:
@@ -173,7 +173,7 @@ def _inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Len
 
 
 def _checked_views(views: np.ndarray, camera: Lens, depth_mm: float | None) -> np.ndarray:
-    """Subtract a background, which would draw the axis to the middle of the field."""
+    """Subtract a background, which would pull the axis to the middle of the field."""
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
         wrong = "with fewer, state its depth"
         if views.ndim == 5:

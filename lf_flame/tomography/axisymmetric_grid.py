@@ -61,7 +61,7 @@ class AxisymmetricGrid:
         sharply at its burner, and a smooth section could not. Default: no burner.
     finer : int, optional
         Number of steps between nodes for each pixel, for a flame that is known in detail.
-    counted : array_like of bool, shape (views, views), optional
+    used_views : array_like of bool, shape (views, views), optional
         Views that are fitted, as for `FrustumGrid`. Default: all that the aperture leaves whole.
 
     Raises
@@ -89,7 +89,7 @@ class AxisymmetricGrid:
     which: str = "all"
     burner_mm: float | None = None
     finer: int = 1
-    counted: np.ndarray | None = field(default=None, repr=False, compare=False)
+    used_views: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
         if self.which not in WHICH_VIEWS:
@@ -99,11 +99,11 @@ class AxisymmetricGrid:
                 f"Axis, depth and radius must be finite, got {self.axis_mm}, {self.depth_mm}, "
                 f"{self.radius_mm} mm."
             )
-        object.__setattr__(self, "counted", self._middle.counted)
+        object.__setattr__(self, "used_views", self._middle.used_views)
         half_width = self.pixel_mm * self._middle.shape[2] / 2
         if abs(self.axis_mm) >= half_width:
             raise InputError(
-                f"The axis must stand within the field, {half_width:.3g} mm to either side, got "
+                f"The axis must lie within the field, {half_width:.3g} mm to either side, got "
                 f"{self.axis_mm} mm."
             )
         widest = min(2 * half_width, self.camera.distance_mm(self.depth_mm) / 2)
@@ -130,7 +130,7 @@ class AxisymmetricGrid:
 
     @cached_property
     def _middle(self) -> FrustumGrid:
-        return FrustumGrid(self.camera, [self.depth_mm], self.block, self.counted)
+        return FrustumGrid(self.camera, [self.depth_mm], self.block, self.used_views)
 
     @cached_property
     def pixel_mm(self) -> float:

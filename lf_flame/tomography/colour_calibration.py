@@ -1,4 +1,4 @@
-"""Calibration of a camera's colours by a furnace (black body) or lamp of known temperatures.
+"""Calibration of a camera's colours with a furnace (black body) or lamp of known temperatures.
 
 A colour's signal is its gain times the exposure times the integral of its spectral response and the
 source's radiance. One gain per colour is fitted in the logarithm, to pictures at several
@@ -94,7 +94,7 @@ class ColourCalibration:
             )
 
     def to_toml(self) -> str:
-        """Give the calibration as a TOML file, which `read_colours` reads."""
+        """Format the calibration as a TOML file, which `read_colours` reads."""
         responses = self.responses
         rows = ",\n  ".join(_numbers(curve) for curve in responses.values)
         names = ", ".join(f'"{name}"' for name in responses.names)
@@ -175,7 +175,7 @@ def calibrate_colours(
     if scatter[worst] > MOST_RELATIVE:
         raise InputError(
             f"No gain explains the signals of {responses.names[worst]}: it scatters by "
-            f"{scatter[worst]:.0%} between the pictures, of {MOST_RELATIVE:.0%} at most. See "
+            f"{scatter[worst]:.0%} between the pictures, more than {MOST_RELATIVE:.0%}. Check "
             f"whether the temperatures are in the order of the pictures, black is subtracted, "
             f"nothing is saturated, and exposures and responses are those of this camera."
         )
@@ -236,7 +236,7 @@ def read_colours(path: str | Path) -> ColourCalibration:
     """
     values = read_toml(path)
     if TABLE not in values:
-        raise InputError(f"{path} has no table [{TABLE}]: it is no calibration of colours.")
+        raise InputError(f"{path} has no table [{TABLE}]: it is not a calibration of colours.")
     table = build(_ColoursTable, values[TABLE], f"{path}: {TABLE}")
     try:
         lengths = {len(row) for row in table.responses}
@@ -295,9 +295,9 @@ def measure_source(photographs: Sequence[np.ndarray]) -> SourceSignals:
     shapes = {one.shape for one in photographs}
     if len(shapes) != 1 or len(next(iter(shapes))) != 3:
         raise InputError(
-            f"The pictures of the source must be in colour and of one size, got {sorted(shapes)}."
+            f"The pictures of the source must be in colour and of equal size, got {sorted(shapes)}."
         )
-    # Each picture and colour counts alike: the source is dark in blue, and where it is cold.
+    # Each picture and colour has equal weight: the source is dark in blue, and where it is cold.
     scaled = [one / max(float(np.max(one)), 1e-300) for one in map(_by_colour, photographs)]
     bright = np.mean(scaled, axis=0)
     smooth = ndimage.uniform_filter(bright, 3)

@@ -1,4 +1,4 @@
-"""Numbers on disagreements of a light field with the model, each with a limit and a sentence."""
+"""Measures of disagreement between a light field and the model, each with a limit and a warning."""
 
 from typing import NamedTuple
 
@@ -33,7 +33,7 @@ by side reach 0.15, flames behind each other 0.6 and more."""
 
 
 class Check(NamedTuple):
-    """A number on a disagreement of data and model, and the sentence if it is above its limit."""
+    """A measure of disagreement between data and model, and the warning if it is too large."""
 
     name: str
     number: float
@@ -49,7 +49,7 @@ class Check(NamedTuple):
 def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> list[Check]:
     """Check how many views and rays are not fitted; refuse a light field without known rays."""
     every, checks = grid.camera.views**2, []
-    fitted = every if grid.counted is None else int(grid.counted.sum())
+    fitted = every if grid.used_views is None else int(grid.used_views.sum())
     if fitted < every:
         sentence = (
             f"{fitted} of the {every} views are fitted: the others have weight 0, or the round "
@@ -63,8 +63,8 @@ def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> 
                 "All pixels of this light field are marked unknown; there is nothing to fit."
             )
         sentence = (
-            f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
-            f"emission that hardly another ray sees is a guess, and its error bars too narrow."
+            f"{lost} of the {valid.size} rays are unknown, such as saturated ones, and have weight "
+            f"0: emission that almost no other ray sees is a guess, with error bars too narrow."
         )
         checks.append(Check("left out", lost, 0, sentence))
     return checks
@@ -130,8 +130,8 @@ def data_checks(
     return [
         Check(
             "noise", times if stated else 0.0, 1.1,
-            f"The light field holds {times:.3g} times the stated noise of what no emission "
-            f"explains: depths, alignment, gains or a background may be wrong.",
+            f"The light that no emission explains is {times:.3g} times the stated noise: "
+            f"depths, alignment, gains or a background may be wrong.",
         ),
         *_misfit(views, residual, chi_squared, found),
         *_edge(views, error, fitted_background),
@@ -219,8 +219,8 @@ def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
         ),
         Check(
             "edge", bright / peak if adds <= 0.01 else 0.0, 0.01,
-            f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and "
-            f"wrong within the parallax of it.",
+            f"Light reaches the field's edge ({edge.brightest:.3g}): emission is cut off "
+            f"there, and wrong within the parallax of the edge.",
         ),
     ]  # fmt: skip
 
@@ -231,7 +231,7 @@ def axis_checks(
     """Check whether a flame is upright, where it is stated, and axisymmetric.
 
     `views` are those of the light field that are fitted. A number is in units of its limit: the
-    larger of a tenth of a pixel, or of what hardly matters, and four standard errors.
+    larger of a tenth of a pixel, or of what is negligible, and four standard errors.
     """
     grid = geometry.grid
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
@@ -276,7 +276,7 @@ def _light_outside(grid: AxisymmetricGrid, views: np.ndarray, lit: np.ndarray) -
     dark = grid.place(lit).max(axis=(0, 2)) <= 0  # view column, column
     views = grid.place(views)
     rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
-    # Noise differs between neighbouring rows, the flame hardly does.
+    # Noise differs between neighbouring rows, the flame very little.
     error = np.sqrt(np.sum(np.square(np.diff(rows))) / 2)
     light, total = float(rows.sum()), float(views.sum(dtype=np.float64))
     return light / (2e-3 * total) if light > MOST_SIGMAS * error and total > 0 else 0.0

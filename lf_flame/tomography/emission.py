@@ -57,7 +57,7 @@ class Emission:
         Mean squared residual of each view, in units of the noise's variance; NaN of views that are
         not fitted. The residual is that of the emission with its correction.
     checks : tuple of Check
-        Numbers on disagreements of data and model, with their limits.
+        Measures of disagreement between data and model, with their limits.
     background, background_sigma : float
         Uniform background that was subtracted, and its standard deviation; 0 without.
     fit : Explanation
@@ -136,5 +136,5 @@ class Place:
     mirrored: bool = False
 
     def whole(self, planes: np.ndarray) -> np.ndarray:
-        """Give the maps of the whole place: a half section with its mirror image."""
+        """Complete maps of the place: a half section with its mirror image."""
         return np.concatenate([planes[..., :0:-1], planes], -1) if self.mirrored else planes

@@ -60,7 +60,7 @@ def write_emission(
     folder : str, Path or OutputFolder
         Folder to make, for `lf-flame temperature` and `lf-flame profiles` to read.
     overwrite : bool, optional
-        Whether to replace a folder of an earlier call, if it holds nothing else.
+        Whether to replace a folder of an earlier run, if it contains nothing else.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _write_section(found: Emission, grid: AxisymmetricGrid, folder: OutputFolder
 
 
 def write_table(path: Path, names: Sequence[str], rows: Iterable[Iterable]) -> None:
-    """Write a CSV file with a heading."""
+    """Write a CSV file with a header row."""
     with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(names)
@@ -213,8 +213,8 @@ class EmissionFolder:
         self.folder = folder = Path(folder)
         if not (folder / RECORD).exists():
             raise InputError(
-                f"{folder} is no folder of `lf-flame reconstruct` or `lf-flame abel`: there is no "
-                f"{RECORD} in it."
+                f"{folder} is not a folder of `lf-flame reconstruct` or `lf-flame abel`: there is "
+                f"no {RECORD} in it."
             )
         self.record = record = build(_Record, read_record(folder / RECORD), folder / RECORD)
         self.is_section = record.geometry == "section"
@@ -248,7 +248,7 @@ class EmissionFolder:
                 f"{path} must hold planes as {EMISSION} does, {wanted}, got {stack.shape}."
             )
         if not np.isfinite(stack).all():
-            raise InputError(f"{path} must hold finite numbers, and holds NaN or infinity.")
+            raise InputError(f"{path} must contain finite numbers, but contains NaN or infinity.")
         return stack
 
     @property
@@ -283,7 +283,7 @@ def read_colours_of(*paths: Path) -> list[EmissionFolder]:
         if other:
             advice = ""
             if first.is_section and one.is_section:
-                advice = "; call lf-flame abel for the second colour with --axis-mm "
+                advice = "; run lf-flame abel for the second colour with --axis-mm "
                 advice += f"{known.axis_mm!r} --axis-depth {known.axis_depth_mm!r} --radius "
                 advice += f"{known.radius_mm!r}"
                 advice += "" if known.burner_mm is None else f" --burner {known.burner_mm!r}"

@@ -146,12 +146,12 @@ class Fit:
 
         Unknown rays have weight 0: they take the light that the fit gives them, and the fit is
         repeated, until they do not change (expectation maximisation: Dempster, Laird, Rubin, J. R.
-        Stat. Soc. B 39, 1, 1977). The strength is searched for anew, until it stays.
+        Stat. Soc. B 39, 1, 1977). The strength is searched for again, until it no longer changes.
         """
         found = self._explain(views, known)
         if self.valid is None:
             return found
-        # At first smoothly, as a weak penalty would keep the light that unknown rays hold.
+        # At first smoothly, as a weak penalty would keep the stored light of unknown rays.
         found = replace(found, strength=max(found.strength, SMOOTH))
         for _ in range(SEARCHES):
             before = found.strength
@@ -312,9 +312,9 @@ class Fit:
             white *= np.sqrt(uneven)
             return unexplained(problem, views), unexplained(self._problem(white), white)
 
-        counted = grid.place(np.ones(views.shape[:2], bool), False)
+        used_views = grid.place(np.ones(views.shape[:2], bool), False)
         variance = problem.measure_noise() ** 2
-        return correlation_factor(grid.place(views), counted, variance, residuals)
+        return correlation_factor(grid.place(views), used_views, variance, residuals)
 
     def _with_foreground(
         self, problem, draft: Explanation, share: np.ndarray, variance: float
@@ -323,7 +323,7 @@ class Fit:
 
         A fit without negative light turns noise into faint light in dark cells, and takes that
         light from bright cells at other depths of the same place: with four depth planes at 5 % of
-        noise, one per cent of the peak. Light that is hardly brighter than noise alone would make
+        noise, one per cent of the peak. Light that is little brighter than noise alone would make
         it is therefore set to 0, and the rest is fitted again. A trial is kept if it lowers the
         expected error of the noise-free light field (Mallows, Technometrics 15, 661, 1973): the
         misfit must grow by less than twice the number of degrees of freedom that are given up.

@@ -34,12 +34,12 @@ RIDGE = 1e-6
 
 ROUGHNESS_ORDER = 3
 """Order of the differences that are penalised: third, quadratic in the third derivatives of the
-emission. It hardly changes flames of millimetres; first or second differences shift light from
+emission. It changes flames of millimetres little; first or second differences shift light from
 plane to plane at strengths too low to help against noise."""
 
 DEPTH_WEIGHT, DEPTH_LENGTH = 1e-4, 0.5
 """Weight of a penalty on third differences along depth, relative to the square of the number of
-views, for planes at a distance of this fraction of the finest depth blur. The light field hardly
+views, for planes at a distance of this fraction of the finest depth blur. The light field barely
 distinguishes the light of many planes; without this penalty one plane has too much and the next too
 little."""
 
@@ -63,7 +63,7 @@ class FrequencyGram:
         check_memory(COPIES * one, f"{grid.shape[0]} planes of {rows} x {columns} cells")
         down, across = _transfer(grid, 0, rows), _transfer(grid, 1, columns)
         across = across[:, : columns // 2 + 1]
-        if grid.counted is None:  # the sums over all views are real
+        if grid.used_views is None:  # the sums over all views are real
             self.matrices = _products(down).real[:, None] * _products(across).real[None]
             return
         self.matrices = np.zeros((rows, columns // 2 + 1, grid.shape[0], grid.shape[0]))
@@ -108,8 +108,10 @@ class FrequencyGram:
 
         Positive and negative frequencies have the same matrices if the views are symmetric.
         """
-        counted, rows = self.grid.counted, self.size[0]
-        return rows // 2 + 1 if counted is None or (counted == counted[::-1]).all() else rows
+        used_views, rows = self.grid.used_views, self.size[0]
+        return (
+            rows // 2 + 1 if used_views is None or (used_views == used_views[::-1]).all() else rows
+        )
 
     @property
     def _fold(self) -> np.ndarray:
@@ -215,7 +217,7 @@ class FrequencyGram:
 
 
 def _in_threads(call: Callable[[np.ndarray], Result], array: np.ndarray) -> list[Result]:
-    """Call a function with runs of an array's rows, in threads of their own."""
+    """Call a function on runs of an array's rows, in separate threads."""
     parts = np.array_split(array, get_num_threads())
     with ThreadPoolExecutor(len(parts)) as pool:
         return list(pool.map(call, parts))

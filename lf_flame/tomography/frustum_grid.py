@@ -20,7 +20,7 @@ FEWEST = 3
 """Smallest number of rows and of columns of views with which depth can be found."""
 
 FEW_PLANES = 8
-"""Largest number of planes that count as separate sheets; more planes sample a volume."""
+"""Largest number of planes that are treated as separate sheets; more planes sample a volume."""
 
 NOT_MODELLED = (
     "rim_diameter_mm",
@@ -41,19 +41,19 @@ class FrustumGrid:
     Parameters
     ----------
     camera : Lens
-        Camera; of a round aperture only the views count whose part of the lens is a whole square.
+        Camera; with a round aperture, only views whose part of the lens is a whole square are used.
     depths_mm : sequence of float
         Depths of the planes in mm, from the zero of the camera (a `PlenopticCamera`: its focal
         plane); rising or falling, all different.
     block : int, optional
         Number of lenslets along each axis that are averaged into one pixel, and into one cell.
-    counted : array_like of bool, shape (views, views), optional
+    used_views : array_like of bool, shape (views, views), optional
         Views that are fitted; of these, the ones with a counterpart on the other side of the
         central view. Default: all that the aperture leaves whole.
 
     Attributes
     ----------
-    counted : ndarray of bool, shape (views, views), or None
+    used_views : ndarray of bool, shape (views, views), or None
         Views that are fitted; None if all are.
 
     Raises
@@ -75,7 +75,7 @@ class FrustumGrid:
     camera: Lens
     depths_mm: Sequence[float]
     block: int = 1
-    counted: np.ndarray | None = field(default=None, repr=False, compare=False)
+    used_views: np.ndarray | None = field(default=None, repr=False, compare=False)
     slopes: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self):
@@ -90,49 +90,49 @@ class FrustumGrid:
                 f"lenslets, got {self.block}."
             )
         _check_ideal(self.camera)
-        object.__setattr__(self, "counted", self._counted())
+        object.__setattr__(self, "used_views", self._find_used_views())
 
-    def _counted(self) -> np.ndarray | None:
+    def _find_used_views(self) -> np.ndarray | None:
         whole = self.camera.whole_views()
-        counted = whole if self.counted is None else whole & np.asarray(self.counted, bool)
-        counted = counted & counted[::-1, ::-1]
-        spans = [int(counted.any(axis=axis).sum()) for axis in (1, 0)]
+        used_views = whole if self.used_views is None else whole & np.asarray(self.used_views, bool)
+        used_views = used_views & used_views[::-1, ::-1]
+        spans = [int(used_views.any(axis=axis).sum()) for axis in (1, 0)]
         if min(spans) < min(FEWEST, self.camera.views):
             raise InputError(
                 f"A fit needs whole views in {FEWEST} rows and {FEWEST} columns or more, got "
-                f"{spans[0]} and {spans[1]} that count and that the aperture leaves whole."
+                f"{spans[0]} and {spans[1]} with weight that the aperture leaves whole."
             )
-        return None if counted.all() else counted
+        return None if used_views.all() else used_views
 
     @property
     def view_count(self) -> int:
         """Number of views that are fitted."""
-        return self.camera.views**2 if self.counted is None else int(self.counted.sum())
+        return self.camera.views**2 if self.used_views is None else int(self.used_views.sum())
 
     @property
     def data_shape(self) -> tuple[int, int, int, int]:
         """Shape of the fitted views: (v, u, t, s), or one after the other, (n, 1, t, s)."""
-        views = (self.camera.views,) * 2 if self.counted is None else (self.view_count, 1)
+        views = (self.camera.views,) * 2 if self.used_views is None else (self.view_count, 1)
         return (*views, *self.pixels)
 
     def pick(self, views: np.ndarray) -> np.ndarray:
         """Pick the views that are fitted from all, in the shape `data_shape`."""
-        return views if self.counted is None else views[self.counted][:, None]
+        return views if self.used_views is None else views[self.used_views][:, None]
 
     def place(self, picked: np.ndarray, missing: float = 0.0) -> np.ndarray:
         """Place picked views, or one number for each, among all, the opposite of `pick`."""
-        if self.counted is None:
+        if self.used_views is None:
             return picked
-        views = np.full((*self.counted.shape, *picked.shape[2:]), missing, picked.dtype)
-        views[self.counted] = picked[:, 0]
+        views = np.full((*self.used_views.shape, *picked.shape[2:]), missing, picked.dtype)
+        views[self.used_views] = picked[:, 0]
         return views
 
     def view_groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Rows of views that fit the same columns, and these: indices, together each view once."""
-        if self.counted is None:
+        if self.used_views is None:
             every = np.arange(self.camera.views)
             return [(every, every)]
-        columns, group = np.unique(self.counted, axis=0, return_inverse=True)
+        columns, group = np.unique(self.used_views, axis=0, return_inverse=True)
         return [
             (np.flatnonzero(group.ravel() == k), np.flatnonzero(one))
             for k, one in enumerate(columns)
@@ -205,7 +205,7 @@ def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:
     steps = np.diff(depths)
     if not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError(
-            f"depths_mm must rise or fall, no two alike: planes at one depth cannot be "
+            f"depths_mm must rise or fall, no two equal: planes at one depth cannot be "
             f"separated; got {depths.tolist()}."
         )
     return depths
@@ -247,6 +247,6 @@ def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[flo
     count = round(steps)
     if abs(count * step_mm - abs(to_mm - from_mm)) > 1e-6 * step_mm:
         raise InputError(
-            f"The step of {step_mm} mm must divide the way from {from_mm} to {to_mm} mm."
+            f"The step of {step_mm} mm must divide the distance from {from_mm} to {to_mm} mm."
         )
     return [float(depth) for depth in np.linspace(from_mm, to_mm, count + 1)]

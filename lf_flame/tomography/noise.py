@@ -18,25 +18,25 @@ NOISE_BLOCK = 9
 """Number of pixels along each axis over which noise is averaged beyond the photon noise."""
 
 DARK = 0.01
-"""Brightness of the smoothed mean of the views, relative to its maximum, below which a pixel holds
+"""Brightness of the smoothed mean of the views, relative to its maximum, below which a pixel is
 noise and little else."""
 
 FEWEST = 10_000
 """Smallest number of dark pixels with which correlation is measured: to about 5 %."""
 
 LEAST = 1.3
-"""Smallest factor of the variance that counts as correlation: faint light may look like less."""
+"""Smallest factor of the variance that is taken as correlation: faint light may look like less."""
 
 LEAST_DARK = 0.2
-"""Smallest variance of the noise in the dark, relative to that of all pixels, from which the dark
-tells of its correlation. In photon noise there is next to none in the dark."""
+"""Smallest variance of the noise in dark pixels, relative to that of all pixels, from which they
+show its correlation. Photon noise has almost none there."""
 
 LEAST_NOISE = 3e-3
 """Smallest noise, relative to the brightest pixel, whose correlation is measured where there is
 light, as what no emission explains is the error of decoding and of the model, too."""
 
 Residuals = Callable[[], tuple[np.ndarray, np.ndarray | None]]
-"""Function that gives the part of the views that no emission explains, shape (v, u, t, s), and that
+"""Function that finds the part of the views that no emission explains, shape (v, u, t, s), and that
 of white noise, or None if it is nearly white."""
 
 NEIGHBOURS = (0, 1), (1, -1), (1, 0), (1, 1)
@@ -89,7 +89,7 @@ def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 def correlation_factor(
     views: np.ndarray,
-    counted: np.ndarray,
+    used_views: np.ndarray,
     variance: float = 0.0,
     residuals: Residuals | None = None,
 ) -> float:
@@ -97,20 +97,20 @@ def correlation_factor(
 
     It is measured where the field is dark, in second differences of neighbouring pixels, so that
     faint light does not count, and as the product of a factor of the views and one of the pixels.
-    Where the dark holds little of the noise, as in photon noise, it is measured in the part that no
-    emission explains, relative to white noise of which a fit explains as much (`residuals`). It is
-    1 where there are too few pixels with noise. `counted` marks the views that are fitted.
+    Where dark pixels have little of the noise, as in photon noise, it is measured in the part that
+    no emission explains, relative to white noise of which a fit explains as much (`residuals`). It
+    is 1 where there are too few pixels with noise. `used_views` marks the views that are fitted.
     """
-    photograph = np.einsum("vu,vuts->ts", counted / np.count_nonzero(counted), views)
+    photograph = np.einsum("vu,vuts->ts", used_views / np.count_nonzero(used_views), views)
     smooth = ndimage.uniform_filter(photograph, 3)
     dark = smooth <= DARK * float(smooth.max())
-    known = counted[:, :, None, None] & dark
+    known = used_views[:, :, None, None] & dark
     found = None
-    if np.count_nonzero(dark) * np.count_nonzero(counted) >= FEWEST:
+    if np.count_nonzero(dark) * np.count_nonzero(used_views) >= FEWEST:
         found = _of_differences(views, known, LEAST_DARK * variance)
     noisy = np.sqrt(variance) > LEAST_NOISE * float(views.max())
-    if found is None and residuals and noisy and counted.sum() * smooth.size >= FEWEST:
-        known = np.broadcast_to(counted[:, :, None, None], views.shape)
+    if found is None and residuals and noisy and used_views.sum() * smooth.size >= FEWEST:
+        known = np.broadcast_to(used_views[:, :, None, None], views.shape)
         rest, white = residuals()
         found = _of_differences(rest, known, 0.0)
         of_white = None if white is None else _of_differences(white, known, 0.0)
@@ -127,9 +127,9 @@ def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> floa
     # Differences of noise change sign from one to the next; those of light do not.
     if across.share((2, 3), (0, 1)) + across.share((2, 3), (0, 2)) > 0:
         return None
-    counted = np.asarray(known.any(axis=(2, 3)))
+    used_views = np.asarray(known.any(axis=(2, 3)))
     of_views = 1.0 + 2 * sum(
-        across.share((0, 1), lag) * _neighboured(counted, lag) for lag in NEIGHBOURS
+        across.share((0, 1), lag) * _neighboured(used_views, lag) for lag in NEIGHBOURS
     )
     along = _Differences(values, known, 0)
     of_pixels = 1.0
@@ -138,10 +138,10 @@ def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> floa
     return of_views * of_pixels
 
 
-def _neighboured(counted: np.ndarray, lag: tuple[int, int]) -> float:
-    """Share of the counted views with a counted neighbour a step apart; the rim has fewer."""
-    both = np.pad(counted, 1) & np.roll(np.pad(counted, 1), lag, (0, 1))
-    return float(both.sum()) / max(float(counted.sum()), 1.0)
+def _neighboured(used_views: np.ndarray, lag: tuple[int, int]) -> float:
+    """Share of the used_views views with a used_views neighbour a step apart; the rim has fewer."""
+    both = np.pad(used_views, 1) & np.roll(np.pad(used_views, 1), lag, (0, 1))
+    return float(both.sum()) / max(float(used_views.sum()), 1.0)
 
 
 class _Differences:

@@ -8,7 +8,7 @@ from numba import get_num_threads
 from scipy import fft
 
 from lf_flame._common import progress
-from lf_flame._common.threads import parallel, uncounted
+from lf_flame._common.threads import parallel, without_refcounts
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
 STEPS, LONG = (600.0, 60.0), 0.25
@@ -176,7 +176,7 @@ def _multiply_frequencies(y, matrices, spectrum, product):
     _multiply_row(y, matrices, spectrum, product)
 
 
-@uncounted
+@without_refcounts
 def _multiply_row(y, matrices, spectrum, product):
     _, planes, _, columns = matrices.shape
     row = np.uintp(y)
@@ -202,18 +202,18 @@ def _advance(k, parts, state, solved, roof, shift, relaxation, light, apart, tur
     _step(start, end, state, apart, roof, shift, relaxation, turned)
 
 
-# Two loops, because a compiler asks of no more than so many arrays whether they overlap, and else
-# takes one number at a time. Indices are unsigned, so that it need not ask for their signs.
+# Two loops, because compilers check only a few arrays for overlap, and otherwise do not vectorise.
+# Indices are unsigned, so that their signs need no check.
 
 
-@uncounted
+@without_refcounts
 def _find_gap(start, end, state, solved, roof, light, apart):
     for i in range(np.uintp(start), np.uintp(end)):
         light[i] = min(max(state[i], np.float32(0)), roof[i])
         apart[i] = solved[i] - light[i]
 
 
-@uncounted
+@without_refcounts
 def _step(start, end, state, apart, roof, shift, relaxation, turned):
     zero, two = np.float32(0), np.float32(2)
     for i in range(np.uintp(start), np.uintp(end)):

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from lf_flame._common.arrays import centred
-from lf_flame._common.threads import parallel, uncounted
+from lf_flame._common.threads import parallel, without_refcounts
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.lens import Lens
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -89,7 +89,7 @@ class ProjectionOperator(GridOperator):
 # in a cell meet neighbours; arrays are flat and indices unsigned, for loops without checks.
 
 
-@uncounted
+@without_refcounts
 def _add(target, at, weight, source, start, count):
     """Add a weight times a line of a flat array to a line of another."""
     at, start = np.uintp(at), np.uintp(start)
@@ -244,7 +244,7 @@ def _bundles(camera: Lens, layer: Layer, axis: int) -> tuple[np.ndarray, float, 
 
     Where only slope and scale are measured, the boxes are those of a lenslet and of a view's step:
     a pixel gathers light through the whole lenslet and a whole step of the pupil. A thin lens
-    differs from that by the size of a lenslet beside the pupil.
+    differs from that by the size of a lenslet relative to the pupil's.
     """
     if isinstance(camera, PlenopticCamera):
         traced = trace_footprint(camera, layer.depth_mm, axis)

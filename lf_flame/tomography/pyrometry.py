@@ -30,11 +30,11 @@ from lf_flame.errors import InputError
 from lf_flame.tomography.spectra import SpectralResponses, check_exponent
 
 LEAST_K, MOST_K = 500.0, 5000.0
-"""Range of temperatures in K of glowing soot; temperatures outside count as undetermined."""
+"""Range of temperatures in K of glowing soot; temperatures outside are treated as undetermined."""
 
 GLOWING_K = 1000.0
-"""Temperature in K from which a ratio of colours must tell temperatures apart. Colder soot hardly
-glows: what blue sees of it is leaked red, so that its ratio may be that of hotter soot."""
+"""Temperature in K above which a ratio of colours must distinguish temperatures. Colder soot glows
+too little: its blue signal is leaked red, so that its ratio may be that of hotter soot."""
 
 LEAST_LEVER_K = 30.0
 """Smallest derivative of the logarithm of a ratio of colours by 1 / T, in K, with which there is a
@@ -95,8 +95,8 @@ def soot_temperature(
         Spectral responses of these colours.
     sigmas : sequence of array_like, optional
         Standard deviations of the emissions. Where an emission is not above three of its own
-        standard deviations, the temperature is undetermined. Default: unknown; all colours count
-        alike.
+        standard deviations, the temperature is undetermined. Default: unknown; all colours have
+        the same weight.
     draws : sequence of array_like, one for each colour, each of shape (n, ...), optional
         Bootstrap draws of the emissions, the same number in all colours and drawn together; with
         `sigmas` only. The standard deviation of a temperature is then the scatter of theirs, in
@@ -115,8 +115,8 @@ def soot_temperature(
     Raises
     ------
     InputError
-        If shapes or numbers differ, a value cannot be used, or no ratio of two colours tells
-        temperatures of 1,000 K and more apart.
+        If shapes or numbers differ, a value cannot be used, or no ratio of two colours
+        distinguishes temperatures above 1,000 K.
 
     Examples
     --------
@@ -239,7 +239,7 @@ def _checked_emissions(
     errors = None if sigmas is None else [np.asarray(one, float) for one in sigmas]
     shapes = {one.shape for one in (*light, *(errors or []))}
     if len(shapes) > 1:
-        raise InputError(f"Emissions and their errors must be of one shape, got {sorted(shapes)}.")
+        raise InputError(f"Emissions and their errors need one shape, got {sorted(shapes)}.")
     if len(light) != colours or colours < 2 or (errors is not None and len(errors) != colours):
         raise InputError(
             f"A temperature needs emissions in two colours or more, one for each of the "
@@ -317,7 +317,7 @@ def _best_pair(
         above = f"only above {1 / inverse[weak[0]]:.0f} K" if weak[0] else "nowhere"
         raise InputError(
             f"The ratio of {names[pair[0]]} to {names[pair[1]]} must rise with the temperature of "
-            f"soot from {GLOWING_K:g} K on, and rises {above}: these colours see nearly the same "
+            f"soot above {GLOWING_K:g} K, but rises {above}: these colours see nearly the same "
             f"light, or {names[pair[0]]} lets too much red or infrared through."
         )
     return pair, int(weak[0]) + 1 if weak.size else len(inverse)

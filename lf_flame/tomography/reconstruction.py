@@ -74,7 +74,7 @@ def reconstruct(
         emission after its own absorption. Default: no absorption.
     background : {"fit", "none"}, optional
         "fit" subtracts a uniform background, the mean of the pixels that no emission reaches, if
-        there are such pixels; its error is in the error bars. "none" takes black for 0.
+        there are such pixels; its error is in the error bars. "none" assumes that black is 0.
 
     Returns
     -------
@@ -265,8 +265,8 @@ class ReconstructionPlan:
             As for `reconstruct`.
         prior_rng : numpy.random.Generator, optional
             Generator of the bootstrap's prior and multiples of the correction. Colours of one flame
-            share it, each with a new one of the same seed: penalty and cells act on all colours
-            alike, and the ratio of two does not feel it. Default: `rng`.
+            share it, each with a new one of the same seed: penalty and cells affect all
+            colours equally, and their ratios not at all. Default: `rng`.
         fits : int, optional
             Largest number of fits until the correction for absorption converges.
 
@@ -330,7 +330,7 @@ class ReconstructionPlan:
     def _explain(
         self, fit: Fit, views: np.ndarray, before: Explanation | None, fits: int
     ) -> tuple[Explanation, np.ndarray | None]:
-        """Fit a light field; what absorption takes from single views or spares is the excess."""
+        """Fit a light field; the excess is what absorption adds to or takes from single views."""
         if self._absorption is None:
             return fit.explain(views), None
         found, settled = self._absorption.settle(views, fit.explain, before, fits)
@@ -368,11 +368,11 @@ def _fitted_views(
         some = weights[weights > 0]
         if np.ptp(some) > 0:
             raise InputError(
-                f"A fit needs views that all count alike, or not at all, got weights from "
+                f"A fit needs views of equal weight, or of weight 0, got weights from "
                 f"{some.min():g} to {some.max():g}."
             )
-        counted = weights > 0 if grid.counted is None else (weights > 0) & grid.counted
-        grid = replace(grid, counted=counted)
+        used_views = weights > 0 if grid.used_views is None else (weights > 0) & grid.used_views
+        grid = replace(grid, used_views=used_views)
     views = grid.pick(_average_blocks(light_field, camera, grid.block))
     largest = max(float(views.max()), -float(views.min()))
     if not largest <= LARGEST:
@@ -406,7 +406,9 @@ def _average_blocks(light_field: LightField, camera: Lens, block: int) -> np.nda
 
 def _matches(grid: Grid, other: Grid) -> bool:
     """Whether two grids have the same cells or nodes, and fit the same views."""
-    return grid == other and np.array_equal(np.asarray(grid.counted), np.asarray(other.counted))
+    return grid == other and np.array_equal(
+        np.asarray(grid.used_views), np.asarray(other.used_views)
+    )
 
 
 def _checked_start(start: Emission, grid: Grid) -> Explanation:

@@ -20,7 +20,8 @@ PROBES = 32
 class BandedGram:
     """Gram matrix of a half section, scaled to a diagonal of 1, and the penalty.
 
-    Nodes near the axis are seen little; with the scaling, all nodes take steps of similar size.
+    Nodes near the axis contribute little light; with the scaling, all nodes take steps of similar
+    size.
 
     grid : AxisymmetricGrid
     unit : emission of a node for a scaled value of 1, shape (nodes,)
@@ -202,7 +203,7 @@ def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
 
 
 def _lines(views: np.ndarray, pixels: int) -> np.ndarray:
-    """Rows of a matrix (views * pixels, ...) that are of some views."""
+    """Rows of a matrix (views * pixels, ...) that belong to some views."""
     return (views[:, None] * pixels + np.arange(pixels)).ravel()
 
 

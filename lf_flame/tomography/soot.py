@@ -162,7 +162,7 @@ def _settle(
             ]
         fresh = _thickness(found, calibration, soot_exponent)
         totals = [_total(grid, one) for one in fresh]
-        # A round under way may exceed what the fit takes.
+        # A round may exceed the limit of the fit on the way.
         fresh *= min(1.0, (1 - 1e-6) * MOST_THICKNESS / max(*totals, 1e-300))
         change = max(_total(grid, one) for one in np.abs(fresh - thickness))
         thickness = fresh
@@ -170,9 +170,9 @@ def _settle(
             break
     if max(totals) > MOST_THICKNESS:
         raise InputError(
-            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
+            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, but "
             f"comes out at {max(totals):.2g} or more in "
-            f"{calibration.responses.names[int(np.argmax(totals))]}: hardly any light leaves from "
+            f"{calibration.responses.names[int(np.argmax(totals))]}: almost no light leaves from "
             f"behind; or the flame was exposed longer than the furnace (--exposure of "
             f"calibrate-colours), or the colours are in another order than the channels."
         )
@@ -180,7 +180,7 @@ def _settle(
 
 
 def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightField]:
-    """Give each colour of a light field as a grey one; refuse another number than of names."""
+    """Split a light field into grey ones, one for each name; refuse another number of colours."""
     if light_field.channels != len(names) or len(names) < 2:
         raise InputError(
             f"The light field must have a channel for each of the calibration's {len(names)} "
@@ -227,9 +227,9 @@ def _thickness(
     if not known.any():
         raise InputError(
             "No bright cell has a temperature: the ratios of the colours are not those of soot. "
-            "See whether the calibration's colours are in another order than the channels."
+            "Check whether the calibration's colours are in another order than the channels."
         )
-    # Faint cells hold little soot; they count as being as hot as the flame's bright part.
+    # Faint cells have little soot; they are assumed to be as hot as the flame's bright part.
     typical = float(np.median(kelvin[known]))
     faint = ~np.isfinite(kelvin) | (bright < bright.max() / 20)
     kelvin = np.where(faint, typical, kelvin)

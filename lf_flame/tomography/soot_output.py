@@ -26,7 +26,7 @@ COLOURS_RECORD, TEMPERATURE_RECORD = "calibrate-colours.json", "temperature.json
 SIGMA_FILE = "temperature_sigma.tif"
 
 UNSURE_EXPONENT = 0.3
-"""Error of the exponent of soot's absorption whose effect is told; measured exponents of flames
+"""Error of the exponent of soot's absorption whose effect is reported; measured exponents of flames
 spread by more."""
 
 BELIEVABLE_K = 1000.0, 3000.0
@@ -88,7 +88,7 @@ def _colours_figure(fit: ColourFit, kelvin: Sequence[float]):
 
 
 def temperature_warnings(found: Temperatures, calibration: ColourCalibration) -> list[str]:
-    """Say that most temperatures are none of a flame, and what may have made them."""
+    """Warn if most temperatures are impossible for a flame, with possible causes."""
     known = found.kelvin[np.isfinite(found.kelvin)]
     low, high = BELIEVABLE_K
     if not calibration.responses.single_wavelengths:
@@ -98,9 +98,9 @@ def temperature_warnings(found: Temperatures, calibration: ColourCalibration) ->
     if outside <= known.size / 2:
         return []
     return [
-        f"{outside} of {known.size} temperatures are none of soot in a flame, {low:g} to {high:g} "
-        f"K, so do not trust the others either: see whether a black level was left in, the values "
-        f"are not linear in light (gamma), or the colours are in another order."
+        f"{outside} of {known.size} temperatures are not those of soot in flames, {low:g} to "
+        f"{high:g} K, so do not trust the others either: check whether a black level was left in, "
+        f"the values are not linear in light (gamma), or the colours are in another order."
     ]
 
 
@@ -114,36 +114,36 @@ def temperature_notes(
     notes = []
     if calibration.responses.single_wavelengths:
         notes.append(
-            "Each colour is taken for light of a single wavelength. Through broad filters, as of a "
-            "colour camera (Bayer), temperatures are off by tens to hundreds of kelvin: give their "
-            "spectral responses."
+            "Each colour is treated as a single wavelength. Through broad filters, such as those "
+            "of a colour camera (Bayer), temperatures are off by tens to hundreds of kelvin: give "
+            "their spectral responses."
         )
     for folder in folders:
         record = folder.record
         if any(CODED in note for note in record.notes):
             notes.append(
-                f"{folder.folder} was made of files that are not made for measuring. {CODED}"
+                f"{folder.folder} was made from files that are not meant for measuring. {CODED}"
             )
         if record.warnings:
             notes.append(
                 f"The fit of {folder.folder} has {len(record.warnings)} warnings, see its "
-                f"{SOURCE}: what they say of emission holds for its temperature."
+                f"{SOURCE}: they apply to its temperature, too."
             )
     known = np.isfinite(found.kelvin)
     if not known.any():
         notes.append(
             f"No cell has a temperature: either no emission exceeds its noise by "
             f"{LEAST_SIGNAL:g} standard deviations in all colours, or no ratio of them is that of "
-            f"soot between {LEAST_K:g} and {MOST_K:g} K; see whether the colours are in the "
+            f"soot between {LEAST_K:g} and {MOST_K:g} K; check whether the colours are in the "
             f"order of the folders, and their calibration."
         )
         return notes
     if found.misfit is not None and np.nanmedian(found.misfit) > MOST_MISFIT:
         notes.append(
             f"Soot of one temperature does not explain all colours: chi-squared is "
-            f"{np.nanmedian(found.misfit):.2g} in the median cell, and should be near 1. See the "
+            f"{np.nanmedian(found.misfit):.2g} in the median cell, but should be near 1. Check the "
             f"spectral responses, the gains, --soot-exponent, and whether a colour is saturated or "
-            f"holds light of another source, such as a blue flame."
+            f"contains light of another source, such as a blue flame."
         )
     return [*notes, *_uncertainties(found, calibration, soot_exponent)]
 
@@ -151,7 +151,7 @@ def temperature_notes(
 def _uncertainties(
     found: Temperatures, calibration: ColourCalibration, soot_exponent: float
 ) -> list[str]:
-    """Say what the exponent and the gains' errors do to thin soot of the median temperature."""
+    """Report what the exponent and the gains' errors do to thin soot of the median temperature."""
     other, median = soot_exponent + UNSURE_EXPONENT, float(np.nanmedian(found.kelvin))
     light = calibration.gains * calibration.responses.soot(median, soot_exponent)
     errors = np.clip(calibration.relative_errors, 1e-9, 0.3) * light
@@ -169,13 +169,13 @@ def _uncertainties(
     # Near the end of the range, the other exponent has no temperature.
     differ = f"differ by about {change:+.0f} K" if np.isfinite(change) else "be out of range"
     notes = [
-        f"Soot is taken to absorb as wavelength^-{soot_exponent:g}. With {other:g} instead "
-        f"(--soot-exponent), temperatures would {differ}; {SIGMA_FILE} does not hold this."
+        f"Soot is assumed to absorb as wavelength^-{soot_exponent:g}. With {other:g} instead "
+        f"(--soot-exponent), temperatures would {differ}; {SIGMA_FILE} does not include this."
     ]
     if error > 1:
         notes.append(
             f"The errors of the calibration's gains add a standard deviation of {error:.0f} K, the "
-            f"same in all cells, which {SIGMA_FILE} does not hold."
+            f"same in all cells, which {SIGMA_FILE} does not include."
         )
     return notes
 

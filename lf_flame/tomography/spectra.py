@@ -206,8 +206,8 @@ class SpectralResponses:
         steps = (half * shares).ravel()
         # Straight lines through the samples would widen a band, and make soot seem colder. A smooth
         # curve through the roots does not, and its square is never negative. Akima's depends on two
-        # neighbours at each side alone: a spline would swing in a gap between two filters.
-        # At the table's ends it goes on straight, but never below 0.
+        # neighbours at each side alone: a spline would oscillate in a gap between two filters.
+        # Beyond the table's ends it is extrapolated linearly, but never below 0.
         roots = np.sqrt(values)
         before, first = _extrapolated(lengths, roots)
         after, last = _extrapolated(lengths[::-1], roots[:, ::-1])
@@ -230,7 +230,7 @@ def read_responses(path: str | Path) -> SpectralResponses:
     Parameters
     ----------
     path : str or Path
-        File with a heading, ``wavelength_nm`` and the names of the colours in the order of the
+        File with a header row, ``wavelength_nm`` and the names of the colours in the order of the
         camera's channels, and a row for each wavelength.
 
     Returns
@@ -256,7 +256,7 @@ def read_responses(path: str | Path) -> SpectralResponses:
     rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
     if not rows or rows[0][0].strip() != "wavelength_nm" or len(rows[0]) < 2:
         raise InputError(
-            f"{path} must begin with a heading, wavelength_nm and the names of the colours, got "
+            f"{path} must begin with a header row, wavelength_nm and the names of the colours, got "
             f"{','.join(rows[0])[:80] if rows else 'nothing'!r}."
         )
     names, table = [name.strip() for name in rows[0][1:]], rows[1:]
@@ -266,7 +266,7 @@ def read_responses(path: str | Path) -> SpectralResponses:
         numbers = np.array(table, float).reshape(len(table), len(names) + 1)
     except ValueError:
         raise InputError(
-            f"{path} must hold {len(names) + 1} numbers in each row below its heading."
+            f"{path} must hold {len(names) + 1} numbers in each row below its header."
         ) from None
     try:
         return SpectralResponses(tuple(names), numbers[:, 0], numbers[:, 1:].T)

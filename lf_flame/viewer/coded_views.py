@@ -67,7 +67,7 @@ def encode_views(
     views = light_field.filled if light_field.views.ndim == 5 else light_field.filled[..., None]
     if views.size > most:
         raise InputError(
-            f"A page holds {most:,} pixels at most, but this light field has {views.size:,}."
+            f"A page has room for {most:,} pixels, but this light field has {views.size:,}."
         )
     white = shown_white(light_field) if white is None else white
     low, high = min(0.0, float(views.min())), white
@@ -90,7 +90,7 @@ def _codes(views: np.ndarray, low: float, high: float, kind: type) -> np.ndarray
 def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tuple[int, int]]:
     """Cut views, counted row by row, into runs of bounded size, the central view first.
 
-    Gives first view and number of views of each run, nearer runs first; a view is never cut.
+    Returns first view and number of views of each run, nearer runs first; a view is never cut.
     """
     rows, columns = coded.codes.shape[:2]
     middle = (rows - 1) // 2 * columns + (columns - 1) // 2

@@ -58,7 +58,7 @@ class Exhibit:
     most_bytes : int
         Largest number of pixels of a page.
     depths_mm : sequence of float, optional
-        Depths of planes that stand in the place of views, shape (1, planes, t, s): the slider moves
+        Depths of planes that take the place of views, shape (1, planes, t, s): the slider moves
         through them, `slopes` and `slope` are depths in mm, and there is no slope map.
 
     Raises
@@ -85,7 +85,7 @@ class Exhibit:
         check_channels(self.light_field)
         if self.light_field.views.size > self.most_bytes:
             raise InputError(
-                f"A page holds {self.most_bytes:,} pixels at most, but this light field has "
+                f"A page has room for {self.most_bytes:,} pixels, but this light field has "
                 f"{self.light_field.views.size:,}; `lf-flame refocus` takes it."
             )
         if self.depths_mm is not None:
@@ -137,7 +137,7 @@ class Exhibit:
         return b"".join(x.tobytes() for x in (found.slope.astype("<f4"), certain, image))
 
     def data(self) -> dict[str, Callable[[], bytes]]:
-        """Give the data that a page requests, by name: pieces of views, and the slope map."""
+        """Return the data that a page requests, by name: pieces of views, and the slope map."""
         lock = Lock()
 
         def slope_map() -> bytes:

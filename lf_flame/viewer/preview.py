@@ -20,22 +20,22 @@ JPEG_QUALITIES = (92, 85, 75)
 class ShrunkViews:
     """Views as stored in a page."""
 
-    coded: CodedViews  # what the page unpacks, apart from JPEG errors
+    coded: CodedViews  # what the page decodes, apart from JPEG errors
     pieces: list[tuple[int, int]]  # first view and number of views of each
-    data: list[bytes]  # packed pieces
+    data: list[bytes]  # compressed pieces
     coding: str  # "deflate" or "jpeg"
     quality: str  # accuracy of the views, in words
 
     @property
     def length(self) -> int:
-        """Number of letters that the pieces take in a page, including their elements."""
+        """Number of characters that the pieces take in a page, including their elements."""
         return sum(-(-len(piece) // 3) * 4 + 64 for piece in self.data)
 
 
 def shrink(coded: CodedViews, most_bytes: int, carried: int, *, exact: bool = False) -> ShrunkViews:
-    """Pack views as exactly as a page of `most_bytes`, `carried` without them, has room for.
+    """Compress views as exactly as fits into a page of `most_bytes`, `carried` without them.
 
-    Refuses what no form makes small enough; with `exact`, nothing may be lost.
+    Views that no form makes small enough are refused; with `exact`, nothing may be lost.
     """
     for shrunk in islice(_ways(coded), 1 if exact else None):
         if shrunk.length <= most_bytes - carried:

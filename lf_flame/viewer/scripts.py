@@ -36,7 +36,7 @@ def linked_script(name: str) -> str:
 
 @cache
 def script_url(name: str) -> str:
-    """Give the data: URL of a linked script."""
+    """Make the data: URL of a linked script."""
     text = base64.b64encode(linked_script(name).encode()).decode()
     return f"data:text/javascript;base64,{text}"
 

@@ -106,9 +106,9 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer a request, or refuse it."""
         if not self._is_our_page():
-            self._send(_Answer(b"Another page asked.", "text/plain", HTTPStatus.FORBIDDEN))
+            self._send(_Answer(b"A request of another page.", "text/plain", HTTPStatus.FORBIDDEN))
             return
-        missing = _Answer(b"There is no such thing.", "text/plain", HTTPStatus.NOT_FOUND)
+        missing = _Answer(b"Not found.", "text/plain", HTTPStatus.NOT_FOUND)
         self._send(self.server.answer(self.path) or missing)
 
     def _is_our_page(self) -> bool:

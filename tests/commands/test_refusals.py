@@ -148,7 +148,7 @@ REFUSED = [
             "low": "must hold planes as emission.tif does",
             "row": "must hold pictures of rows and columns",
             "float64": "must hold 2 planes of float32",
-            "nan": "correction.tif must hold finite numbers",
+            "nan": "correction.tif must contain finite numbers",
             "text": "draws.tif cannot be read: it is damaged",
             "none": "with a number in cell_mm for each of",
             "far": "cell_mm #2: input should be less than or equal to",

@@ -77,7 +77,7 @@ def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     assert "0 of 96 cells" in result.output
     assert "No cell has a temperature" in result.output
     assert "order of the folders" in result.output
-    assert f"{colours[1]} was made of files" in result.output
+    assert f"{colours[1]} was made from files" in result.output
     assert "flame.jpg" not in result.output
 
 

@@ -77,13 +77,13 @@ def test_even_absorbers_take_the_share_of_the_equation_of_transfer(camera, depth
 def test_views_that_are_not_fitted_neither_see_nor_count(camera, rng):
     """The operator's views are some of all; the mean transmission is that of these alone."""
     full = FrustumGrid(camera, [8.0, -6.0])
-    counted = np.abs(np.subtract(*np.indices((camera.views,) * 2))) < 3
-    grid = replace(full, counted=counted)
+    used_views = np.abs(np.subtract(*np.indices((camera.views,) * 2))) < 3
+    grid = replace(full, used_views=used_views)
     thickness = spread_thickness(grid, smooth_thickness(grid, 1.0))
     some, every = (AbsorbingOperator(one, thickness, "float64") for one in (grid, full))
     cells = rng.uniform(size=grid.shape).ravel()
     views = every.matvec(cells).reshape(every.dimsd)
-    assert worst(some.matvec(cells).reshape(some.dimsd), views[counted][:, None]) < 1e-12
+    assert worst(some.matvec(cells).reshape(some.dimsd), views[used_views][:, None]) < 1e-12
     noise = rng.uniform(size=some.dimsd)
     assert np.vdot(some.matvec(cells), noise) == pytest.approx(cells @ some.rmatvec(noise.ravel()))
     ones = np.ones(int(np.prod(some.dimsd)))

@@ -40,11 +40,11 @@ ROUND = np.hypot(*np.mgrid[-2:3, -2:3]) < 2.5
 SLANTED = np.abs(np.subtract(*np.mgrid[-2:3, -2:3])) < 3  # like a pupil seen from aside
 
 
-@pytest.mark.parametrize("counted", [ROUND, SLANTED])
-def test_so_it_does_for_some_of_the_views(camera, counted):
-    grid = FrustumGrid(replace(camera, views=5), DEPTHS, counted=counted)
+@pytest.mark.parametrize("used_views", [ROUND, SLANTED])
+def test_so_it_does_for_some_of_the_views(camera, used_views):
+    grid = FrustumGrid(replace(camera, views=5), DEPTHS, used_views=used_views)
     test_it_equals_the_adjoint_of_the_operator_after_the_operator(grid)
-    assert FrequencyGram(grid).scale == counted.sum()
+    assert FrequencyGram(grid).scale == used_views.sum()
 
 
 def test_the_penalty_along_depth_counts_millimetres(camera):

@@ -55,7 +55,7 @@ def test_behind_a_round_aperture_the_whole_views_are_fitted(views, whole):
 
 
 def test_a_view_counts_with_the_one_on_the_other_side(camera):
-    counted = np.ones((camera.views,) * 2, bool)
-    counted[0, 1] = False
-    grid = FrustumGrid(camera, [0.0], counted=counted)
-    assert np.argwhere(~grid.counted).tolist() == [[0, 1], [camera.views - 1, camera.views - 2]]
+    used_views = np.ones((camera.views,) * 2, bool)
+    used_views[0, 1] = False
+    grid = FrustumGrid(camera, [0.0], used_views=used_views)
+    assert np.argwhere(~grid.used_views).tolist() == [[0, 1], [camera.views - 1, camera.views - 2]]

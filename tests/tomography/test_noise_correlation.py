@@ -38,10 +38,10 @@ def test_the_factor_is_that_of_a_mean_over_views(rng):
     shape = (9, 9, 40, 50)
     # Noise of the mean over a disc of views, beside that of as many views of white noise.
     disc = np.hypot(*np.mgrid[-4:5, -4:5]) < 4
-    for counted in (EVERY, disc):
-        draws = shared_noise(np.random.default_rng(5), (9, 9, 150, 150))[counted]
-        wanted = draws.mean(axis=0).std() * np.sqrt(counted.sum())
-        found = correlation_factor(FLAME + shared_noise(rng, shape), counted)
+    for used_views in (EVERY, disc):
+        draws = shared_noise(np.random.default_rng(5), (9, 9, 150, 150))[used_views]
+        wanted = draws.mean(axis=0).std() * np.sqrt(used_views.sum())
+        found = correlation_factor(FLAME + shared_noise(rng, shape), used_views)
         assert found == pytest.approx(wanted, rel=0.06)
     white = rng.standard_normal(shape)
     assert correlation_factor(FLAME + white, EVERY) == 1

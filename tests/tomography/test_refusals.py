@@ -53,7 +53,7 @@ FEW[2, 2:5] = FEW[4, 2:5] = 1
 
 
 TABLES = {
-    "nm,red\n500,1\n600,1\n": "must begin with a heading, wavelength_nm",
+    "nm,red\n500,1\n600,1\n": "must begin with a header row, wavelength_nm",
     "wavelength_nm,red\n500,1\n": "2 wavelengths or more, got 1",
     "wavelength_nm,red\n500,1\n600\n": "must hold 2 numbers in each row",
     "wavelength_nm,red\n500,1\n600,x\n": "must hold 2 numbers",
@@ -83,7 +83,7 @@ SINGLE = {"first": [1.0], "second": [1.0], "wavelengths_nm": (550.0, 650.0)}
 REFUSED = [
     *each(
         partial(FrustumGrid, CAMERA),
-        ({"depths_mm": [5.0, 5.0]}, "no two alike"),
+        ({"depths_mm": [5.0, 5.0]}, "no two equal"),
         ({"depths_mm": [5.0, 0.0, 3.0]}, "rise or fall"),
         ({"depths_mm": [-400.0]}, "main lens"),
         ({"depths_mm": [0.0], "block": 5}, "divide the 54 x 60"),
@@ -101,7 +101,7 @@ REFUSED = [
         "3 rows and 3 columns or more, got 1 and 1",
     ),
     (partial(FrustumGrid, LAW, [9.0, 0.0]), "from -16 to 8 mm, .* of its targets, got 9 mm"),
-    (partial(planes_between, 0, 1, 0.3), "must divide the way from 0 to 1 mm"),
+    (partial(planes_between, 0, 1, 0.3), "must divide the distance from 0 to 1 mm"),
     (partial(planes_between, 0, 1, 0), "finite ends and a step above 0 mm"),
     (
         lambda: FrequencyGram(FrustumGrid(PAPER_CAMERA, np.linspace(-20, 20, 200))),
@@ -131,7 +131,7 @@ REFUSED = [
     (partial(reconstruct, COLOURED, GRID), "grey"),
     (
         lambda: reconstruct(LightField(EVEN.views, weights=HALF), GRID),
-        "all count alike, or not at all, got weights from 0.5 to 1",
+        "of equal weight, or of weight 0, got weights from 0.5 to 1",
     ),
     (
         lambda: reconstruct(LightField(EVEN.views, valid=np.zeros(EVEN.views.shape)), GRID),
@@ -145,7 +145,7 @@ REFUSED = [
         partial(replace, ROUND),
         ({"which": "some"}, "which must be one of"),
         ({"axis_mm": NAN}, "must be finite"),
-        ({"axis_mm": 9.0}, "must stand within the field"),
+        ({"axis_mm": 9.0}, "must lie within the field"),
         ({"radius_mm": 0.3}, "at least four pixels"),
         ({"radius_mm": 1e20}, "at most the field's width"),
         ({"burner_mm": 8.0}, "burner_mm must be within the field"),
@@ -161,7 +161,7 @@ REFUSED = [
         lambda: reconstruct_axisymmetric(LightField(EVEN.views[:, :, :-1]), ROUND),
         "must be grey, of the camera's",
     ),
-    (lambda: find_axis(LightField(0 * EVEN.views), CAMERA), "holds no light"),
+    (lambda: find_axis(LightField(0 * EVEN.views), CAMERA), "contains no light"),
     (lambda: find_axis(LightField(EVEN.views[:, :1]), CAMERA), "3 or more view columns"),
     (partial(find_axis, COLOURED, CAMERA), "in colour, its colours need a calibration"),
     *(
@@ -179,7 +179,7 @@ REFUSED = [
         ({"wavelengths_nm": (550,)}, "two colours or more"),
         ({"wavelengths_nm": (0.55, 0.65)}, "in nm, from 100"),
         ({"soot_exponent": INF}, "soot_exponent must be from -1 to 5, got inf"),
-        ({"second": [1.0, 2.0]}, "one shape"),
+        ({"second": [1.0, 2.0]}, "need one shape"),
         ({"calibration": 0.0}, "calibration"),
     ),
     *((partial(read_table, text), said) for text, said in TABLES.items()),
@@ -197,7 +197,7 @@ REFUSED = [
     (partial(calibrate_colours, [1500, 1600], [[1, 1]] * 2, BANDS), r"shape \(2, 3\)"),
     (partial(calibrate_colours, [1500, 1600], [[1, 1, 0]] * 2, BANDS), "above 0, got 0"),
     (partial(calibrate_colours, [9, 16], [[1, 1, 1]] * 2, BANDS, emissivity=2), "emissivity must"),
-    (partial(measure_source, [np.ones((20, 20))]), "in colour and of one size"),
+    (partial(measure_source, [np.ones((20, 20))]), "in colour and of equal size"),
     (partial(measure_source, [np.eye(20)[..., None] * [1, 1]]), "evenly bright over 100"),
 ]  # fmt: skip
 

@@ -98,5 +98,5 @@ def test_a_flame_too_thick_is_refused_after_its_rounds(exposure, monkeypatch):
     monkeypatch.setattr("lf_flame.tomography.soot.MOST_ROUNDS", 2)
     light_field, calibration = exposure
     dim = replace(calibration, gains=calibration.gains / 100)
-    with pytest.raises(InputError, match=r"at most 2 in each colour, and comes out at [1-9]"):
+    with pytest.raises(InputError, match=r"at most 2 in each colour, but comes out at [1-9]"):
         reconstruct_soot(light_field, GRID, dim, iterations=4)

@@ -50,5 +50,5 @@ def test_metadata_holds_nothing_that_json_does_not_know(make_exhibit):
 
 
 def test_a_light_field_too_large_for_a_page_is_refused():
-    with pytest.raises(InputError, match="holds 100 pixels at most, but this light field has 648"):
+    with pytest.raises(InputError, match="has room for 100 pixels, but this light field has 648"):
         Exhibit(LightField(np.ones((3, 3, 8, 9))), "Large", (-1.0, 1.0), 0.0, most_bytes=100)

@@ -62,7 +62,7 @@ def test_there_is_nothing_but_the_light_field(server, path):
 )
 def test_other_pages_are_refused(server, headers):
     status, body, _ = ask(server, f"/{server.token}/", **headers)
-    assert (status, body) == (403, b"Another page asked.")
+    assert (status, body) == (403, b"A request of another page.")
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "HEAD"])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from lf_flame._common.threads import parallel, uncounted
+from lf_flame._common.threads import parallel, without_refcounts
 
 LANES = 16
 """Number of lines that are integrated side by side, in the lanes of vector instructions."""
@@ -80,7 +80,7 @@ class Workspace(NamedTuple):
     end: np.ndarray
 
 
-@uncounted
+@without_refcounts
 def is_read(y, x, lenslets, gain, i, j, n):
     """Whether a pixel, (y, x) from a lenslet's centre, is lit and entirely in its micro-image."""
     if gain.size > 0 and gain[i, j, n] == 0.0:
@@ -91,7 +91,7 @@ def is_read(y, x, lenslets, gain, i, j, n):
     return abs(down) <= lenslets.half_down and abs(along) <= lenslets.half_along
 
 
-@uncounted
+@without_refcounts
 def continue_linearly(values, line, n, first, end, reach):
     """Fill a line before `first`, and from `end` to n, linearly for `reach` steps, then flat."""
     line, left, right = np.uintp(line), np.uintp(first), np.uintp(end - 1)
@@ -114,7 +114,7 @@ def cubic(near, left, right, far, a):
     return half * a * d * (c * left - b * right) + sixth * b * c * (a * far - d * near)
 
 
-@uncounted
+@without_refcounts
 def integrate(values, lines, n, start, part, parts, drift, total, light, shift):
     """Find the mean light of parts along lines, light[number of the part, shift + line].
 
@@ -148,7 +148,7 @@ def integrate(values, lines, n, start, part, parts, drift, total, light, shift):
                 light[j, begin + i] = light[j + one, begin + i] - light[j, begin + i]
 
 
-@uncounted
+@without_refcounts
 def fill_green(own, low, high, odd):
     """Give pixels of other colours the mean of opposite green neighbours in the micro-image.
 
@@ -176,7 +176,7 @@ def fill_green(own, low, high, odd):
                 high[here] -= 1
 
 
-@uncounted
+@without_refcounts
 def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, work):
     """Read a micro-image's own, lit pixels line by line, and extrapolate each line.
 
@@ -221,7 +221,7 @@ def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, work):
             continue_linearly(own, here, own.shape[1], low[here], high[here], own.shape[1])
 
 
-@uncounted
+@without_refcounts
 def find_own_lines(start, drift, part, work):
     """Find the lines that show each part across: those in whose own pixels its middle is.
 
@@ -242,7 +242,7 @@ def find_own_lines(start, drift, part, work):
             first[u], end[u] = first[u + 1], end[u + 1]
 
 
-@uncounted
+@without_refcounts
 def read_micro_image(image, gain, lattices, n, y, x, lenslets, work, light):
     """Find the light of the parts of one micro-image, light[v, u], in one lattice."""
     own, across, margin, views = work.own, work.across, lenslets.margin, work.first.size

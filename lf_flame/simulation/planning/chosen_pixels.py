@@ -249,13 +249,13 @@ def find_counts(
     """
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
-    chromatic, counted = "chromatic" in kept, by_rays and rays is None
+    chromatic, finding_rays = "chromatic" in kept, by_rays and rays is None
     diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm and rays is None
-    number = len(thick) + chromatic + bool(diffracts) + counted
+    number = len(thick) + chromatic + bool(diffracts) + finding_rays
     share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
     slabs, colours, weights = [1] * len(layers), 1, pixels.weights
     parts = 4 if rays and leaves_gaps(pixels.camera) else 1  # beside the gaps light is uneven
-    low = 2 * FEWEST_RAYS if counted else rays
+    low = 2 * FEWEST_RAYS if finding_rays else rays
 
     @cache
     def image(slabs: tuple[int, ...], colours: int, rays: int | None) -> np.ndarray:
@@ -269,7 +269,7 @@ def find_counts(
         slabs[k] = refine("slabs", sliced, 1, share, weights)
     if chromatic:
         colours = refine("colours", lambda n: image(tuple(slabs), n, low), 1, share, weights)
-    if counted:
+    if finding_rays:
         rays = refine("rays", lambda n: image(tuple(slabs), 1, n), FEWEST_RAYS, share, weights, 3)
     if diffracts:
 
