@@ -1,6 +1,6 @@
-"""How fast refocusing, decoding, rendering and training are, beside floors and named rivals.
+"""How fast refocusing, decoding, rendering and training are, against floors and named rivals.
 
-All calls of a case are timed in turn, so that other load on the machine slows all alike: ratios
+All calls of a case are timed in turn, so that other load on the machine slows all equally: ratios
 within one run carry over to other machines, milliseconds do not. A floor is a time below which the
 task cannot be done: its inputs and outputs cross once, as fast as a compiled loop on all cores
 reads as many bytes. A rival does the same task by NumPy, SciPy or Keras, and its output is compared

@@ -50,7 +50,7 @@ def start_networks() -> None:
 def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
     """Search the slope of sharpest focus of each object in data-set CONFIGS.
 
-    Printed beside the slope from the camera's geometry, and the paper's. OUT also gets the paper's
+    Printed with the slope from the camera's geometry, and the paper's. OUT also gets the paper's
     Figures 5 and 6, the objects at their depths before the camera.
     """
     from experiments.paper.evaluation import slope_report
@@ -96,9 +96,9 @@ def baselines(data: Path, config: Path, out: Path, seed: int | None) -> None:
 
 @cloup.command()
 @click.argument("results", type=FOLDER, nargs=-1, required=True)
-@option("--out", "File NAME.md, for numbers and a figure beside it, too.", MARKDOWN)
+@option("--out", "File NAME.md; numbers and a figure are written next to it.", MARKDOWN)
 def tables(results: tuple[Path, ...], out: Path | None) -> None:
-    """Print Tables I and II of RESULTS folders beside the paper's values.
+    """Print Tables I and II of RESULTS folders with the paper's values.
 
     Runs in one folder of results that differ only in their seed are pooled.
     """
@@ -135,7 +135,7 @@ def hard_cases(out: Path) -> None:
 
 
 @cloup.command("slope-maps")
-@option("--real", "Folder that may hold stilllife_3x3 and lytro_2067.", FOLDER,
+@option("--real", "Folder that may contain stilllife_3x3 and lytro_2067.", FOLDER,
         default=Path("../shared/lightfields"))  # fmt: skip
 @out_option("slope_maps")
 def slope_maps(real: Path, out: Path) -> None:
@@ -161,7 +161,7 @@ def emission(out: Path, part: str, seed: int) -> None:
 
     planes: flames behind each other and thick flames. round: an axisymmetric flame. soot:
     temperature from one raw image. measured: the same of two flames after published tables. bars:
-    how often error bars cover the truth. Simple methods are measured beside.
+    how often error bars cover the truth. Simple methods are measured, too.
     """
     from experiments.emission.report import run
 
@@ -180,7 +180,7 @@ def emission(out: Path, part: str, seed: int) -> None:
 def compare(runs, out, data, light_fields, photographs, refocusnet_weights) -> None:
     """Compare refocusing systems: accuracy, views, training, time and memory.
 
-    RUNS holds the networks of `lf-flame train-system` and `make tables`; the table names missing
+    RUNS contains the networks of `lf-flame train-system` and `make tables`; the table names missing
     ones. Test sets are light fields that no network was trained on, the same scenes with their
     objects at other depths, and photographs. The reference is shift-and-sum of all views. Run it on
     a machine that does nothing else.
@@ -255,7 +255,7 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
 @out_option("bench")
 @flag("--small", "Small inputs, to try the command.")
 def bench(out: Path, small: bool) -> None:
-    """Time refocusing, decoding, rendering and training beside floors and rivals.
+    """Time refocusing, decoding, rendering and training against floors and rivals.
 
     Run it on a machine that does nothing else. Outputs are compared, too.
     """

@@ -15,7 +15,7 @@ STRENGTHS = [float(f"1e{k}") for k in range(-8, 3)]
 class Ridge:
     """Ridge regression from the network's own picture to the images of the training samples.
 
-    With centred pictures P and images I, one sample a row, a new picture p is given the image
+    With centred pictures P and images I, one sample per row, a new picture p is given the image
     (Hoerl and Kennard 1970, in the dual form of Saunders, Gammerman and Vovk 1998)
 
         mean image + (p - mean picture) P^T (P P^T + strength * k)^-1 I,

@@ -48,7 +48,7 @@ def in_turn(
     least_s: float | None = None,
     warm_up: bool = True,
 ) -> Times:
-    """Time calls in turn, round by round, so that other load on the machine slows all alike.
+    """Time calls in turn, round by round, so that other load on the machine slows all equally.
 
     At least `rounds` rounds, and more until `least_s` seconds have passed; by default `ROUNDS` and
     `SHORT_S`, fewer where they take longer than `LONG_S`. A warm-up round compiles, uncounted.
@@ -89,7 +89,7 @@ def read_once(array: np.ndarray) -> None:
 def measure_cost(
     load: Callable[[], RefocusingSystem], views: np.ndarray, slopes: np.ndarray, block
 ) -> dict[str, float]:
-    """Time a system on a frame, in a process of its own that does nothing else.
+    """Time a system on a frame, in a separate process that does nothing else.
 
     Returns ``milliseconds``, and ``memory_mb``, the peak less the light field; NaN where the
     process died.

@@ -1,4 +1,4 @@
-"""Accuracy against time in refocusing: SSIM and PSNR over milliseconds, beside the network.
+"""Accuracy against time in refocusing: SSIM and PSNR over milliseconds, and the network's.
 
 All methods go from the same light fields in memory, as separated views or as the raw image of the
 camera, to the same images, those of a data set's targets, on all cores, one after the other in one
@@ -85,7 +85,7 @@ def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -
 
 
 def _as_raw(views: np.ndarray, bits: int = 0) -> np.ndarray:
-    """Join views to a raw image: float32, or whole numbers of some bits that saturate at 1."""
+    """Join views to a raw image: float32, or integers of `bits` bits that saturate at 1."""
     raw = LightField.trusted(views).to_raw()
     whole = np.round(np.clip(raw, 0, 1) * np.float32(2**bits - 1))
     return whole.astype(f"uint{bits}") if bits else raw
@@ -196,7 +196,7 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
-    """Put the scores of all images together: one data set and method a row.
+    """Put the scores of all images together: one data set and method per row.
 
     PSNR is that of the mean squared error of all images: a mean in dB would be infinite where one
     image is exact.

@@ -2,7 +2,7 @@
 
 In the training images of the paper every object has a depth of its own. A network that has only
 learnt which object is sharp in which plane looks perfect there, and fails where the objects change
-their depths, as here (`experiments.inputs`); so does a ridge regression, which stands beside it.
+their depths, as here (`experiments.inputs`); so does a ridge regression, for comparison.
 Shift-and-sum of all views is the reference; a network that has memorised the depths draws the
 reference of the scene as trained:
 

@@ -1,1 +1,1 @@
-"""Every effect of the simulator in absolute terms, beside a reference tracer."""
+"""Every effect of the simulator in absolute terms, compared with a reference tracer."""

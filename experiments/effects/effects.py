@@ -1,4 +1,4 @@
-"""Each effect, rendered by the library, beside the reference tracer and closed forms.
+"""Each effect, rendered by the library, against the reference tracer and closed forms.
 
 A trial is a small flame before a camera, with what calls for one effect. Pixels are those that the
 effect changes most, and as many drawn at random. All numbers are relative to the brightest pixel.

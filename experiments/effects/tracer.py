@@ -5,7 +5,7 @@ primary numbers of camera and layers, none of its optics. `trace_pixels` follows
 pixels through every effect. `flat_views` multiplies out whole images of flat layers, to rounding.
 
 Places and tilts are vectors (y, x), lengths in mm, seen along the optical axis from the sensor to
-the scene: layers stand upright, and the sensor is turned by 180 degrees against what is stored. A
+the scene: layers are upright, and the sensor is rotated by 180 degrees against what is stored. A
 bundle that nothing cuts, from a layer of radiance b, gives b.
 """
 
@@ -41,9 +41,9 @@ def trace_pixels(
     """Trace random rays (scrambled Sobol points) of some pixels (v, u, t, s).
 
     Layers may glow, be opaque with holes, absorb, be thick, and overlap. The camera has all its
-    imperfections, but an ideal sensor. A hexagonal array has no turn and no error of its pitch, and
-    its light stays in its own micro-images. `rays` is the number of rays through each lenslet, a
-    power of 2, in each of `repeats` (2 or more) independent randomisations. A camera with a
+    imperfections, but an ideal sensor. A hexagonal array has no rotation and no error of its pitch,
+    and its light stays in its own micro-images. `rays` is the number of rays through each lenslet,
+    a power of 2, in each of `repeats` (2 or more) independent randomisations. A camera with a
     `wavelength_nm` has the diffraction of the "lenslet", of the "main_lens", or of both.
 
     Returns the radiance of each pixel and its standard error, from the scatter of the
@@ -314,7 +314,7 @@ def _bundles(layer: Layer, camera: PlenopticCamera, axis: int):
     """Middles (views, lenslets) of the bundles on a layer, upright; widths by lenslet and pixel.
 
     The ray through height y of the array and h of the main lens crosses the focal plane at
-    ``-y a0 / i0``, the conjugate of y, and goes on straight to the layer.
+    ``-y a0 / i0``, the conjugate of y, and continues straight to the layer.
     """
     a0, i0, focal = camera.focus_distance_mm, _image_distance(camera), camera.lenslet_focal_mm
 

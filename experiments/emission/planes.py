@@ -1,4 +1,4 @@
-"""Emission of traced flames, by planes and about an axis, beside simple methods; its error bars."""
+"""Emission of traced flames, by planes and about an axis, and by simple methods; error bars."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -46,7 +46,7 @@ def four(heights, places, foot: float, size: float = 1.0) -> list[Slab]:
 
 
 def behind(size: float = 1.0) -> list[Slab]:
-    """Four flames behind each other, so that every pixel holds several depths."""
+    """Four flames behind each other, so that every pixel shows several depths."""
     return four((28.0, 22.0, 18.0, 25.0), (-3.0, 2.5, -1.0, 4.0), 14.0, size)
 
 

@@ -1,4 +1,4 @@
-"""Simple methods beside the package's: each gets the same light field, grid and noise."""
+"""Simple methods to compare: each gets the same light field, grid and noise."""
 
 from collections.abc import Callable, Iterator
 

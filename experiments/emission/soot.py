@@ -4,10 +4,10 @@ Two flames follow published tables (`tables`):
 
 - Smyth's methane slot flame: temperatures by a thermocouple, corrected for radiation
   (github.com/firemodels/exp, Smyth_Slot_Burner; K. C. Smyth and others, Combustion and Flame 62,
-  157, 1985). Its soot, 0.1 optical thickness in 12 mm, is assumed: the table holds none.
+  157, 1985). Its soot, 0.1 optical thickness in 12 mm, is assumed: the table has none.
 - FM Global's ethylene flame of 15.2 cm in air: means by an emission probe, of both sides
   (github.com/MaCFP/macfp-db, Extinction/FM_Burner, Emission_probe 05 and 10; D. Zeng and others,
-  Proc. Combust. Inst. 37, 825, 2019). They are no frame of a turbulent flame. Soot absorbs 7.6
+  Proc. Combust. Inst. 37, 825, 2019). They are not a frame of a turbulent flame. Soot absorbs 7.6
   times its volume fraction per wavelength, as that database states.
 """
 
@@ -95,7 +95,7 @@ class EthyleneFlame(Measured):
 
     def __init__(self):
         table = pd.read_csv(TABLES / "ethylene_flame.csv", index_col=0)
-        table.loc[10] = np.nan  # dark, and as hot as beside
+        table.loc[10] = np.nan  # dark, and as hot as next to it
         ppm, kelvin = table.iloc[:, :6].fillna(0.0).T.to_numpy(), table.iloc[:, 6:].ffill().T
         heights = 152 * np.arange(1.0, 3.6, 0.5) - 342
         absorption = 7.6 * ppm * 1e-6 / 600e-6
@@ -269,7 +269,7 @@ def temperatures(exposures: dict[str, Exposure], rng: np.random.Generator) -> It
         alone = Temperatures(map_coordinates(flat, at, order=1), None)
         found = {"one photograph, without depth": alone}
         command = "reconstruct" if exposure.depths else "abel"
-        # Planes that the light field hardly separates hold no absorption that can be told.
+        # Planes that the light field barely separates have no absorption that can be found.
         for absorbing in (False,) if exposure.depths else (False, True):
             soot = reconstruct_soot(
                 light_field, exposure.grid, calibration, absorbing=absorbing, bootstrap=DRAWS

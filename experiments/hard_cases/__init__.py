@@ -1,1 +1,1 @@
-"""Cases in which the obvious formula fails, each beside the exact value and this package's."""
+"""Cases in which the obvious formula fails, compared with the exact value and this package's."""

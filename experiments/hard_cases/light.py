@@ -68,7 +68,7 @@ def on_the_edge() -> Values:
 
 
 def at_the_middle(layer: Layer, camera: PlenopticCamera = CAMERA) -> np.ndarray:
-    """Look up the cell on which each bundle is centred; 0 beside the layer."""
+    """Look up the cell on which each bundle is centred; 0 outside the layer."""
     index = []
     for axis in (0, 1):
         edges = layer.cell_edges_mm[axis]
@@ -178,7 +178,7 @@ TAUS = np.array([0.0, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5, 0.3, 50.0, 1e4])
     1e-6,
 )
 def absorbing_cells() -> Values:
-    """Three lenslets to a cell: in the middle one every ray of a pixel meets the same cell."""
+    """Three lenslets per cell: in the middle one every ray of a pixel meets the same cell."""
     camera, ground = replace(CAMERA, lenslets=(9, 9)), Layer([[2.0]], 20.0, WIDE)
     size, tau = camera.field_mm(0.0), TAUS.reshape(3, 3)
     flame = Layer(np.ones((3, 3)), 0.0, size, optical_thickness=tau)

@@ -62,7 +62,7 @@ SUBJECTS = {
     "light": "Simulated light",
     "refocusing": "Refocusing",
 }
-"""Modules of this folder that hold cases, in the table's order, and what they are about."""
+"""Modules of this folder with cases, in the table's order, and their topics."""
 
 
 def all_cases() -> list[hard_case]:

@@ -1,1 +1,1 @@
-"""The paper's tables, slopes and figures, beside the printed values."""
+"""The paper's tables, slopes and figures, compared with the printed values."""

@@ -121,7 +121,7 @@ def _draw_raw(whole, enlarged, light_field: LightField) -> None:
 def learning_figure(tables: Mapping[str, tuple[Mapping[str, Sequence[pd.DataFrame]], Sequence]]):
     """Draw validation PSNR against epochs, a panel for each table, a colour for each recipe.
 
-    Each panel holds the histories of its runs by recipe, and the PSNR values that the paper prints.
+    Each panel shows the histories of its runs by recipe, and the PSNR values that the paper prints.
     """
     figure, axes = panels(list(tables), (6.5 * len(tables), 5), "epochs")
     for axis, (recipes, printed) in zip(axes, tables.values(), strict=True):

@@ -1,6 +1,6 @@
-"""Tables I and II: one run beside the printed values, and several runs side by side.
+"""Tables I and II: one run with the printed values, and several runs side by side.
 
-A results folder holds ``table1.json`` and ``table2.json``, the records that
+A results folder contains ``table1.json`` and ``table2.json``, the records that
 `experiments.paper.evaluation` writes, ``table1_history.csv`` and ``table2_history.csv``, the
 validation scores of each epoch, and ``table1_baselines.json`` and ``table2_baselines.json``, the
 scores of images that need no network.
@@ -56,7 +56,7 @@ def read_paper_values(table: str) -> dict:
 
 
 def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
-    """Put the printed values beside the scores of the planes; columns as in `COLUMNS`."""
+    """Join the printed values to the scores of the planes; columns as in `COLUMNS`."""
     if len(scores) != len(paper["depth_mm"]):
         raise InputError(
             f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
@@ -157,7 +157,7 @@ def title_of(pool: Sequence[Result]) -> str:
 def compare_table(
     pools: Sequence[list[Result]], paper: dict, baselines: dict[str, list[dict]] | None = None
 ) -> pd.DataFrame:
-    """Tabulate each baseline, pool and plane beside the printed values; columns as in `COMPARED`.
+    """Tabulate each baseline, pool and plane with the printed values; columns as in `COMPARED`.
 
     Scores are means over the seeds, spreads their standard deviations (n - 1).
     """
@@ -229,7 +229,7 @@ def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
 
 
 def _describe(pool: list[Result], paper: dict) -> str:
-    """Say what a row rests on, how far it was trained, and how long all epochs would take."""
+    """Describe a row: its basis, how far it was trained, and how long all epochs would take."""
     record, planned = pool[0].record, paper["epochs"]
     epochs, seconds = record["epochs"], record["train_s"]
     machine = ", ".join([*record.get("devices", ()), record["machine"]])

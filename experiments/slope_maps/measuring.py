@@ -68,7 +68,7 @@ def still_life(folder: Path) -> Sample:
 
 
 def lytro(folder: Path) -> Sample:
-    """Toy dinosaur by a Lytro camera, beside EPINET's estimate, which is no truth."""
+    """Toy dinosaur by a Lytro camera, with EPINET's estimate, which is not the truth."""
     names = [[folder / f"2067_{v:02d}_{u:02d}.png" for u in range(1, 10)] for v in range(1, 10)]
     header, pixels = (folder / "epinet_output_2067.pfm").read_bytes().split(b"-1\n", 1)
     width, height = (int(n) for n in header.split()[1:3])
@@ -85,7 +85,7 @@ def _pictures(paths: Sequence[Sequence[Path]]) -> np.ndarray:
 
 
 REAL = {"stilllife_3x3/stillLife_lf_3x3": still_life, "lytro_2067": lytro}
-"""Folders of real scenes, beside each other, and what reads them."""
+"""Folders of real scenes, side by side, and their readers."""
 
 
 def samples(real: Path, tables: Sequence[int], kinds: Mapping, seeds: Sequence[int]) -> Iterator:

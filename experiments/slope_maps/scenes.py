@@ -1,4 +1,4 @@
-"""Photographs on surfaces, rendered by a program of its own, and the true slope of each pixel.
+"""Photographs on surfaces, rendered by a separate program, and the true slope of each pixel.
 
 A surface has a slope d(p) at each place p of the central view, and view (v, u) shows that place at
 ``p + d(p) (v, u)``. The renderer inverts this for 3 x 3 samples of each pixel, keeps the nearest

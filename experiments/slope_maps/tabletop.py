@@ -1,9 +1,9 @@
 """A rendered table top: bare dark things, soft shadows, highlights, and the true slopes.
 
-A pinhole camera stands at each place of a square of them, all turned the same way, with their
+Pinhole cameras are on a square grid, all with the same orientation, with their
 images shifted so that a point at the distance `FOCUS` is in the same place in all. A point at the
 distance Z then moves by ``d = STEP (1 - FOCUS / Z)`` pixels from a view to the next: its slope.
-Each ray meets balls, boxes, the table and the wall behind it; light comes from a lamp of some size
+Each ray meets balls, boxes, the table and the wall behind it; light comes from an extended lamp
 (soft shadows), from all sides, and by reflection (highlights that glide over a surface as the
 camera moves). Nothing is shared with the package's simulator.
 """

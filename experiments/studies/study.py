@@ -2,10 +2,10 @@
 
 A study file (experiments/studies/*.toml) names a data set, a training configuration, and what each
 variant changes of them. With a preset, a network is trained for each variant. Beside it, and alone
-without a preset, stand two results that need no training: the ridge regression of
+without a preset, come two results that need no training: the ridge regression of
 `experiments.linear`, and its bound.
 
-The folder WORK/STUDY holds for each variant VARIANT.zarr, its data set (or that of the first
+The folder WORK/STUDY contains for each variant VARIANT.zarr, its data set (or that of the first
 variant with the same one), VARIANT/, its run, and last VARIANT.json, its scores. A study resumes
 where it was stopped.
 """
@@ -83,7 +83,7 @@ class Study:
         names = [variant.name for variant in self.variants]
         for name in names:
             if names.count(name) > 1 or not re.fullmatch(r"[\w .,:%()-]*[\w%)]", name):
-                raise InputError(f"A variant needs a name of its own, in words, got {name!r}.")
+                raise InputError(f"A variant needs a unique name, in words, got {name!r}.")
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def run_trial(trial: Trial, work: Path, data: Path, workers: int) -> None:
     objects = [item.name for item in trial.data.template.objects]
     images = {
         "linear": Ridge(dataset, parts).predict(dataset.inputs[parts["test"]]),
-        # The objects stand side by side and vary independently: a band for each.
+        # The objects are side by side and vary independently: a band for each.
         "bound": project(train_targets, targets, AVERAGES, bands=len(objects)),
     }
     if trial.preset is not None:

@@ -26,7 +26,7 @@ COLUMNS = [
 ]  # fmt: skip
 
 PANELS = {"flames": "flames", "flames, order reversed": "flames at other depths"}
-"""Test sets that are drawn, with their titles, beside the photographs."""
+"""Test sets that are drawn, with their titles, besides the photographs."""
 
 PSNR_RANGE = (20.0, 70.0)
 """Range of PSNR in the figure; a triangle at the edge marks values outside it."""

@@ -204,7 +204,7 @@ def fit_law(measured: Measurements, *, scale_error: float = 0.0, **facts: Any) -
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2
     law = CameraLaw(
         **dict(zip(MEASURED, solved.x.tolist(), strict=True)),
-        # The law is trusted a little beyond the targets, before the lens.
+        # The law is trusted a little beyond the targets, in front of the lens.
         depth_range_mm=(max(low - span / 4, (low + centre) / 2), high + span / 4),
         standard_deviations=dict(zip(MEASURED, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         **facts,

@@ -350,7 +350,7 @@ def squared_tangent(camera: PlenopticCamera) -> float:
 
 
 def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
-    """Distance before the main lens and radius, in mm, of its aperture and rim, if any."""
+    """Distance in front of the main lens and radius, in mm, of its aperture and rim, if any."""
     stops = []
     if camera.aperture_diameter_mm is not None:
         stops.append((camera.aperture_before_lens_mm, camera.aperture_diameter_mm / 2))

@@ -53,7 +53,7 @@ def match(i, image, centres, kinds, near, spots, radius, start, steps, similarit
     noise. Neighbours of the same kind have more weight, because their blur is the same.
 
     image: shape (rows, columns, 1). centres: (n, 2). kinds: (n,). near: (n, k), the neighbours'
-    numbers, and n behind the last. spots: (m, 2), places in a micro-image, from its centre. start:
+    numbers, and n after the last. spots: (m, 2), places in a micro-image, from its centre. start:
     (n,) and steps: inverse depths, which are added. similarity: (n, steps), filled.
     """
     y, x = centres[i, 0], centres[i, 1]
@@ -92,7 +92,7 @@ def render(
 
     image: shape (rows, columns, channels). centres: (n, 2), with inverse virtual depths and weights
     of the lenslets. near: (down, along, k), numbers of those within reach of each square of a
-    picture, `cell` pixels wide, and n behind the last. offsets: places of the views in a
+    picture, `cell` pixels wide, and n after the last. offsets: places of the views in a
     micro-image, from its centre. view: first y, first x, pixels per pixel of a view, and virtual
     depth at which views coincide. reach, radius: of lenslets, and in a micro-image, in pixels.
     views: (offsets, t, s, channels), filled.

@@ -326,8 +326,8 @@ def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) 
 def share_vignetted(camera: PlenopticCamera) -> float:
     """Share of a pixel's light that the rim cuts; 1 is the light of its own lenslet.
 
-    Light through neighbouring lenslets passes the lens outside the bundles of the own one: the rim
-    may cut all of it, unless it is wider than all rays between the aperture and the field.
+    Light through neighbouring lenslets passes the lens outside the bundles of a pixel's own: the
+    rim may cut all of it, unless it is wider than all rays between the aperture and the field.
     """
     distance_mm, radius_mm = camera.rim_distance_mm, (camera.rim_diameter_mm or math.inf) / 2
     share, other = share_cut(camera, distance_mm, radius_mm), crosstalk(camera)

@@ -186,7 +186,7 @@ def test_a_study_without_training(folder):
         ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, got 'fast'"),
         ("{ batch_size = 1 }", "{ speed = 1 }", "of 1': presets.smoke.speed is not a known"),
         ("recipe = { batch_size = 1", "data.template = { position = 1", "position is not a known"),
-        ("small: batches of 1", "as it is", "needs a name of its own, in words, got 'as it is'"),
+        ("small: batches of 1", "as it is", "needs a unique name, in words, got 'as it is'"),
     ],
 )
 def test_impossible_studies_are_refused(folder, old, new, message):
