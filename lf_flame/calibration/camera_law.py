@@ -241,7 +241,7 @@ def toml_table(name: str, values: dict[str, Any]) -> str:
 def _undistorted(light_field: LightField, distortion: float) -> LightField:
     """Resample views so that they are free of radial distortion, by cubic splines.
 
-    A distance r in pixels from the middle of a view becomes ``r (1 + k r^2)``. Beyond the picture
+    A distance r in pixels from the centre of a view becomes ``r (1 + k r^2)``. Beyond the picture
     its edges repeat.
     """
     size = light_field.views.shape[2:4]
@@ -263,7 +263,7 @@ def _undistorted(light_field: LightField, distortion: float) -> LightField:
             views[view, ..., channel], at, new[view, ..., channel], order=3, mode="nearest"
         )
     valid = light_field.valid
-    if valid is not None:  # a pixel is known if all four are that it lies between
+    if valid is not None:  # a pixel is known if all four around it are
         known = [
             map_coordinates(one.astype(np.float32), at, order=1, mode="nearest") > 0.999
             for one in valid.reshape(-1, *size)

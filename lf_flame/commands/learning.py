@@ -104,7 +104,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
       lf-flame train flames.toml --data flames.zarr --out runs/flames --minutes 60
     """  # noqa: D301 - click reads the backspace
     if (data is None) != (out is None):
-        raise InputError("--data and --out go together: without both, only weights are found.")
+        raise InputError("--data and --out need each other: without both, only weights are found.")
     from lf_flame.datasets.store import Dataset
     from lf_flame.learning.training_config import read_training_config
 

@@ -238,7 +238,7 @@ class Appearance:
         network = load_system(self.network)
         if focus.regions and not isinstance(network, SparseUNet):
             raise InputError(
-                f"{self.network} holds {network.name}; --region needs the network of "
+                f"{self.network} contains {network.name}; --region needs the network of "
                 f"`train-system volumetric`."
             )
         return network

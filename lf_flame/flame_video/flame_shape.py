@@ -29,7 +29,7 @@ DOUBTS = {
     "measured.",
     "ceiling": "Much of the flame has exactly the same, brightest value: the picture is saturated, "
     "and the contour too wide.",
-    "apart": "Other places are as bright and not joined to the flame: they are left out.",
+    "apart": "Other regions are as bright and not joined to the flame: they are left out.",
     "bright_dark": "The background around the flame is not at 0: subtract the dark frame, or the "
     "light behind the flame; contour and height are wrong.",
 }

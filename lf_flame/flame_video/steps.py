@@ -243,12 +243,12 @@ def find_focus(place: str, camera: Lens | None) -> Refocus:
         number = float(place.removesuffix("mm"))
     except ValueError:
         raise InputError(
-            f"A refocusing must be at a depth, as refocus@10mm, or a slope, as refocus@0.5, got "
-            f"{place!r}."
+            f"A refocusing must be at a depth, such as refocus@10mm, or a slope, such as "
+            f"refocus@0.5, got {place!r}."
         ) from None
     if not place.endswith("mm"):
         return Refocus(number)
     if camera is None:
-        raise InputError(f"refocus@{place} needs the camera; or give a slope, as refocus@0.5.")
+        raise InputError(f"refocus@{place} needs the camera; or give a slope, such as refocus@0.5.")
     camera.check_depths(number)
     return Refocus(float(camera.depth_to_slope(number)), number)

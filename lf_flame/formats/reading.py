@@ -300,7 +300,7 @@ def _read_pixels(
 
 
 def _subtract(light_field: LightField, black: LightField, dark: object) -> LightField:
-    """Subtract a light field without light; what is missing or unknown in either is so in both."""
+    """Subtract a light field without light; pixels missing or unknown in either stay so."""
     if black.views.shape != light_field.views.shape:
         raise InputError(
             f"The dark light field {dark} must have the light field's shape "

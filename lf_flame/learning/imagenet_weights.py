@@ -1,7 +1,7 @@
 """File of ResNet-50's ImageNet weights: from Keras's cache, else downloaded into it.
 
 Keras can download it too, but sets no time limit for its connection, and a limit from outside,
-`socket.setdefaulttimeout`, would hold for every connection of the process.
+`socket.setdefaulttimeout`, would apply to every connection of the process.
 """
 
 import hashlib

@@ -98,7 +98,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
     check_keras()
     check_regular(path)
     if not is_zipfile(path):
-        raise InputError(f"{path} is not a Keras file, or is cut short.")
+        raise InputError(f"{path} is not a Keras file, or is truncated.")
     _check_classes(_read_config(path), path)
     with readable(path), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Keras warns of each layer without weights

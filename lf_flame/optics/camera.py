@@ -270,7 +270,7 @@ class PlenopticCamera(Lens):
 
     @cached_property
     def grid_pitch_mm(self) -> float:
-        """Distance on the array between the places that neighbouring pixels of a view show."""
+        """Distance on the array between the points that neighbouring pixels of a view show."""
         return self.lenslet_pitch_mm * ROW_SPACING[self.layout]
 
     @cached_property

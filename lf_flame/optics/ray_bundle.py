@@ -114,7 +114,7 @@ class ArrayPart:
     first_mm: tuple[float, float]  # centre of the first lenslet
     spacing_mm: tuple[float, float]
     size_mm: tuple[float, float]
-    aside_mm: tuple[float, float]  # place of a box from the centre of its lenslet
+    aside_mm: tuple[float, float]  # position of a box from the centre of its lenslet
 
 
 def lenslet_places_mm(
@@ -175,7 +175,7 @@ def _trace(
     (s_height, s_angle), _ = chain(thin_lens(focal), free_space(focal))
     nominal = lenslet_places_mm(camera, axis, part)
     chief = nominal * camera.lenslet_focal_mm / camera.exit_distance_mm
-    # True place of the lenslet, as a difference from nominal: 0 stays 0 without rounding.
+    # True position of the lenslet, as a difference from nominal: 0 stays 0 without rounding.
     moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
     views = np.arange(camera.views) - (camera.views - 1) / 2
     pixel = (chief - moved)[None, :] + views[:, None] * camera.pixel_mm

@@ -1,6 +1,6 @@
 """Slope map of a light field, image with everything in focus, and the range of slopes.
 
-The slope of a pixel is the one at which the views that see its place match the central view
+The slope of a pixel is the one at which the views that see its point match the central view
 (`lf_flame.refocus.matching`), chosen together with those of its surroundings, guided by the image
 (`lf_flame.refocus.semi_global`).
 """

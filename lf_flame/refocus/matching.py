@@ -1,7 +1,7 @@
-"""Mismatch of the views at each slope, for those views that see a place.
+"""Mismatch of the views at each slope, for those views that see a point.
 
 Shifted by the right slope all views show the same as the central one, except where a nearer object
-occludes the place. A straight outline occludes it on at most one side of the aperture. Therefore
+occludes the point. A straight outline occludes it on at most one side of the aperture. Therefore
 all views, each half and each quarter of them are compared (Kang, Szeliski, Chai, CVPR 2001, choose
 halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outline in the aperture),
 and the best match is used. Because fewer views agree more easily by chance, they must match better

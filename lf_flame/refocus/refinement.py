@@ -1,9 +1,9 @@
 """Slopes between those searched, by least squares over the views.
 
-A change of the slope moves each view's picture of a place along its gradient (Adelson, Wang, IEEE
+A change of the slope moves each view's picture of a point along its gradient (Adelson, Wang, IEEE
 Trans. Pattern Anal. Mach. Intell. 14, 99, 1992). The costs of the search do not show it: their
 limit makes them flat a step away. The gradient is that of the mean of the matching views, because
-noise in the gradient of a single view would count as texture, and draw faint slopes to those found.
+noise in the gradient of a single view would pass for texture, and pull faint slopes to those found.
 Views that differ from the central one, as occluded ones do, have almost no weight.
 
 A fit of one pixel is uncertain. Therefore the equations of the pixels around it are added, of
@@ -172,7 +172,7 @@ def _read_view(some, slope, v, u, t, s, y, y_taps, x, x_taps):
 
 @njit
 def _place_taps(place, length, index, taps):
-    """Lenslets that the cubic B-spline reads for a place, their weights, and their derivatives.
+    """Lenslets that the cubic B-spline reads for a point, their weights, and their derivatives.
 
     Beyond the edges the edge is read.
     """

@@ -122,7 +122,7 @@ def _add_paths(path, costs, guide, down, across, sums):
 
 @parallel(lambda costs: len(costs))
 def _pick(t, costs, sums, place, inside):
-    """Place of the least sum in steps of the search, and whether it is neither first nor last."""
+    """Step of the search with the least sum, and whether it is neither first nor last."""
     height, width, count = costs.shape
     for s in range(width):
         k = 0

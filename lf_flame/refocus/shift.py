@@ -104,7 +104,7 @@ def align_views(
     *,
     block: tuple[int, int] = (1, 1),
 ) -> np.ndarray:
-    """Shift some views so that objects at a slope are at the same place in all of them.
+    """Shift some views so that objects at a slope are at the same position in all of them.
 
     View (v, u) becomes ``L[v, u, t + slope (v - vc), s + slope (u - uc)]``, interpolated linearly,
     coordinates clamped at the edges; the mean over all views is `shift_and_sum`.
@@ -176,7 +176,7 @@ def plan_shifts(
     shape: tuple[int, ...], channels: int, places: list[np.ndarray], slopes: np.ndarray,
     interpolation: str, weights: np.ndarray, precision: type,
 ) -> ShiftPlan:  # fmt: skip
-    """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent) at places."""
+    """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent)."""
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
     down, down_taps = shift_taps(view_shifts(slopes, places[0], height), interpolation)
@@ -223,7 +223,7 @@ def _stack(views, places, slopes, interpolation: str, weights: np.ndarray) -> np
 
 
 def view_shifts(slopes: np.ndarray, places: np.ndarray, length: int) -> np.ndarray:
-    """Shift at every place and slope, [..., n]; beyond the image it is clipped."""
+    """Shift at every position and slope, [..., n]; beyond the image it is clipped."""
     return np.clip(slopes * places[..., None], -length, length)
 
 

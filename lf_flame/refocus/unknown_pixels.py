@@ -34,7 +34,7 @@ def ignoring_unknown(
     convolution: Knutsson, Westin, CVPR 1993); where almost none is known, that over filled pixels.
     It is at least the mean of all stored values, because that of an unknown pixel is a lower
     bound: where the brightest views are saturated, the mean of the others would be too dark. A
-    warning counts the places where this decides.
+    warning counts the points where this decides.
 
     These means are of linear or nearest pixels, whose weights are 0 or above. A method of other
     interpolation refocuses filled views, and the difference that leaving out makes is added: it

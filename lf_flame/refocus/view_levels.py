@@ -1,9 +1,9 @@
 """Level of each view relative to the central one; it falls towards the corners.
 
-Because of cos^4, vignetting or gains, views of one place differ in brightness, which a
+Because of cos^4, vignetting or gains, views of one point differ in brightness, which a
 comparison of views would mistake for parallax. The level of a view is a polynomial of second order
 over the image, by which the view is multiplied. It is fitted to the central view where both
-probably show the same place, by instrumental variables: sums of pixels times powers of their
+probably show the same point, by instrumental variables: sums of pixels times powers of their
 coordinates, which noise does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel
 Data, 2010, chapter 5).
 """
@@ -19,7 +19,7 @@ FEWEST = 100
 """Smallest number of pixels with which a view's level is fitted."""
 
 TURNS = 12
-"""Largest number of fits of a level; with fewer, places occluded in one view still bias it."""
+"""Largest number of fits of a level; with fewer, points occluded in one view still bias it."""
 
 SETTLED = 1e-4
 """Largest change of a level that ends the fits."""
@@ -120,7 +120,7 @@ def _read(
     down: float,
     across: float,
 ):
-    """Read a view where it shows the places: light, powers of the coordinates, and if inside."""
+    """Read a view where it shows the points: light, powers of the coordinates, and if inside."""
     at = [place + slope * step for place, step in zip(places, (down, across), strict=True)]
     light = map_coordinates(view, at, np.float64, order=1, mode="nearest")
     light = gaussian_filter1d(light, SMOOTH, axis=1, mode="nearest")

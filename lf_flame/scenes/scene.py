@@ -253,7 +253,7 @@ class Scene:
                 )
 
     def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> Scene:
-        """Scene with each layer moved to another depth and scaled to look the same in the middle.
+        """Scene with each layer moved to another depth and scaled to look the same at the centre.
 
         The central view stays the same, so that the scenes differ only in parallax and defocus.
         This holds for glowing sheets; a layer that occludes, absorbs or has a thickness also looks

@@ -30,7 +30,7 @@ class Lenslet(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Place of a pixel from the centre of a micro-image, along the array's axes.
+    """Position of a pixel from the centre of a micro-image, along the array's axes.
 
     In the pitch of the micro-images, so that those of other lenslets are whole numbers apart.
     """
@@ -41,7 +41,7 @@ class Place(NamedTuple):
 
 @njit
 def crossing(stop, shifts, k, lenslet, pixel, ray):
-    """Place where a ray crosses round stop number k, in mm from the stop's centre."""
+    """Position where a ray crosses round stop number k, in mm from the stop's centre."""
     y = stop.rows[pixel.view_row, pixel.row, ray.row]
     x = stop.columns[pixel.view_column, pixel.column, ray.column]
     if shifts is not None:
@@ -97,7 +97,7 @@ def left_by_edge(radius, y, x, tall, wide):
 
 @njit
 def on_array(micro_images, pixel):
-    """Place of a pixel from the centre of its own lenslet's micro-image."""
+    """Position of a pixel from the centre of its own lenslet's micro-image."""
     row, column = (pixel.view_row, pixel.row), (pixel.view_column, pixel.column)
     y = micro_images.rows[row] + micro_images.shift_rows[column]
     x = micro_images.columns[column] + micro_images.shift_columns[row]
@@ -157,10 +157,10 @@ def shade_ray(falloff, tilt, lenslet, pixel, ray):
 
 @njit
 def cos4(squared, patch):
-    """Mean of cos^4 over a patch of the main lens about a place of such a squared tangent.
+    """Mean of cos^4 over a patch of the main lens about a position of such a squared tangent.
 
     By the mean and the variance of the squared tangents over the patch, of a width w along both
-    axes: ``w^2 / 6`` more than in its middle, which is `patch`, and ``r w^2 / 3 + w^4 / 90``.
+    axes: ``w^2 / 6`` more than in its centre, which is `patch`, and ``r w^2 / 3 + w^4 / 90``.
     """
     cos2 = 1.0 / (1.0 + squared + patch)
     variance = patch * (2.0 * squared + 0.4 * patch)

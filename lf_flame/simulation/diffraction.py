@@ -1,7 +1,7 @@
 """Diffraction in images: at the lenslets a blur on the sensor, at the main lens one of the planes.
 
 Light that diffraction at the main lens displaces on the lenslet array keeps its direction. Along
-this direction, its new place on the array sees another place of the plane. It is therefore the same
+this direction, its new point on the array sees another point of the plane. It is therefore the same
 as a blur of the plane's cells by the image of the diffraction pattern on the plane, for lenslets of
 any size. This is valid if light only adds up; planes that occlude or attenuate each other would
 have to be blurred together.
@@ -274,7 +274,7 @@ class _Grid:
 
 
 def _seen_mm(camera: PlenopticCamera, depth_mm: float, axis: int) -> tuple[float, float]:
-    """First and last place on a layer that a pixel can see, through any lenslet, in any colour."""
+    """First and last point on a layer that a pixel can see, through any lenslet, in any colour."""
     low, high = math.inf, -math.inf
     for colour in (-0.5, 0.5) if camera.chromatic_shift else (0.0,):
         focal_mm = camera.main_lens_focal_mm * (1 + camera.chromatic_shift * colour)

@@ -114,7 +114,7 @@ def _gather_hexagonal(
 
 
 def _hexagon(pitch: float) -> Iterator[tuple[float, tuple[float, float], tuple[float, float]]]:
-    """Boxes of a hexagon: share of its area, height and width, place from its centre, in mm."""
+    """Boxes of a hexagon: share of its area, height and width, position from its centre, in mm."""
     side = pitch / math.sqrt(3)
     area = 1.5 * side * pitch
     yield side * pitch / area, (side, pitch), (0.0, 0.0)
@@ -180,7 +180,7 @@ class FalloffTable(NamedTuple):
 
     rows: np.ndarray  # (a, c)
     columns: np.ndarray  # (b, d)
-    patch: float  # mean over a pixel's patch of the main lens, from its middle
+    patch: float  # mean over a pixel's patch of the main lens, from its centre
 
 
 def falloff_table(optics: OpticalPass, layout: Layout) -> FalloffTable | None:

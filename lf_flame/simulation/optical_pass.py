@@ -3,9 +3,9 @@
 At the end, how far lenslets are displaced that are not where the sensor is read, how much rays are
 tilted, and what round stops cut.
 
-Images are sub-aperture views, the raw image, or chosen lines: arrays ``[a, b, c, d]``. The place of
-a pixel along y is (a, c), along x (b, d): views are ``[v, u, t, s]``, and the raw lenslet image has
-a = b = 0. One kernel therefore writes all layouts.
+Images are sub-aperture views, the raw image, or chosen lines: arrays ``[a, b, c, d]``. The position
+of a pixel along y is (a, c), along x (b, d): views are ``[v, u, t, s]``, and the raw lenslet image
+has a = b = 0. One kernel therefore writes all layouts.
 """
 
 import itertools
@@ -93,7 +93,7 @@ class OpticalPass:
     round_aperture : bool, optional
         Whether the first stop is the aperture, which limits the micro-images. Otherwise the
         aperture is an ideal square, matched to the array: micro-images are squares that tile the
-        sensor, each centred on its lenslet's image of the middle of the main lens.
+        sensor, each centred on its lenslet's image of the centre of the main lens.
     part : ArrayPart, optional
         Part of a hexagonal array through which the light comes.
     """
@@ -173,7 +173,7 @@ class OpticalPass:
 
     @property
     def micro_image_reach_mm(self) -> float:
-        """Distance along the array's axes from a micro-image's middle where light ends.
+        """Distance along the array's axes from a micro-image's centre where light ends.
 
         The distance of pixels' centres: farther off none gets any light of the lenslet.
         """
@@ -195,7 +195,7 @@ class OpticalPass:
         return tuple(itertools.product(rows, columns))
 
     def offsets_mm(self, axis: int) -> np.ndarray:
-        """Pixel centres from the middles of the lenslet's micro-images, shape (view, lenslet).
+        """Pixel centres from the centres of the lenslet's micro-images, shape (view, lenslet).
 
         Along one axis, as if the array were not rotated.
         """
@@ -207,7 +207,7 @@ class OpticalPass:
     def lit_parts(self, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Part of each pixel that lies in the lenslet's micro-image, where that is a square.
 
-        Returns its middle from the pixel's own, in mm, and its width over the pixel's, 0 to 1; both
+        Returns its centre from the pixel's own, in mm, and its width over the pixel's, 0 to 1; both
         of shape (view, lenslet).
         """
         offsets, pixel, half = self.offsets_mm(axis), self.camera.pixel_mm, self.micro_image_mm / 2
@@ -218,7 +218,7 @@ class OpticalPass:
     def tangents(self, axis: int) -> np.ndarray:
         """Tangent of each pixel's central ray behind the main lens, shape (view, lenslet).
 
-        It is that of the ray through the lenslet's middle: the pixel's distance from the lenslet's
+        It is that of the ray through the lenslet's centre: the pixel's distance from the lenslet's
         axis over the lenslet's focal length, as if the array were not rotated.
         """
         camera, nominal = self.camera, self._nominal_mm(axis)

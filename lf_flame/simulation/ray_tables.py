@@ -1,9 +1,9 @@
 """Tables of rays that the kernels read, and the rays of all bundles along one axis.
 
-Numba takes these named tuples as they are. In their shapes (a, c) is the place of a pixel along y
-and (b, d) along x, as in `lf_flame.simulation.optical_pass`: a and b count views, c and d rows and
-columns. i and j count a pixel's rays along y and x, p the planes from front to back, k the stops.
-Arrays are float64 where nothing else is said.
+Numba takes these named tuples as they are. In their shapes (a, c) is the position of a pixel along
+y and (b, d) along x, as in `lf_flame.simulation.optical_pass`: a and b count views, c and d rows
+and columns. i and j count a pixel's rays along y and x, p the planes from front to back, k the
+stops. Arrays are float64 where nothing else is said.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class RayTable(NamedTuple):
     """Where the rays meet the planes.
 
     The sum of row and column is the cell of plane p in which the box of ray (i, j) begins. With
-    shifts they are the middle of the box, in cells of the plane without its border.
+    shifts they are the centre of the box, in cells of the plane without its border.
     """
 
     rows: np.ndarray  # int32, or float64 with shifts, (p, a, c, i)
@@ -53,10 +53,10 @@ class WeightTable(NamedTuple):
 class ShiftTable(NamedTuple):
     """Shifts of bundles by lenslets that are not where the sensor is read."""
 
-    # By a rotated array, in cells of each plane: by the lenslet's place on the other axis.
+    # By a rotated array, in cells of each plane: by the lenslet's position on the other axis.
     rows: np.ndarray  # (p, b, d)
     columns: np.ndarray  # (p, a, c)
-    # By the rotation of each lenslet's own square: by the ray's place on the other axis.
+    # By the rotation of each lenslet's own square: by the ray's position on the other axis.
     turned_rows: np.ndarray  # (p, j)
     turned_columns: np.ndarray  # (p, i)
     # For each lenslet pitch.
@@ -70,12 +70,12 @@ class ShiftTable(NamedTuple):
 
 
 class StopTable(NamedTuple):
-    """A round stop, and the places where rays cross it, in mm from the optical axis."""
+    """A round stop, and the positions where rays cross it, in mm from the optical axis."""
 
     rows: np.ndarray  # (a, c, i)
     columns: np.ndarray  # (b, d, j)
     radius: float
-    height: float  # of a ray's box; below 0 where it lies upside down
+    height: float  # of a ray's box; below 0 where it is inverted
     width: float
 
 
@@ -86,7 +86,7 @@ class RayFalloffTable(NamedTuple):
     columns: np.ndarray  # (b, d)
     down: np.ndarray  # (i,): difference of each ray's tangent from the central ray's
     right: np.ndarray  # (j,)
-    patch: float  # mean of the squares over a ray's patch of the main lens, from its middle
+    patch: float  # mean of the squares over a ray's patch of the main lens, from its centre
 
 
 class TiltTable(NamedTuple):
@@ -98,9 +98,9 @@ class TiltTable(NamedTuple):
 
 
 class MicroImageTable(NamedTuple):
-    """Places of pixels on the sensor, for light through every lenslet that can light them.
+    """Positions of pixels on the sensor, for light through every lenslet that can light them.
 
-    From the middle of their lenslet's micro-image, in the pitch of the micro-images.
+    From the centre of their lenslet's micro-image, in the pitch of the micro-images.
     """
 
     rows: np.ndarray  # (a, c)
@@ -115,7 +115,7 @@ class MicroImageTable(NamedTuple):
 class SquareTable(NamedTuple):
     """Rays on a pixel where micro-images are squares, in the pitch of the micro-images."""
 
-    down: np.ndarray  # (i,): middles of the rays' boxes on the sensor, from the pixel's
+    down: np.ndarray  # (i,): centres of the rays' boxes on the sensor, from the pixel's
     right: np.ndarray  # (j,)
     height: float  # of a ray's box on the sensor
     width: float
@@ -140,12 +140,12 @@ class SeenTable(NamedTuple):
     """Pixels that see at least one plane."""
 
     lines: np.ndarray  # bool, (a, c)
-    first: np.ndarray  # int64, (b,): first place d
+    first: np.ndarray  # int64, (b,): first position d
     last: np.ndarray  # int64, (b,): one past the last
 
 
 class Tiling(NamedTuple):
-    """Places of the rays on a pixel and on its lenslet, in widths of each, -1/2 to 1/2."""
+    """Positions of the rays on a pixel and on its lenslet, in widths of each, -1/2 to 1/2."""
 
     along_pixel: np.ndarray  # (i,)
     along_lenslet: np.ndarray  # (i,)
@@ -157,18 +157,18 @@ class PlaneRays(NamedTuple):
     """Rays on planes along one axis; p counts the planes, other letters as in `RayGrid`."""
 
     edges_mm: tuple[np.ndarray, ...]  # of cells: the layer's, or wider if finer than a ray's box
-    positions: np.ndarray  # (p, e, f, i): middles of the rays' boxes, in cells from the first edge
+    positions: np.ndarray  # (p, e, f, i): centres of the rays' boxes, in cells from the first edge
     boxes: np.ndarray  # (p,): breadth of a ray's box in cells, 0 to 1
     gains: np.ndarray  # (p,): shift of bundles in cells, per mm by which their lenslets move
-    lenslet_cells: np.ndarray  # (p,): image of the lenslet, signed as the rays' places on it
+    lenslet_cells: np.ndarray  # (p,): image of the lenslet, signed as the rays' positions on it
     cells: np.ndarray  # (p,): number of cells of each plane
 
 
 class StopRays(NamedTuple):
     """Rays on stops along one axis; k counts the stops, other letters as in `RayGrid`."""
 
-    places_mm: list[np.ndarray]  # [k], (e, f, i): middles of the rays' boxes
-    boxes_mm: list[float]  # [k]: breadth of a ray's box, below 0 where it lies upside down
+    places_mm: list[np.ndarray]  # [k], (e, f, i): centres of the rays' boxes
+    boxes_mm: list[float]  # [k]: breadth of a ray's box, below 0 where it is inverted
     gains: np.ndarray  # (k,): shift of bundles per shift of their lenslets
 
 

@@ -1,7 +1,7 @@
 """The ray integrator: each pixel's bundle traced backward, with every effect.
 
-The places of the rays are laid out along one axis at a time (`ray_grid`), and put into the tables
-that the kernels read (`lf_flame.simulation.ray_tables`).
+The positions of the rays are laid out along one axis at a time (`ray_grid`), and put into the
+tables that the kernels read (`lf_flame.simulation.ray_tables`).
 """
 
 import math
@@ -169,7 +169,7 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
 def _aspect(widths: np.ndarray) -> float:
     """Ratio of the lenslet's image to the pixel's, each a mean over all pairs of planes.
 
-    The covariance of a tile's places on two planes is the product of its images on both, summed
+    The covariance of a tile's positions on two planes is the product of its images on both, summed
     over the lenslet's tile and the pixel's.
     """
     pairs = np.triu_indices(len(widths), 1)
@@ -182,7 +182,7 @@ def _aspect(widths: np.ndarray) -> float:
 def _hits_mm(
     footprint: Footprint, tiling: Tiling, wide: bool, layout: Layout, axis: int
 ) -> np.ndarray:
-    """Places of all rays on a plane, [e, f, i]; the pixel is a point if not `wide`."""
+    """Positions of all rays on a plane, [e, f, i]; the pixel is a point if not `wide`."""
     pixel_mm = footprint.pixel_width_mm * wide
     offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
     return arrange(footprint.centres_mm, layout, axis)[..., None] + offsets
@@ -231,7 +231,7 @@ def _first_attenuating(planes: list[Plane]) -> int:
 def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
     """Return the kernel for light through every lenslet, and its tables."""
     stop, second = _stop_tables(optics, y, x)
-    # Shifts of lenslets along y and x by a rotated array, by their place on the other axis.
+    # Shifts of lenslets along y and x by a rotated array, by their position on the other axis.
     skews = [
         arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout, 1 - axis)
         for axis in (0, 1)
@@ -328,7 +328,7 @@ def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass, skews) -> ShiftTab
 
 
 def _micro_image_table(optics: OpticalPass, layout: Layout, skews) -> MicroImageTable:
-    """Places of all pixels in the micro-images of their lenslets."""
+    """Positions of all pixels in the micro-images of their lenslets."""
     side, turned = optics.micro_image_mm, math.atan(optics.lenslet_tangent)
     rows, columns = (arrange(optics.offsets_mm(axis) / side, layout, axis) for axis in (0, 1))
     return MicroImageTable(
@@ -344,7 +344,7 @@ def _micro_image_table(optics: OpticalPass, layout: Layout, skews) -> MicroImage
 
 
 def _square_table(y: Tiling, x: Tiling, optics: OpticalPass) -> SquareTable | None:
-    """Places of the rays on a pixel, where micro-images are squares."""
+    """Positions of the rays on a pixel, where micro-images are squares."""
     if not optics.square_micro_images:
         return None
     pixel = optics.camera.pixel_mm / optics.micro_image_mm

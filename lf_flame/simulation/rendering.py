@@ -205,7 +205,7 @@ def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> Ligh
 def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray | None:
     """Weights of views behind stops: 1 for uncut ones of one lenslet, 0 for others.
 
-    A view is used if its part of each stop lies entirely inside, seen through the middle of the
+    A view is used if its part of each stop lies entirely inside, seen through the centre of the
     array, and if no light of a neighbouring lenslet reaches it. If no view is whole, those that see
     most of the aperture are used.
 

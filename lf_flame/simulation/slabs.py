@@ -25,7 +25,7 @@ class Plane:
         Fraction of the light from behind that each cell transmits; None where all is transmitted.
     depth_mm : float
     layer : Layer
-        Layer that gives the place of the cells.
+        Layer that gives the position of the cells.
     lean : (float, float)
         Change of depth per mm along y and x, of a sheet that leans and shines, of which the plane
         is a strip. Oblique rays meet strips more often or less than the sheet; their light is

@@ -173,7 +173,7 @@ def _inner_views(light_field: LightField, camera: Lens) -> tuple[LightField, Len
 
 
 def _checked_views(views: np.ndarray, camera: Lens, depth_mm: float | None) -> np.ndarray:
-    """Subtract a background, which would pull the axis to the middle of the field."""
+    """Subtract a background, which would pull the axis to the centre of the field."""
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
         wrong = "with fewer, state its depth"
         if views.ndim == 5:

@@ -291,7 +291,7 @@ def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
 
 
 def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
-    """Functions that are linear between nodes 0, 1, 2, ... and fall to 0 past the ends, at places.
+    """Functions, linear between nodes 0, 1, 2, ... and 0 past the ends, at positions.
 
     float64, shape (places, nodes).
     """

@@ -120,9 +120,9 @@ class Emission:
 
 @dataclass(frozen=True)
 class Place:
-    """Place of a map: a depth plane, or the section through a flame's axis.
+    """Frame of a map: a depth plane, or the section through a flame's axis.
 
-    title : name of the place
+    title : name of the frame
     extent_mm : left, right, lower and upper edge of the map
     depth_mm : depth of the plane, or of the axis
     across : label of the horizontal axis
@@ -136,5 +136,5 @@ class Place:
     mirrored: bool = False
 
     def whole(self, planes: np.ndarray) -> np.ndarray:
-        """Complete maps of the place: a half section with its mirror image."""
+        """Complete maps: a half section with its mirror image."""
         return np.concatenate([planes[..., :0:-1], planes], -1) if self.mirrored else planes

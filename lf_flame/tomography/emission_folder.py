@@ -253,7 +253,7 @@ class EmissionFolder:
 
     @property
     def places(self) -> list[Place]:
-        """Place of each plane, about the optical axis, or of the section through the axis.
+        """Frame of each plane, about the optical axis, or of the section through the axis.
 
         Heights are from the section's lower edge if its top is unknown.
         """
@@ -288,8 +288,8 @@ def read_colours_of(*paths: Path) -> list[EmissionFolder]:
                 advice += f"{known.radius_mm!r}"
                 advice += "" if known.burner_mm is None else f" --burner {known.burner_mm!r}"
             raise InputError(
-                f"{first.folder} and {one.folder} must hold the same planes, or the same section, "
-                f"of one camera, and differ in {', '.join(other)}{advice}."
+                f"{first.folder} and {one.folder} must have the same planes, or the same section, "
+                f"of one camera, but differ in {', '.join(other)}{advice}."
             )
     for one in folders:
         if one.sigma is None:

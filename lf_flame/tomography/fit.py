@@ -322,7 +322,7 @@ class Fit:
         """Find the cells of planes that may emit light.
 
         A fit without negative light turns noise into faint light in dark cells, and takes that
-        light from bright cells at other depths of the same place: with four depth planes at 5 % of
+        light from bright cells at other depths of the same point: with four depth planes at 5 % of
         noise, one per cent of the peak. Light that is little brighter than noise alone would make
         it is therefore set to 0, and the rest is fitted again. A trial is kept if it lowers the
         expected error of the noise-free light field (Mallows, Technometrics 15, 661, 1973): the

@@ -85,8 +85,9 @@ class ProjectionOperator(GridOperator):
         return cells.reshape(planes, rows, self._finer, -1).swapaxes(2, 3).ravel()
 
 
-# In the loops below, every `finer`-th column of cells is side by side, so that weights of one place
-# in a cell meet neighbours; arrays are flat and indices unsigned, for loops without checks.
+# In the loops below, every `finer`-th column of cells is side by side, so that weights of one
+# position in a cell meet neighbours; arrays are flat and indices unsigned, for loops without
+# checks.
 
 
 @without_refcounts
@@ -152,8 +153,8 @@ def plane_taps(grid: FrustumGrid, axis: int, finer: int = 1) -> np.ndarray:
     """Weights with which a pixel sees the cells of a plane along an axis, (planes, views, cells).
 
     Float64. The first weight is that of the grid's first cell for the first pixel, and of the
-    `finer`-th cell after it for the next; a pixel's own cell is in the middle. They are those of a
-    pixel in the middle of the field.
+    `finer`-th cell after it for the next; a pixel's own cell is at the centre. They are those of a
+    pixel at the centre of the field.
     """
     middle, block = grid.pixels[axis] // 2, grid.block
     taps = np.zeros((len(grid.depths_mm), grid.camera.views, finer * (2 * grid.reach + 1)))

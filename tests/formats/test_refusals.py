@@ -100,8 +100,8 @@ HOLE = {name: view for name, view in square(3).items() if name != "1_1.png"}
 FIELD = np.ones((2, 2, 3, 4))
 FOLDERS = [
     *((of(RUN, grid=grid), "grid must be rows x columns") for grid in ("0x9", (3,))),
-    (of(RUN, grid="2x4"), "do not count 8 places from 1"),
-    (of(square(3), grid="1x9"), "do not count 1 places from 0"),
+    (of(RUN, grid="2x4"), "do not count 8 positions from 1"),
+    (of(square(3), grid="1x9"), "do not count 1 positions from 0"),
     (of(RUN, "0.png", grid="1x1"), "0.png is a stack|holds 1|must be|does not apply|state"),
     *((of(square(), order=order), "order must be one of row,col; ") for order in ("row", "")),
     (of({}, read=scan_view_folder), r"one set of images \(.png, .* got none"),
@@ -218,7 +218,7 @@ RAW = [
         ((EVEN * INF, SIX), "raw lenslet image must be finite, got 900"),
         ((EVEN, SIX, None, EVEN[1:]), "white image must have the shape"),
         ((EVEN, SIX, None, EVEN * NAN), "white lenslet image must be finite"),
-        ((EVEN, SIX, None, 0 * EVEN), "must be bright in the middle"),
+        ((EVEN, SIX, None, 0 * EVEN), "must be bright in the centre"),
         ((EVEN[:4], SIX), "No micro-image of 6 x 6 pixels lies entirely"),
         ((EVEN, SIX, 0), "from 1 to twice the 6 pixels .* got 0"),
         ((EVEN, SIX, 13), "from 1 to twice the 6 pixels .* got 13"),
@@ -429,7 +429,7 @@ FOCUSED = [
     (plan(views=0), "from 1 to twice the 23.3 pixels under a lenslet, got 0"),
     (plan(shape=(90, 90)), "too small for views"),
     (plan(white=lambda: focused_white()[:-1]), "white image must have the shape"),
-    (plan(white=lambda: 0 * focused_white()), "bright in the middle of its micro-images"),
+    (plan(white=lambda: 0 * focused_white()), "bright in the centre of its micro-images"),
     (plan(bayer="rgby"), "bayer must be one of"),
     (lambda: plan()().decode(focused_white()), "No virtual depth was found"),
     (lambda: plan()().decode(focused_white()[1:]), "raw image must have the shape"),

@@ -195,7 +195,7 @@ REFUSED = [
     ),
     (
         partial(loading_changed, lambda content: content[: len(content) // 2]),
-        "is not a Keras file, or is cut short",
+        "is not a Keras file, or is truncated",
     ),
     (limited_loading, r"network\.keras would need .* GB"),
     (loading_a_pipe, "a pipe or a socket"),

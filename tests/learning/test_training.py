@@ -128,4 +128,4 @@ def test_train_without_data_finds_the_weights_alone(tmp_path, monkeypatch):
     assert shown.output.splitlines()[-1] == "Weights of the backbone: no backbone."
     assert [path.name for path in tmp_path.iterdir()] == ["flames.toml"]
     refused = run("train", "flames.toml", "--preset", "smoke", "--out", "r")
-    assert "--data and --out go together" in str(refused.exception)
+    assert "--data and --out need each other" in str(refused.exception)

@@ -23,8 +23,8 @@ def between(image, y, x, channel):
 def compare(own, image, y, x, spots, down, right, radius):
     """Covariance of a micro-image and another, centred at (y, x), and root of their variances.
 
-    own: the micro-image at the places `spots`, from its centre. The other is compared at the same
-    places less (down, right), where these are within the radius; 0 and 0 if fewer than 12 are.
+    own: the micro-image at the points `spots`, from its centre. The other is compared at the same
+    points less (down, right), where these are within the radius; 0 and 0 if fewer than 12 are.
     """
     count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(spots)):
@@ -53,7 +53,7 @@ def match(i, image, centres, kinds, near, spots, radius, start, steps, similarit
     noise. Neighbours of the same kind have more weight, because their blur is the same.
 
     image: shape (rows, columns, 1). centres: (n, 2). kinds: (n,). near: (n, k), the neighbours'
-    numbers, and n after the last. spots: (m, 2), places in a micro-image, from its centre. start:
+    numbers, and n after the last. spots: (m, 2), points in a micro-image, from its centre. start:
     (n,) and steps: inverse depths, which are added. similarity: (n, steps), filled.
     """
     y, x = centres[i, 0], centres[i, 1]
@@ -85,14 +85,14 @@ def match(i, image, centres, kinds, near, spots, radius, start, steps, similarit
 def render(
     piece, image, centres, inverse, weights, near, cell, offsets, view, reach, radius, views
 ):  # fmt: skip
-    """Put views together from patches of the micro-images.
+    """Assemble views from patches of the micro-images.
 
-    A place of a view belongs to the lenslets near it. Each gives the part of its micro-image around
+    A point of a view belongs to the lenslets near it. Each gives the part of its micro-image around
     the view's offset, magnified by the lenslet's virtual depth; nearer ones have more weight.
 
     image: shape (rows, columns, channels). centres: (n, 2), with inverse virtual depths and weights
     of the lenslets. near: (down, along, k), numbers of those within reach of each square of a
-    picture, `cell` pixels wide, and n after the last. offsets: places of the views in a
+    picture, `cell` pixels wide, and n after the last. offsets: points of the views in a
     micro-image, from its centre. view: first y, first x, pixels per pixel of a view, and virtual
     depth at which views coincide. reach, radius: of lenslets, and in a micro-image, in pixels.
     views: (offsets, t, s, channels), filled.
@@ -115,7 +115,7 @@ def render(
             weight = weights[j] * (1 - distance / reach) ** 2
             at_y, at_x = offsets[n, 0] + down * inverse[j], offsets[n, 1] + right * inverse[j]
             away = np.sqrt(at_y * at_y + at_x * at_x)
-            if away > radius:  # the lenslet does not see the place, and is used if none does
+            if away > radius:  # the lenslet does not see the point, and is used if none does
                 at_y, at_x = at_y * radius / away, at_x * radius / away
                 weight *= 1e-6
             total += weight

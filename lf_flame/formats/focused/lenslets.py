@@ -2,7 +2,7 @@
 
 In a focused camera each lenslet images a part of the picture that the main lens forms, so that
 neighbouring micro-images show the same detail, displaced. At the virtual depth v, the distance of
-that picture from the lenslets over their distance from the sensor, the place Y of the picture is
+that picture from the lenslets over their distance from the sensor, the point Y of the picture is
 seen in the micro-image centred at m at the offset ``d = (Y - m) / v`` (Perwass and Wietzke 2012).
 A negative v is a picture in front of the lenslets. All are in pixels of the raw picture, and the
 centres m are those of micro-images, which lie a little wider apart than the lenslets: v is larger
@@ -99,7 +99,7 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarr
 
     A point is displaced by the pitch over the virtual depth from one micro-image to the next
     (Perwass and Wietzke, Proc. SPIE 8291, 2012). The similarity of a micro-image to its neighbours
-    is their covariance, over the places that both see, relative to the geometric mean of their
+    is their covariance, over the points that both see, relative to the geometric mean of their
     variances. It is summed over all neighbours within 1.8 pitches; in a hexagonal array those of
     another kind, which are blurred differently, have little weight. Its largest value over inverse
     depths from -0.55 to 0.55 (from 0, where the lenslets have ranges) is refined with all
@@ -124,7 +124,7 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarr
     similarity, other = coarse.max(axis=1), np.where(apart, coarse, 0).max(axis=1)
     known = (similarity >= 0.5) & (similarity - other >= 0.1)
     known &= (best > 0) & (best < inverses.size - 1)
-    # Above 0.5 no place is seen entirely by two lenslets; below 2 pixels any two micro-images
+    # Above 0.5 no point is seen entirely by two lenslets; below 2 pixels any two micro-images
     # match.
     known &= (np.abs(found) <= 0.52) & (np.abs(found) * pitch >= 2)
     found[~known] = np.nan
@@ -138,7 +138,7 @@ def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarr
 def _similarity(grey, lenslets: FocusedLenslets, reach: float, start, steps) -> np.ndarray:
     """Similarity to the neighbours within a reach in pitches, at inverse depths around `start`."""
     (centres, kinds), radius = lenslets.array, lenslets.radius
-    stride = max(1.0, radius / 7)  # between places that are compared
+    stride = max(1.0, radius / 7)  # between points that are compared
     half = int(radius / stride)
     spots = stride * np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).T
     spots = np.ascontiguousarray(spots[np.hypot(*spots.T) <= radius])
@@ -151,7 +151,7 @@ def _similarity(grey, lenslets: FocusedLenslets, reach: float, start, steps) -> 
 
 
 def _peak_places(similarity: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Places of the largest similarity, by a parabola through the five values around it."""
+    """Positions of the largest similarity, by a parabola through the five values around it."""
     top = np.clip(similarity.argmax(axis=1), 2, len(steps) - 3)
     near = np.take_along_axis(similarity, top[:, None] + np.arange(-2, 3), axis=1)
     slope = near @ np.array([-2, -1, 0, 1, 2]) / 10

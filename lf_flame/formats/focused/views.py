@@ -1,4 +1,4 @@
-"""Views of a focused plenoptic camera, put together from patches of its micro-images."""
+"""Views of a focused plenoptic camera, assembled from patches of its micro-images."""
 
 from __future__ import annotations
 
@@ -87,17 +87,17 @@ def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object
 class FocusedPlan:
     """Plan for the views of one camera with focused lenslets.
 
-    Each place of a view is put together from the lenslets around it: from the part of each
+    Each point of a view is assembled from the lenslets around it: from the part of each
     micro-image around an offset p that belongs to the view, magnified by the lenslet's virtual
     depth v: a patch of pitch / v pixels for each lenslet. Lenslets of a kind that is out of focus
-    at its depth are used only where no other sees the place. From view to view the offset p moves
-    through the micro-image, and a place at the depth v moves by ``(3 - v) p`` pixels of the raw
+    at its depth are used only where no other sees the point. From view to view the offset p moves
+    through the micro-image, and a point at the depth v moves by ``(3 - v) p`` pixels of the raw
     picture. The offsets lie in a square within the round micro-image, so that all views are used.
     Unlike a view of an unfocused camera, a patch holds directions from p - pitch / (2 v) to
     p + pitch / (2 v).
 
     `reference` is the virtual depth at which views coincide, `step` the distance between pixels of
-    a view, `spacing` that between the offsets of neighbouring views, `first` the place (y, x) of
+    a view, `spacing` that between the offsets of neighbouring views, `first` the position (y, x) of
     the central view's first pixel, all in pixels of the raw picture: the slope at the virtual depth
     v is ``(reference - v) spacing / step``. `found` says in words which depths `decode` has found.
     """
@@ -151,14 +151,14 @@ class FocusedPlan:
         _, self._near = cKDTree(centres).query(places, 12, distance_upper_bound=farthest)
 
     def decode(self, raw: ArrayLike) -> LightField:
-        """Put the views of a raw picture of the planned shape together."""
+        """Assemble the views of a raw picture of the planned shape."""
         image = subtract_dark(raw, self._black, "raw", self.shape)
         image = self._coloured(image.astype(np.float32, copy=False))
         (centres, _), radius = self.lenslets.array, self.lenslets.radius
         fall = mean_fall_off(image, centres, radius) if self._fall is None else self._fall
         image = np.ascontiguousarray(image / fall, np.float32)
         inverse = self._inverse(image)
-        # A lenslet of a kind that is out of focus is used only where no other sees the place.
+        # A lenslet of a kind that is out of focus is used only where no other sees the point.
         weights = np.where(self.lenslets.in_focus(1 / inverse), 1.0, 1e-3)
         places = centred(self.views) * self.spacing
         offsets = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -209,12 +209,12 @@ class FocusedPlan:
 
 
 def fall_off(white: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """Brightness of a white image relative to the middle of its micro-images, and at least 0.2."""
+    """Brightness of a white image relative to the centre of its micro-images, and at least 0.2."""
     y, x = np.rint(centres).astype(int).T
     middle = np.median(white[y, x], axis=0)
     if not np.all(middle > 0):
         raise InputError(
-            f"The white image must be bright in the middle of its micro-images, "
+            f"The white image must be bright in the centre of its micro-images, "
             f"got a median there of {middle.min():g}."
         )
     return np.maximum(white / middle, 0.2)

@@ -27,7 +27,7 @@ MOSAICS = {"r": "r gr gb b", "gr": "gr r b gb", "gb": "gb b r gr", "b": "b gb gr
 """Upper left 2 x 2 pixels of the cameras' mosaic, row by row, by the first of them."""
 
 FRAMES = ("master/picture/frameArray", "picture/frameArray", "frames")
-"""Places of the list of frames in tables of contents and in the metadata of white images."""
+"""Paths of the list of frames in tables of contents and in the metadata of white images."""
 
 TEXT, NUMBER, TABLE = (str,), (int, float), (dict,)
 """Types of values in JSON."""
@@ -216,8 +216,9 @@ def read_lytro(path: str | Path) -> LytroPicture:
     Parameters
     ----------
     path : str or Path
-        Container (``.lfp``, ``.lfr``), whose sections are checked by their SHA-1; or packed pixels
-        (``.raw``) with their metadata beside them, in ``.json`` or ``.txt`` under the same name.
+        Container (``.lfp``, ``.lfr``), whose sections are checked against their SHA-1; or packed
+        pixels (``.raw``) with their metadata beside them, in ``.json`` or ``.txt`` under the same
+        name.
 
     Returns
     -------

@@ -108,7 +108,7 @@ def continue_linearly(values, line, n, first, end, reach):
 
 @njit(inline="always")
 def cubic(near, left, right, far, a):
-    """Sum of light up to the place a: the cubic through the sums up to 0, 1, 2 and 3."""
+    """Sum of light up to the position a: the cubic through the sums up to 0, 1, 2 and 3."""
     half, sixth = np.float32(0.5), np.float32(1 / 6)
     b, c, d = a - np.float32(1.0), a - np.float32(2.0), a - np.float32(3.0)
     return half * a * d * (c * left - b * right) + sixth * b * c * (a * far - d * near)
@@ -125,7 +125,7 @@ def integrate(values, lines, n, start, part, parts, drift, total, light, shift):
     scale, move = np.float32(1.0 / part), np.float32(drift)
     # Lines that are read at the same pixels; of one line the other lanes are overwritten later.
     batch = LANES if abs(drift) * LANES <= 0.5 else 1
-    # Unsigned numbers, as Numba would look whether others are negative, one by one.
+    # Unsigned, because Numba would check each signed index for being negative.
     lanes, one, two, three = np.uintp(LANES), np.uintp(1), np.uintp(2), np.uintp(3)
     for first in range(0, lines, batch):
         begin = np.uintp(first + shift)
@@ -153,7 +153,7 @@ def fill_green(own, low, high, odd):
     """Give pixels of other colours the mean of opposite green neighbours in the micro-image.
 
     Both neighbours of a pair, so that linear light stays as it is. odd: whether the sum of row and
-    column of a green pixel is odd, counted from the first line and place 0 of `own`. A pixel
+    column of a green pixel is odd, counted from the first line and position 0 of `own`. A pixel
     without a pair at an end of its line is taken off.
     """
     for here in range(low.size):
@@ -223,9 +223,10 @@ def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, work):
 
 @without_refcounts
 def find_own_lines(start, drift, part, work):
-    """Find the lines that show each part across: those in whose own pixels its middle is.
+    """Find the lines that show each part across: those in whose own pixels its centre is.
 
-    Or half a pixel beyond. start: place of the first part's middle in line 0; it moves by `drift`.
+    Or half a pixel beyond. start: position of the first part's centre in line 0; it moves by
+    `drift`.
     """
     first, end, low, high, views = work.first, work.end, work.low, work.high, work.first.size
     for u in range(views):

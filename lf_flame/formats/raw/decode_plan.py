@@ -210,7 +210,7 @@ class DecodePlan:
         level = np.median(middle[seen], axis=0) if seen.any() else np.zeros(1)
         if not np.all(level > 0):
             raise InputError(
-                f"The white image must be bright in the middle of its micro-images, "
+                f"The white image must be bright in the centre of its micro-images, "
                 f"got a median there of {level.min():g}."
             )
         least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
@@ -279,7 +279,7 @@ def _own_views(grid: LensletGrid, views: int) -> np.ndarray:
     if grid.layout == "rectangular":
         return np.ones((views, views), bool)
     from_middle = np.hypot(*np.meshgrid(centred(views), centred(views)))
-    return from_middle <= from_middle[0, views // 2] + 1e-9  # in the middle of a side
+    return from_middle <= from_middle[0, views // 2] + 1e-9  # at the centre of a side
 
 
 def _lattices(pattern: str | None, channels: int) -> Lattices:

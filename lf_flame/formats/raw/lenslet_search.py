@@ -150,7 +150,7 @@ def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, 
 
 
 def _top(before: float, middle: float, after: float) -> float:
-    """Place of the top of the parabola through values at -1, 0 and 1."""
+    """Position of the top of the parabola through values at -1, 0 and 1."""
     return (before - after) / (2 * (before - 2 * middle + after))
 
 
@@ -263,7 +263,7 @@ def _windows(length: int, pitch: float) -> list[slice]:
 
 
 def _lie_within(places: np.ndarray, windows: list[slice], border: float) -> np.ndarray:
-    """Find the places along an axis that lie within a window, off its border."""
+    """Find the positions along an axis that lie within a window, off its border."""
     inside = [(places >= w.start + border) & (places <= w.stop - 1 - border) for w in windows]
     return np.any(inside, axis=0)
 

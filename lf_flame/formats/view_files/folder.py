@@ -160,11 +160,11 @@ def scan_view_folder(
         (`lf_flame.formats.view_files.orders.find_order`), otherwise ``row,col``.
     grid : (int, int) or str, optional
         Number of rows and columns of the light field, such as (1, 9) or ``9x9``. Numbers that do
-        not fill it are places in it, and places without a view get weight 0.
+        not fill it are positions in it, and positions without a view get weight 0.
     names : str, optional
         Pattern of the views' names, such as ``input_Cam*.png``. Default: all images.
     first : int, optional
-        Number of the first place of the grid. Default: 1 if the last place is then there,
+        Number of the first position of the grid. Default: 1 if the last position is then there,
         otherwise 0; for numbers that fill the grid, the lowest.
 
     Returns
@@ -219,7 +219,7 @@ SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 """Patterns of an optional sign, that after neither a letter nor a digit, and of any."""
 
 Column = tuple[Decimal, ...]
-"""Number at one place of the name of each file."""
+"""Number at one position of the name of each file."""
 
 
 def number_grid(
@@ -228,10 +228,10 @@ def number_grid(
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
     The shape is (first number, second number), or (running number,). A stated `grid` is that of the
-    numbers: (first, second), and `first` the number of the first place. Numbers are multiples of
+    numbers: (first, second), and `first` the number of the first position. Numbers are multiples of
     one step, the same along both axes, as slopes would have no unit otherwise. Where they do not
-    fill a stated grid, whole numbers are places in it: they count from `first`, by default from 0,
-    or from 1 if the last place is then there.
+    fill a stated grid, whole numbers are positions in it: they count from `first`, by default from
+    0, or from 1 if the last position is then there.
     """
     columns = _row_and_column([file.stem for file in files])
     if len(set(zip(*columns, strict=True))) < len(files):
@@ -258,9 +258,9 @@ def number_grid(
             whole = all(number == int(number) for number in numbers)
             if not whole or places[0] < 0 or places[-1] >= size:
                 raise InputError(
-                    f"The numbers in the names of {source}, {text}, do not count {size} places "
+                    f"The numbers in the names of {source}, {text}, do not count {size} positions "
                     f"from {start}: state another --grid, the --order of the numbers, or the "
-                    f"number of the first place (`lf-flame convert --first`)."
+                    f"number of the first position (`lf-flame convert --first`)."
                 )
         all_places.append(dict(zip(numbers, places, strict=True)))
         sizes.append(size)
@@ -282,9 +282,9 @@ def number_grid(
 def _row_and_column(names: list[str]) -> list[Column]:
     """Find the last two numbers that differ between views and repeat, or one that counts the views.
 
-    A view's place by its row and column is unique, and neither of the two alone is. In a single row
-    or column one is: there they are the last two numbers, of as many digits in all names, and the
-    other is always 0 or 1.
+    A view's position by its row and column is unique, and neither of the two alone is. In a single
+    row or column one is: there they are the last two numbers, of as many digits in all names, and
+    the other is always 0 or 1.
     """
     columns: list[Column] = list(zip(*(one[1::2] for one in split_numbers(names)), strict=True))
     repeated = [column for column in columns if 1 < len(set(column)) < len(names)]

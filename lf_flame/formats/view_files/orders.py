@@ -147,8 +147,8 @@ def fold(
 LEAST_MARGIN = 0.28
 """Smallest lead of an order over the next one, as a fraction of the change between views.
 
-Shuffled views, noise, and rows cut at the wrong places lead by at most 0.25 by chance; photographs
-and blurred noise in their true order by 0.3 to 0.99.
+Shuffled views, noise, and rows cut at the wrong positions lead by at most 0.25 by chance;
+photographs and blurred noise in their true order by 0.3 to 0.99.
 """
 
 SCALES = (1, 2, 4, 8, 16)
@@ -177,7 +177,7 @@ def find_order(
     stated: str | None = None,
     folded: str | Path | None = None,
 ) -> ViewOrder:
-    """Order as `stated`, or found from the parallax of four neighbours, in up to five places.
+    """Order as `stated`, or found from the parallax of four neighbours, at up to five positions.
 
     In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
     by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and

@@ -1,6 +1,6 @@
 """A few hundred pixels of an image, rendered to find how finely a scene must be divided.
 
-They lie where chosen rows and columns cross: those that see the brightest places, those where light
+They lie where chosen rows and columns cross: those that see the brightest points, those where light
 or matter changes most from lenslet to lenslet, and some spread evenly over all views. Both
 integrators render them with every effect but diffraction.
 
@@ -87,7 +87,7 @@ class ChosenPixels:
         )[None, None]
 
     def _start(self) -> np.ndarray:
-        """Columns of the central view that see the brightest places and the edges of layers."""
+        """Columns of the central view that see the brightest points and the edges of layers."""
         count, view = self.camera.lenslets[1], self.camera.views // 2
         lenslets = [*_spread(count, 2 * EVEN)]
         for layer in self.scene.layers:

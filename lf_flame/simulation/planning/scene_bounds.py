@@ -1,6 +1,6 @@
 """Bounds on the light of a scene in front of a camera, which the estimates of effects share.
 
-They bound the brightness of pixels, the change of light from place to place on a layer, and the
+They bound the brightness of pixels, the change of light from point to point on a layer, and the
 change of a pixel if its bundle of rays moves over a layer. Nothing is rendered.
 """
 
@@ -31,7 +31,7 @@ from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, has_matter
 class LightSteps(NamedTuple):
     """Largest changes of radiance on a layer along one axis, and the width of its cells."""
 
-    whole: float  # between any two places
+    whole: float  # between any two points
     next: float  # between neighbouring cells; outside the layer it is 0
     cell_mm: float
 
@@ -127,7 +127,7 @@ def _brightest_raw(camera: PlenopticCamera, radiance: float) -> float:
 
 
 def measured_change(bounds: SceneBounds, effect: str) -> float:
-    """Measure the change of the chosen pixels if all light had its middle depth or colour.
+    """Measure the change of the chosen pixels if all light had its central depth or colour.
 
     Returns twice the largest change of a pixel, in the unit of the textures, as other pixels are
     not measured; infinite where light does not only add up, or reaches a pixel through other
@@ -215,7 +215,7 @@ def mixed_inside(bounds: SceneBounds, layer: Layer) -> float:
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
     """Width of a pixel's bundle on a layer in mm: the image of the lenslet or that of the pixel.
 
-    The weight of a place on the layer is a trapezoid, the convolution of both boxes.
+    The weight of a point on the layer is a trapezoid, the convolution of both boxes.
     """
     footprint = bounds.footprints[layer, axis]
     pixel = abs(footprint.pixel_width_mm) if bounds.defocus else 0.0
@@ -239,7 +239,7 @@ def displaced(bounds: SceneBounds, layer: Layer, axis: int, shift_mm: float, box
 def smeared(
     bounds: SceneBounds, layer: Layer, axis: int, depth_mm: float = 0.0, focal_mm: float = 0.0
 ) -> float:
-    """Bound on the change of a pixel if all light came from the middle of a spread.
+    """Bound on the change of a pixel if all light came from the centre of a spread.
 
     The spread, in mm, is one of depth (a thick layer) or of focal length (chromatic shift). It is
     divided into eight parts; for each, the farthest move of the bundle within it is taken.
@@ -256,8 +256,8 @@ def smeared(
 def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float:
     """Bound on the relative change if lenslets move over the sensor by up to `shifts_mm` (y, x).
 
-    Through its own lenslet a pixel then sees another place of a layer, and where the micro-image of
-    a neighbouring lenslet covers a part of it, a place that is one more pitch away.
+    Through its own lenslet a pixel then sees another point of a layer, and where the micro-image of
+    a neighbouring lenslet covers a part of it, a point that is one more pitch away.
     """
     camera, change, pitch_mm = bounds.camera, 0.0, true_pitch_mm(bounds.camera)
     for layer in bounds.layers:
