@@ -39,7 +39,7 @@ REFUSED = [
     (partial(find_steps, "refocus@10mm"), "refocus@10mm needs the camera"),
     (
         partial(find_steps, "refocus@x"),
-        r"at a depth, as refocus@10mm, or a slope, as refocus@0\.5, got 'x'",
+        r"at a depth, such as refocus@10mm, .* as refocus@0\.5, got 'x'",
     ),
     (partial(find_steps, "height,decode"), "decode only first, got 'height,decode'"),
     (partial(find_steps, "height,height"), "once, .*, got 'height,height'"),

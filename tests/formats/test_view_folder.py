@@ -190,7 +190,7 @@ test_numbers_without_one_step_are_refused = refusals(
             "do not count 2 pos",
         ),
         (partial(pictures("7.png", "8.png", "9.png"), grid="2x2"), "do not count 4 .* --first"),
-        (partial(pictures(*(f"{10**30 + n}.png" for n in range(3))), grid="2x2"), "not count 4 pl"),
+        (partial(pictures(*(f"{10**30 + n}.png" for n in range(3))), grid="2x2"), "not count 4 po"),
         (
             pictures("0_0.png", "9999_0.png", "1_0.png", "5_1.png", "5_20000.png"),
             "cannot fill a grid of 10000 x 20001",
