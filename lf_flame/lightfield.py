@@ -1,7 +1,7 @@
 """The light field and its two layouts.
 
 ``views[v, u, t, s]``, float32: v, u are the angular row and column (sub-aperture view), t, s the
-spatial row and column (lenslet); an optional fifth axis holds colour channels. The raw
+spatial row and column (lenslet); an optional fifth axis is for colour channels. The raw
 lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor order, not flipped.
 """
 
@@ -110,8 +110,9 @@ class LightField:
     Raises
     ------
     InputError
-        If the array has another number of axes, is empty, or holds NaN, infinite values or values
-        beyond 1e37; if the weights cannot be used, or `valid` has another shape or other values.
+        If the array has another number of axes, is empty, or contains NaN, infinite values or
+        values beyond 1e37; if the weights cannot be used, or `valid` has another shape or other
+        values.
 
     Notes
     -----

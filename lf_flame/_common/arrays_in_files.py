@@ -52,7 +52,7 @@ NUMPY_HEADERS = {
 
 
 class ArrayFile(FileOfArrays):
-    """A ``.npy`` file, which holds one array named "", or a ``.npz`` file; the content decides."""
+    """A ``.npy`` file, with one array named "", or a ``.npz`` file; the content decides."""
 
     def __init__(self, path: str | Path):
         self.path = path

@@ -148,7 +148,7 @@ def output_folder(
 ) -> Iterator[OutputFolder]:
     """Fill a new folder, which appears with all files and their record when the block succeeds.
 
-    The folder must be empty or new; `overwrite` replaces one that holds such a record, and only
+    The folder must be empty or new; `overwrite` replaces one that contains such a record, and only
     files that it lists. It is first renamed to ``NAME.old-...`` and removed after the new one has
     its name. A process that is killed in between leaves it under that name.
     """

@@ -65,7 +65,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
             )
         if image.format == "PPM" and image.mode == "RGB" and top_level(image) > 255:
             # Pillow would keep 8 of the bits.
-            raise InputError(f"{path} holds colours of 16 bits, which are read from PNG and TIFF.")
+            raise InputError(f"{path} has colours of 16 bits, which are read from PNG and TIFF.")
         check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
         turn = image.getexif().get(ORIENTATION, 1)
         if image.format == "PNG":  # Pillow drops the low bytes of deep colours
@@ -94,7 +94,7 @@ def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
     kind = pixels.dtype.kind
     if kind not in "bf" and not (kind == "u" and pixels.dtype.itemsize <= 2):
         raise InputError(
-            f"{source} must hold unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
+            f"{source} must have unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
         )
     if kind == "u":
         return pixels / np.float32(np.iinfo(pixels.dtype).max)
@@ -157,13 +157,13 @@ def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPag
     Thumbnails and masks, which NewSubfileType declares, are left out.
     """
     if not file.series:
-        raise InputError(f"{path} cannot be read: it is damaged, or holds no picture.")
+        raise InputError(f"{path} cannot be read: it is damaged, or contains no picture.")
     pages = [(one, one.keyframe) for one in file.series]
     whole = [one for one, page in pages if not (page.is_reduced or page.is_mask)]
     forms = {f"{one.shape} of {one.dtype}" for one in whole}
     if len(forms) != 1:
         raise InputError(
-            f"{path} must hold one picture in full resolution, or several of one form, got "
+            f"{path} must contain one picture in full resolution, or several of one form, got "
             f"{', '.join(sorted(forms)) or 'none'}: store one."
         )
     return whole
@@ -207,7 +207,7 @@ def read_tiff(path: str | Path, *, opaque: bool = False) -> tuple[np.ndarray, st
             )
         axes, pages, image = find_axes(series, is_focal="slopes" in metadata)
         if min(image) < 0:
-            raise InputError(f"{path} must hold pictures of rows and columns, got axes {axes!r}.")
+            raise InputError(f"{path} must have pictures of rows and columns, got axes {axes!r}.")
         arrays = [one.asarray(squeeze=False) for one in series]
     pixels = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
     bits = int(np.max(page.bitspersample))

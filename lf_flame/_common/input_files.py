@@ -102,7 +102,7 @@ def parse_json(text: str, source: str | Path) -> Any:
 
 
 def _check_values(values: Any, source: str | Path) -> None:
-    """Refuse null bytes, which no file name can hold, and integers beyond 64 bits."""
+    """Refuse null bytes, which no file name can contain, and integers beyond 64 bits."""
     left = [values]
     while left:
         value = left.pop()

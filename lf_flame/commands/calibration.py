@@ -68,7 +68,7 @@ def calibrate(
     Take three depths or more, better five, over the range of use, with the target parallel to
     the lens, filling the picture, its squares 6 lenslets wide or more. Neither focus nor zoom may
     change. With --step-mm the first target is the zero, and its distance from the point where the
-    views meet is printed, with its error. calibration.toml holds the law of slope and scale by
+    views meet is printed, with its error. calibration.toml contains the law of slope and scale by
     depth; the table and calibration.png show how far each target is from it.
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
@@ -179,9 +179,9 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     \f
 
     Take two temperatures or more, better three, around the flame's. The source must be
-    in the same place in all pictures, evenly bright, and not saturated. colours.toml holds gains,
-    their errors, and the responses. The table and colours.png show how far each picture is from the
-    fit; the responses must distinguish temperatures above 1,000 K.
+    in the same place in all pictures, evenly bright, and not saturated. colours.toml contains
+    gains, their errors, and the responses. The table and colours.png show how far each picture is
+    from the fit; the responses must distinguish temperatures above 1,000 K.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.tomography import soot_output as output

@@ -121,9 +121,9 @@ FITTING = (
     *FITTING,
     option(
         "--optical-thickness",
-        "Absorption by the flame itself, known from elsewhere. A TIFF holds the optical thickness "
-        "of each depth plane, pixel by pixel. A number is the total along every line of sight, "
-        "spread evenly over the planes, as in an even smoke. Default: no absorption.",
+        "Absorption by the flame itself, known from elsewhere. A TIFF contains the optical "
+        "thickness of each depth plane, pixel by pixel. A number is the total along every line of "
+        "sight, spread evenly over the planes, as in an even smoke. Default: no absorption.",
         metavar="T",
         rare=True,
     ),
@@ -142,9 +142,9 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
       lf-flame reconstruct raw.png --white white.png --camera camera.toml --depths -12 12 2
     \f
 
-    Refocused images do not show emission: each holds the blurred light of all other depths. Detail
-    is blurred in depth over its period divided by the angle of the aperture; `lf-flame camera`
-    prints the period in mm that your camera resolves.
+    Refocused images do not show emission: each contains the blurred light of all other depths.
+    Detail is blurred in depth over its period divided by the angle of the aperture; `lf-flame
+    camera` prints the period in mm that your camera resolves.
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
@@ -210,8 +210,8 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     columns = light_field.views.shape[1]
     if columns < 3 and axis_depth is None:
         raise InputError(
-            f"{source} holds {columns} view columns, which do not show the axis' depth: state it, "
-            f"--axis-depth."
+            f"{source} contains {columns} view columns, which do not show the axis' depth: state "
+            f"it, --axis-depth."
         )
     grey = light_field if job.calibration is None else light_field.grey()
     axis = find_axis(grey, lens, None if columns >= 3 else axis_depth)
@@ -235,7 +235,7 @@ def read_thickness(given: str) -> "float | np.ndarray":
     stack = read_pixels(path)
     if stack.dtype.kind != "f" or stack.ndim < 2:
         raise InputError(
-            f"{path} must hold planes of optical thickness as floating-point numbers, got "
+            f"{path} must contain planes of optical thickness as floating-point numbers, got "
             f"{stack.dtype} of shape {stack.shape}."
         )
     return stack.reshape(-1, *stack.shape[-2:])

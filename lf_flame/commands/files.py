@@ -38,10 +38,10 @@ ARRAYS = (".npy", ".npz", ".zarr")
 def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 
-    SOURCE is anything that may hold a light field: a picture of a Lytro camera (.lfp, .lfr, .raw),
-    its white images (a folder, or caldata-SERIAL.tar), the calibration of a Raytrix camera (.xml),
-    a folder of views, an array, a TIFF of many pages, a raw image or a lenslet image. Nothing is
-    changed.
+    SOURCE is anything that may contain a light field: a picture of a Lytro camera (.lfp, .lfr,
+    .raw), its white images (a folder, or caldata-SERIAL.tar), the calibration of a Raytrix camera
+    (.xml), a folder of views, an array, a TIFF of many pages, a raw image or a lenslet image.
+    Nothing is changed.
 
     \b
       lf-flame info photo.lfr                        camera, sensor, white image
@@ -94,8 +94,8 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     is a new folder (one PNG for each view), a .png or .tif file (a lenslet image, N x N pixels
     under each lenslet), .npy (views[v, u, t, s]), .npz or .zarr (views, their weights if some are
     excluded, and which pixels are known if some are not). Decode once, and use that file for long
-    work. Levels of 8 and 16 bits hold values from 0 to 1; values outside, as in most raw images
-    divided by a white image, are written as floats in TIFF files, or by --gain.
+    work. Levels of 8 and 16 bits represent values from 0 to 1; values outside, as in most raw
+    images divided by a white image, are written as floats in TIFF files, or by --gain.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import exclusive
 
@@ -133,7 +133,7 @@ def _write(light_field, target: Path, bits: int | None, gain: float | None, *, l
     if not (fits or as_array or bits == 32):
         if gain is None:
             raise InputError(
-                f"{target} holds values from 0 to 1 in levels of {bits} bits, got {low:.4g} to "
+                f"{target} stores values from 0 to 1 in levels of {bits} bits, got {low:.4g} to "
                 f"{high:.4g}: state a factor, as --gain {1 / max(high, 1):.3g}, with which the "
                 f"rest is clipped, or write .npz or .tif (floats)."
             )

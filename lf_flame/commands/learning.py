@@ -95,7 +95,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
     """Train the network that CONFIG describes; resumes an interrupted run.
 
     After --minutes, or Ctrl-C, the same command resumes after the last epoch that was saved. After
-    --minutes the run folder holds the best network so far; after Ctrl-C, the last checkpoint.
+    --minutes the run folder contains the best network so far; after Ctrl-C, the last checkpoint.
     ImageNet weights are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME).
     Without --data and --out, the weights are found and checked, and nothing is trained.
 
@@ -139,7 +139,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     """Let a trained network refocus IMAGES.
 
     The network has memorised the depth of each object, from the pictures of one camera and one
-    kind of scene: its input image holds no parallax. In any other scene its output is invented,
+    kind of scene: its input image contains no parallax. In any other scene its output is invented,
     and looks like its training pictures. To refocus a light field as it is, use `lf-flame refocus`.
     An image is a picture of 8 or 16 bits (raw lenslet images too), or a light field in views. It is
     averaged over blocks of pixels to the network's size, or interpolated where that does not divide

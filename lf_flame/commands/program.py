@@ -111,7 +111,7 @@ OPTIONAL = {
 
 
 LONGEST = 900
-"""Length of a message, in characters, at most: a file may hold names of any length."""
+"""Length of a message, in characters, at most: a file may contain names of any length."""
 
 
 def _fail(name: str, message: str, status: int) -> NoReturn:

@@ -1,4 +1,4 @@
-"""Options for reading a light field, and the class that holds them.
+"""Options for reading a light field, and the class for them.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
@@ -58,7 +58,7 @@ ALL_READING = cloup.option_group(
     *_reading_options(rare=False),
     option("--mosaic", "Rows x columns of views side by side in one picture, such as 8x8."),
     option("--axes", "Meaning of the axes of an array, such as vuts, tsvu or ntsc."),
-    option("--array", "Name of the array, if SOURCE holds several.", rare=True),
+    option("--array", "Name of the array, if SOURCE contains several.", rare=True),
     option("--first", "Number of the first view of --grid, if not 0 or 1.", int, rare=True),
     option("--focused", "Calibration of a Raytrix camera, or its white image.", EXISTING),
     option("--virtual-depth", "Virtual depth of focused lenslets, else found.", float, rare=True),

@@ -84,7 +84,7 @@ APPEARANCE = cloup.option_group(
     "How the images are made",
     option(
         "--interpolation",
-        "Between pixels of a view; sinc is exact where views hold no aliasing.",
+        "Between pixels of a view; sinc is exact where views contain no aliasing.",
         click.Choice(["nearest", "linear", "cubic", "sinc"]),
         default="linear",
         rare=True,

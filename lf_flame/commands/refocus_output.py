@@ -121,7 +121,7 @@ class RefocusJob:
 def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:
     """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes.
 
-    With a camera, names and record hold depths too: ``refocused_N_slopeS_DEPTHmm.png``.
+    With a camera, names and record contain depths too: ``refocused_N_slopeS_DEPTHmm.png``.
     """
     stack, depths = job.refocus(slopes), job.depths(slopes)
     write_focal_stack(stack, slopes, out.path("focal_stack.tif"))
@@ -176,8 +176,8 @@ def write_slope_map(
 ) -> None:
     """Write ``all_in_focus`` and each pixel's slope, ``slope_map``, both as ``.tif`` and ``.png``.
 
-    With a camera, ``depth_map.tif`` holds the depth of each pixel in mm, infinite or NaN where no
-    layer at a finite depth has its slope. The share of certain pixels is printed.
+    With a camera, ``depth_map.tif`` contains the depth of each pixel in mm, infinite or NaN where
+    no layer at a finite depth has its slope. The share of certain pixels is printed.
     """
     slopes = np.linspace(*ends, MAP_STEPS)
     found = all_in_focus(job.light_field, slopes, **job.options)
@@ -220,7 +220,7 @@ def write_regions(
 ) -> None:
     """Write ``regions.tif`` and ``.png``, and the slope of each pixel, ``regions_slope.*``.
 
-    With a camera, the record holds the depths of the regions too.
+    With a camera, the record contains the depths of the regions too.
     """
     from lf_flame.systems.region_refocus import refocus_regions
 

@@ -42,7 +42,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
 
     FOLDER is the output of `lf-flame reconstruct`. Positions and heights are in mm from the optical
     axis, to the right and upwards; by default, the strips run through the centre of the light in
-    each depth plane. axial.csv and radial.csv hold a row for each position and depth plane,
+    each depth plane. axial.csv and radial.csv contain a row for each position and depth plane,
     profiles.png shows them. `lf-flame abel` writes profiles of axisymmetric flames itself.
 
     \b
@@ -71,7 +71,7 @@ def profiles(folder, out, overwrite, **strips) -> None:
         written.facts |= {"source": recorded_path(folder, written.folder)}
         written.facts |= {"bootstrap": len(emission.draws), **strips}
     if not len(emission.draws):
-        print_notes("Warning", ["the folder holds no draws, so the profiles have no bands."])
+        print_notes("Warning", ["the folder contains no draws, so the profiles have no bands."])
     print_files(written)
 
 
@@ -102,10 +102,10 @@ def temperature(
 ) -> None:
     """Find the temperature of soot from its emission in two colours or more.
 
-    FOLDER is one of `lf-flame reconstruct` or `lf-flame abel` with --colours, which holds a folder
-    for each colour; or give the folders of the colours, of one camera and the same planes, or of
-    one axis and radius. All need error bars, and images that are linear in light. Where an emission
-    is not above three of its standard deviations, there is no temperature (NaN).
+    FOLDER is one of `lf-flame reconstruct` or `lf-flame abel` with --colours, which contains a
+    folder for each colour; or give the folders of the colours, of one camera and the same planes,
+    or of one axis and radius. All need error bars, and images that are linear in light. Where an
+    emission is not above three of its standard deviations, there is no temperature (NaN).
 
     --wavelengths is for two exposures through narrow filters, of flames that are thin: with a
     colour camera (Bayer) temperatures would be wrong by tens to hundreds of kelvin.
@@ -183,8 +183,8 @@ def _check_order(folders: "list[EmissionFolder]", names: Sequence[str]) -> None:
     for folder, name in zip(folders, names, strict=True):
         if folder.record.colour not in (None, name):
             raise InputError(
-                f"{folder.folder} holds the colour {folder.record.colour}, but the folders must be "
-                f"in the order of the calibration, {', '.join(names)}."
+                f"{folder.folder} contains the colour {folder.record.colour}, but the folders must "
+                f"be in the order of the calibration, {', '.join(names)}."
             )
 
 
@@ -202,7 +202,7 @@ def _calibration(
         raise InputError("State the colours: either --colours FILE or --wavelengths.")
     if file is not None:
         if ratio is not None:
-            raise InputError("--calibration does not apply with --colours, which holds the gains.")
+            raise InputError("--calibration does not apply with --colours, which has the gains.")
         return read_colours(file)
     assert wavelengths is not None
     colours = SpectralResponses.single(wavelengths)
@@ -216,13 +216,13 @@ def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[P
         missing = [path.name for path in inside if not path.is_dir()]
         if missing:
             raise InputError(
-                f"{folders[0]} holds no folder {missing[0]}: give a folder of lf-flame reconstruct "
-                f"or lf-flame abel with --colours, or one folder for each of {', '.join(names)}."
+                f"{folders[0]} contains no folder {missing[0]}: give a folder of lf-flame "
+                f"reconstruct or abel with --colours, or one for each of {', '.join(names)}."
             )
         return inside
     if len(folders) != len(names):
         raise InputError(
             f"Give a folder for each of the {len(names)} colours ({', '.join(names)}), or the one "
-            f"that holds them all, got {len(folders)}."
+            f"that contains them all, got {len(folders)}."
         )
     return list(folders)

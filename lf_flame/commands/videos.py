@@ -98,9 +98,9 @@ def flicker(
     The numbers in the names give the order, and a missing number is a gap in time. Pictures must be
     linear in light and black at 0. A light field is measured in its central view, or in the image
     that is refocused by --slope or --depth-mm. The flame is the largest region above a share of the
-    peak (--level); its height is from the bottom edge to its tip. flicker.json holds the frequency,
-    its resolution (1 / duration) and the probability that noise alone has such a peak; if it is
-    above 1 %, no frequency is reported.
+    peak (--level); its height is from the bottom edge to its tip. flicker.json contains the
+    frequency, its resolution (1 / duration) and the probability that noise alone has such a peak;
+    if it is above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.flame_video import find_steps

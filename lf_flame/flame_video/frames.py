@@ -32,7 +32,7 @@ RESULTS = ("frequency_hz", "peak_hz", "amplitude", "false_alarm", "resolution_hz
 def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> list[Path]:
     """Find the frames of a sequence, in the order of the numbers in their names.
 
-    `sources` are the frames, or one folder that holds them, as files or as folders of views;
+    `sources` are the frames, or one folder that contains them, as files or as folders of views;
     `not_frames` are other files in that folder, such as a white image.
     """
     found = list(sources)
@@ -61,7 +61,7 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
         return next(iter(kinds.values()))
     counted = ", ".join(f"{len(paths)} x {kind}" for kind, paths in sorted(kinds.items()))
     raise InputError(
-        f"{folder} must hold frames of one kind, images ({', '.join(IMAGE_SUFFIXES)}), arrays "
+        f"{folder} must contain frames of one kind, images ({', '.join(IMAGE_SUFFIXES)}), arrays "
         f"({', '.join(ARRAY_SUFFIXES)}) or folders of views, got {counted or 'none'}."
     )
 
@@ -164,7 +164,7 @@ class FrameReader:
 
 
 def _is_picture(path: Path) -> bool:
-    """Whether a file holds one picture: an image, or an array of rows, columns and colours."""
+    """Whether a file contains one picture: an image, or an array of rows, columns and colours."""
     suffix = path.suffix.lower()
     if suffix == ".npy":
         return len(ArrayFile(path).header("").shape) < 4
@@ -188,7 +188,7 @@ def write_flicker(
     *columns, state, bits, times = done.read(names)
     counted = done.arrays["time"].attrs.get("units") != "s"
     if counted != (frames_per_second is not None):
-        said = "counts frames: state" if counted else "holds the times of its frames: leave out"
+        said = "counts frames: state" if counted else "contains the times of its frames: leave out"
         raise InputError(f"{video} {said} --frames-per-second.")
     times, heights = times / (frames_per_second or 1.0), columns[0]
     paths, options = done.attributes["frames"], dict[str, Any](done.arrays["height"].attrs)

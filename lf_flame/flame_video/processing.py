@@ -113,7 +113,7 @@ def process_frames(
     Raises
     ------
     InputError
-        If the first frame cannot be processed, the folder holds something else, or was made
+        If the first frame cannot be processed, the folder contains something else, or was made
         of other frames, by other steps or with another camera.
     OSError
         If a file cannot be written; finished frames are kept.

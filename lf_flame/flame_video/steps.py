@@ -125,7 +125,7 @@ def _even_points(contour: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(places, along, line) for line in contour.T], axis=1)
 
 
-@dataclass(frozen=True, eq=False)  # hashed as an object, as a camera may hold tables
+@dataclass(frozen=True, eq=False)  # hashed as an object, as a camera may contain tables
 class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 

@@ -74,7 +74,7 @@ class Hdf5File(FileOfArrays):
         return array.T if self._reversed else array
 
     def _check(self, dataset: Any, name: str) -> None:
-        """Refuse filters that the library would load, and chunks that hold more than they say."""
+        """Refuse filters that the library would load, and chunks larger than they state."""
         made = dataset.id.get_create_plist()
         filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
         if not set(filters) <= {DEFLATE, SHUFFLE, CHECKSUM} or filters.count(DEFLATE) > 1:
@@ -122,7 +122,7 @@ STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"
 
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8",
            15: "u8"}  # fmt: skip
-"""Types of the classes of arrays that hold numbers; cells, structures and objects are not read."""
+"""Types of the classes of arrays of numbers; cells, structures and objects are not read."""
 
 LOGICAL, COMPLEX = 0x200, 0x800
 """Flags of arrays."""
@@ -203,7 +203,7 @@ def _elements(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
 
 METADATA = "zarr.json"
 """Name of the metadata of format 3. Codecs of format 2, which is not read, may run what a chunk
-holds, as ``pickle`` does."""
+contains, as ``pickle`` does."""
 
 EVERY_CHUNK = {"write_empty_chunks": True}
 """Configuration of arrays that we write: also chunks of zeros get files, so that a missing file is
@@ -242,7 +242,7 @@ class ZarrFile(FileOfArrays):
         return self.read_begun(name)
 
     def read_begun(self, name: str) -> np.ndarray:
-        """Read an array of which some files need not be written: they hold the fill value."""
+        """Read an array of which some files need not be written: they contain the fill value."""
         with readable(self.metadata, f"its array {name} is"):
             return np.asarray(self.arrays[name][...])
 

@@ -1,4 +1,4 @@
-"""Files that hold all views in one array of pixels: its axes, and what its file says beside it."""
+"""Files with all views in one array of pixels: its axes, and further content of the file."""
 
 from contextlib import suppress
 from math import gcd, isqrt
@@ -38,7 +38,7 @@ raw array), then those of other programs. In HDF5 files that MATLAB writes they 
 
 
 class Pixels(NamedTuple):
-    """Pixels of all views as a file holds them, and their axes as in `read_light_field`.
+    """Pixels of all views as a file stores them, and their axes as in `read_light_field`.
 
     `searched` says that the parallax shows the order of views, and `slopes` the range of the
     scene's slopes, 5th and 95th percentile, if the file has it.
@@ -79,7 +79,7 @@ def read_lenslets(path: str | Path) -> Pixels:
 
 
 def read_mosaic(path: str | Path, *, mosaic: Grid | str) -> Pixels:
-    """Read a picture that holds rows and columns of whole views.
+    """Read a picture that contains rows and columns of whole views.
 
     In a lenslet image, pixels of one lenslet are neighbours; here, pixels of one view.
     """
@@ -157,7 +157,7 @@ def record_of(path: Path) -> dict[str, Any]:
 
 
 def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:
-    """Choose the array that holds the views, by its name or its number of axes."""
+    """Choose the array that contains the views, by its name or its number of axes."""
     if stated is None and len(file.names) == 1:
         return file.names[0]
     for name in (VIEWS, TOOLBOX) if stated is None else (stated,):
@@ -171,7 +171,7 @@ def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> s
     wanted = stated or f"{VIEWS}, or only one of {' or '.join(map(str, ranks))} axes"
     held = [f"{name} {shape}" for name, shape in shapes.items()]
     raise InputError(
-        f"{file.path} must hold an array of numbers named {wanted}, got "
+        f"{file.path} must contain an array of numbers named {wanted}, got "
         f"{', '.join(held[:5]) or 'none'}{' ...' if len(held) > 5 else ''}; name one by "
         f"`lf-flame convert --array` (in Python array=...)."
     )
@@ -216,8 +216,8 @@ def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
     """Axes of an array for which none are stated; refuse a shape that looks like others."""
     if len(shape) not in KNOWN_AXES or 0 in shape:
         raise InputError(
-            f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
-            f"raw lenslet array, got shape {shape}."
+            f"{path} must contain views[v, u, t, s] (with a last axis of channels or without), or "
+            f"a raw lenslet array, got shape {shape}."
         )
     axes, *others = KNOWN_AXES[len(shape)]
     if Path(path).suffix.lower() in HDF5_SUFFIXES:
@@ -229,9 +229,9 @@ def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
     best = min(counts, key=lambda one: counts[one], default="")
     looks = f", but looks like {best}" if best else ""
     raise InputError(
-        f"{path} holds an array of shape {shape}, which is unlikely to be {axes}{looks}: state its "
-        f"axes with `lf-flame convert --axes {best or 'AXES'}` (v, u or a running n: views; t, s: "
-        f"rows and columns of pixels; c: channels)."
+        f"{path} contains an array of shape {shape}, which is unlikely to be {axes}{looks}: state "
+        f"its axes with `lf-flame convert --axes {best or 'AXES'}` (v, u or a running n: views; t, "
+        f"s: rows and columns of pixels; c: channels)."
     )
 
 

@@ -68,7 +68,7 @@ def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
     levels = np.rint(values * np.float32(2**bits - 1))
     if levels.min() < 0 or levels.max() > 2**bits - 1:
         raise InputError(
-            f"Images of {bits} bits hold values from 0 to 1, got {low:.4g} to {high:.4g}: "
+            f"Images of {bits} bits store values from 0 to 1, got {low:.4g} to {high:.4g}: "
             f"scale them first."
         )
     return levels.astype(f"uint{bits}")
@@ -159,7 +159,7 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
 # Coding -------------------------------------------------------------------------------------------
 
 CODED = (
-    "Such files usually hold gamma-coded (sRGB) numbers, which are not linear in light: all "
+    "Such files usually contain gamma-coded (sRGB) numbers, which are not linear in light: all "
     "brightness ratios, and what is computed from them, are then wrong. Use linear data, as the "
     "camera's raw ones in TIFF or PNG of 16 bits, unless you know that these are linear."
 )
@@ -197,7 +197,7 @@ def note_on_coding(path: Path) -> str:
 
 
 def is_stack(path: str | Path) -> bool:
-    """Whether a TIFF file holds more than one image; one in three channels is a colour image."""
+    """Whether a TIFF file contains more than one image; one in three channels is a colour image."""
     with open_tiff(path) as file:
         _, pages, _ = find_axes(pictures(file, path))
     return bool(pages)

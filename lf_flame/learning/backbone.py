@@ -125,7 +125,7 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
     if path.suffix == ".npz":
         _load_npz(cut, path)
         return
-    fault = "does not hold the weights of keras.applications.ResNet50(include_top=False)"
+    fault = "does not contain the weights of keras.applications.ResNet50(include_top=False)"
     with readable(path, fault), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Keras warns of each layer that the file lacks
         full.load_weights(path)
@@ -138,8 +138,8 @@ def _refuse_untrained(model: keras.Model, path: Path) -> None:
             values = keras.ops.convert_to_numpy(weight)
             if not np.isfinite(values).all() or (weight.name == "kernel" and not values.any()):
                 raise InputError(
-                    f"{layer.name}/{weight.name} in {path} is all zeros, or holds NaN or infinite "
-                    f"values: the file holds no trained weights."
+                    f"{layer.name}/{weight.name} in {path} is all zeros, or contains NaN or "
+                    f"infinite values: the file contains no trained weights."
                 )
 
 
@@ -151,7 +151,7 @@ def _load_npz(model: keras.Model, path: Path) -> None:
     for name, weight in wanted.items():
         if name not in file.names:
             raise InputError(
-                f"{path} lacks {name}; it must hold every layer up to the chosen depth "
+                f"{path} lacks {name}; it must contain every layer up to the chosen depth "
                 f"(a file that ends at conv4 goes with backbone_depth conv4)."
             )
         shape = file.header(name).shape

@@ -123,7 +123,7 @@ def train_in_folder(run: Run, out: Path, started: float) -> Path:
     with exclusive(out):
         _refuse_other_run(run, out)
         if _is_finished(run, out):
-            progress.report(f"{out} holds this run, finished.")
+            progress.report(f"{out} contains this run, finished.")
             model.touch()  # make compares it with the configuration file
             return model
         write_json(out / "config.json", run.request)
@@ -240,8 +240,8 @@ class TrainingState:
         shapes = [tuple(x.shape) for x in self._arrays]
         if shapes != [tuple(x.shape) for x in variables]:
             raise InputError(
-                f"{self.path} holds the state of another network, or of another optimiser; remove "
-                f"it to begin again."
+                f"{self.path} contains the state of another network, or of another optimiser; "
+                f"remove it to begin again."
             )
         for variable, value in zip(variables, self._arrays, strict=True):
             variable.assign(value)
@@ -324,22 +324,22 @@ def _write_result(run: Run, state: TrainingState, out: Path, started: float) -> 
 
 
 def _is_finished(run: Run, out: Path) -> bool:
-    """Whether the folder holds the network of all epochs."""
+    """Whether the folder contains the network of all epochs."""
     there = (out / "run.json").exists() and (out / "model.keras").exists()
     return there and load_run(out)["epochs"] == run.epochs
 
 
 def _refuse_other_run(run: Run, out: Path) -> None:
-    """Refuse a folder that holds another run; a run may continue for more epochs, not for fewer."""
+    """Refuse a folder of another run; a run may continue for more epochs, not for fewer."""
     path = out / "config.json"
     if not path.exists() and not (out / "checkpoint.npz").exists():
         return
     if not path.exists():
-        raise InputError(f"{out} holds a checkpoint without config.json; choose another folder.")
+        raise InputError(f"{out} contains a checkpoint without config.json; choose another folder.")
     found = read_record(path)
     for key, value in json.loads(json.dumps(run.request)).items():
         if found.get(key) != value:
             raise InputError(
-                f"{out} holds a run with another {key} ({reprlib.repr(found.get(key))}, now "
+                f"{out} contains a run with another {key} ({reprlib.repr(found.get(key))}, now "
                 f"{reprlib.repr(value)}); choose another folder, or remove it."
             )

@@ -91,7 +91,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
 
     Before Keras reads the file, its classes are compared with those of this package's networks.
     `shapes` are the required shapes of input and output, without samples. An InputError refuses a
-    file that is not a Keras file, is damaged, needs too much memory, or holds another network.
+    file that is not a Keras file, is damaged, needs too much memory, or contains another network.
     """
     import keras
 
@@ -118,7 +118,7 @@ def _read_config(path: Path) -> Any:
         sizes = {member.filename: member.file_size for member in archive.infolist()}
         if sorted(sizes) != ["config.json", "metadata.json", "model.weights.h5"]:
             raise InputError(
-                f"{path} is not a Keras file of this package: it must hold config.json, "
+                f"{path} is not a Keras file of this package: it must contain config.json, "
                 f"metadata.json, model.weights.h5, and nothing else."
             )
         check_memory(sum(sizes.values()), path)

@@ -63,7 +63,7 @@ class PaperRunRecord:
 
     def __post_init__(self):
         if min(self.test_indices, default=-1) < 0 or not {"train", "test"} <= self.parts.keys():
-            raise InputError("test_indices must be samples, and parts hold train and test.")
+            raise InputError("test_indices must be samples, and parts contain train and test.")
         if not all(0 < share < 1 for share in self.split):
             raise InputError(f"split must be three fractions between 0 and 1, got {self.split}.")
         if "batch_size" not in self.recipe:
@@ -149,7 +149,7 @@ def open_run(folder: str | Path) -> TrainedRun:
     if "data" not in record:
         held = f"a run of the system {record.get('system')}" if record.get("system") else "no run"
         raise InputError(
-            f"{folder} holds {held}; it must hold one of the paper's network, by `lf-flame train`."
+            f"{folder} contains {held}; it must be of the paper's network, by `lf-flame train`."
         )
     source = folder / "run.json"
     known = build(PaperRunRecord, record, source).dataset

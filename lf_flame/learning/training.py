@@ -147,7 +147,7 @@ def compile_for_training(decoder: keras.Model, learning_rate: float, steps: int)
         network = keras.Model(decoder.input, decoder.output)  # what is saved has no optimiser
         optimizer, jit = keras.optimizers.Adam(learning_rate), True
     network.compile(optimizer, "mse", jit_compile=jit, steps_per_execution=at_once)
-    network.optimizer.build(network.trainable_variables)  # a checkpoint holds its variables too
+    network.optimizer.build(network.trainable_variables)  # a checkpoint contains its variables too
     return network
 
 

@@ -14,7 +14,7 @@ class Lens:
     """Number of views, and slope and scale by depth, of a camera.
 
     `PlenopticCamera` computes them from lenses and distances, with depths from its focal plane.
-    `lf_flame.calibration.CameraLaw` holds them as measured, with depths from the user's zero.
+    `lf_flame.calibration.CameraLaw` has them as measured, with depths from the user's zero.
 
     Attributes
     ----------

@@ -157,7 +157,7 @@ def _edges(views: int, width: float, centre: float) -> np.ndarray:
 
 def _inside_disc(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
     """Fraction of each view's square inside a disc."""
-    width = min(width, 4.0)  # a wider one holds all views for any centre among them
+    width = min(width, 4.0)  # a wider one contains all views for any centre among them
     down, right = (_edges(n, width, at) for n, at in zip(views, centre, strict=True))
     area = _area_to(down[:, None], right[None, :])
     inside = np.diff(np.diff(area, axis=0), axis=1)

@@ -151,7 +151,7 @@ def read_camera(path: str | Path) -> PlenopticCamera:
             f"which `lf-flame calibrate --lenslet-mm` writes as camera.toml."
         )
     if "camera" not in values:
-        raise InputError(f"{path} has no camera: it must hold a table of that name.")
+        raise InputError(f"{path} has no camera: it must contain a table of that name.")
     camera = build(PlenopticCamera, values["camera"], f"{path}: camera")
     _check_aperture(camera, path)
     return camera

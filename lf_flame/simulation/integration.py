@@ -129,7 +129,7 @@ def _hexagon(pitch: float) -> Iterator[tuple[float, tuple[float, float], tuple[f
 def integrate(planes: list[Plane], optics: OpticalPass, layout: Layout, out: np.ndarray) -> None:
     """Add the light of planes to an image, in closed form.
 
-    The image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K hold exact integrals,
+    The image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K contain exact integrals,
     over the cells, of the trapezoid with which a pixel weights the plane. The result is exact if
     light only adds up and all rays of a pixel have the same weight, apart from cos^4.
 

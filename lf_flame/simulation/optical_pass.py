@@ -1,4 +1,4 @@
-"""A pass of light through the camera, and the orders in which an image holds its pixels.
+"""A pass of light through the camera, and the orders in which an image stores its pixels.
 
 At the end, how far lenslets are displaced that are not where the sensor is read, how much rays are
 tilted, and what round stops cut.

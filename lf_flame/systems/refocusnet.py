@@ -103,7 +103,7 @@ class RefocusNet(NetworkSystem):
             wanted = [tuple(x.shape) for x in layer.weights]
             if found != wanted:
                 raise InputError(
-                    f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} "
+                    f"{path} does not contain RefocusNet's weights: {names[0]} and {names[1]} "
                     f"must have shapes {wanted[0]} and {wanted[1]}, got {found[0]} and "
                     f"{found[1]}."
                 )

@@ -382,7 +382,7 @@ def load_system(path: str | Path) -> NetworkSystem:
     record = load_run(folder)
     name = str(record.get("system"))
     if name not in NETWORKS:
-        raise InputError(f"{folder} holds no run of a refocusing system.")
+        raise InputError(f"{folder} contains no run of a refocusing system.")
     network = NETWORKS[name]
     untrained = network.model(0)
     shapes = untrained.input_shape[1:], untrained.output_shape[1:]

@@ -241,7 +241,7 @@ def read_colours(path: str | Path) -> ColourCalibration:
     try:
         lengths = {len(row) for row in table.responses}
         if lengths != {len(table.wavelengths_nm)}:
-            raise InputError("responses must hold a number for each of wavelengths_nm.")
+            raise InputError("responses must contain a number for each of wavelengths_nm.")
         lengths_nm, curves = np.array(table.wavelengths_nm), np.array(table.responses)
         responses = SpectralResponses(table.names, lengths_nm, curves)
         gains, errors = np.array(table.gains), np.array(table.relative_errors)

@@ -117,7 +117,7 @@ def data_checks(
     error = noise / np.sqrt(np.prod(views.shape[:2]))
     brightest, darkest = float(means.max()), float(means.min())
     if not brightest > 5 * error:
-        said = "holds no light above its noise"
+        said = "contains no light above its noise"
         if -darkest > 5 * error:
             said = "is negative: its sign is flipped, or too much was subtracted"
         sentence = (

@@ -1,4 +1,4 @@
-"""Emission that was found, on planes or in a half section, and the folder that holds it."""
+"""Emission that was found, on planes or in a half section, and the folder that contains it."""
 
 from __future__ import annotations
 

@@ -237,7 +237,7 @@ class EmissionFolder:
         whole = stack.ndim >= 2 and stack.size and int(np.prod(shape[:-2])) % planes == 0
         if not whole or stack.dtype != np.float32:
             raise InputError(
-                f"{path} must hold {planes} planes of float32, got shape {stack.shape} of "
+                f"{path} must contain {planes} planes of float32, got shape {stack.shape} of "
                 f"{stack.dtype}."
             )
         stack = stack.reshape(-1, planes, *shape[-2:])
@@ -245,7 +245,7 @@ class EmissionFolder:
         wanted = stack.shape[1:] if like is None else like.shape
         if stack.shape[1:] != wanted or (most and len(stack) > most):
             raise InputError(
-                f"{path} must hold planes as {EMISSION} does, {wanted}, got {stack.shape}."
+                f"{path} must contain planes as {EMISSION} does, {wanted}, got {stack.shape}."
             )
         if not np.isfinite(stack).all():
             raise InputError(f"{path} must contain finite numbers, but contains NaN or infinity.")

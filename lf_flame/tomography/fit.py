@@ -1,8 +1,8 @@
 """One fit on two geometries: noise, strength of the penalty, solution, correction, and redraws.
 
 The unknown is light at cells of depth planes, or at nodes of an axisymmetric half section; a
-`Geometry` holds their operators. The fit is least squares with a penalty on third differences and
-no negative light. Noise is what no emission explains.
+`Geometry` has their operators. The fit is least squares with a penalty on third differences
+and no negative light. Noise is what no emission explains.
 """
 
 from collections.abc import Iterator

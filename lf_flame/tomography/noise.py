@@ -119,7 +119,7 @@ def correlation_factor(
 
 
 def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> float | None:
-    """Factor of the variance of sums; None if the values vary by less, or hold light."""
+    """Factor of the variance of sums; None if the values vary by less, or contain light."""
     across = _Differences(values, known, 3)
     # The variance of second differences of white noise is that of the noise times 1 + 4 + 1.
     if across.variance <= 6 * least:

@@ -261,12 +261,12 @@ def read_responses(path: str | Path) -> SpectralResponses:
         )
     names, table = [name.strip() for name in rows[0][1:]], rows[1:]
     if len(table) < 2:
-        raise InputError(f"{path} must hold 2 wavelengths or more, got {len(table)}.")
+        raise InputError(f"{path} must contain 2 wavelengths or more, got {len(table)}.")
     try:
         numbers = np.array(table, float).reshape(len(table), len(names) + 1)
     except ValueError:
         raise InputError(
-            f"{path} must hold {len(names) + 1} numbers in each row below its header."
+            f"{path} must contain {len(names) + 1} numbers in each row below its header."
         ) from None
     try:
         return SpectralResponses(tuple(names), numbers[:, 0], numbers[:, 1:].T)

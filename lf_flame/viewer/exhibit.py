@@ -66,8 +66,8 @@ class Exhibit:
     InputError
         If planes are not as many as their depths, rising and two or more, or too large for a page;
         if the slopes are not two finite numbers that rise, or shift a view by more than the image;
-        if the light field is neither grey nor of three channels, has more pixels than a page holds,
-        or its views are not the camera's.
+        if the light field is neither grey nor of three channels, has more pixels than a page
+        contains, or its views are not the camera's.
     """
 
     light_field: LightField

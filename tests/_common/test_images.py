@@ -247,7 +247,7 @@ REFUSED = {
     "reduced.tif": (pages((THUMBNAIL, 1), (PICTURE, 1)), "one picture in full .* got none"),
     "jpeg.tif": (tiff(np.ones((9, 8), np.uint8), compression="jpeg"), r"compression 7 \(JPEG\)"),
     "large.png": (lambda path: Image.new("L", (3000, 3000)).save(path), "would need 0.081 GB"),
-    "deep.ppm": (lambda path: path.write_bytes(b"P6 1 1 65535 abcdef"), "holds colours of 16 bits"),
+    "deep.ppm": (lambda path: path.write_bytes(b"P6 1 1 65535 abcdef"), "has colours of 16 bits"),
     "inks.jpg": (lambda path: Image.new("CMYK", (8, 8)).save(path), "stores ink"),
     "empty.tif": (lambda path: path.write_bytes(b""), "cannot be read: it is damaged"),
 }

@@ -48,7 +48,7 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     np.savez("flame.npz", views=views)
     where = ["--camera", "camera.toml", "--axis-mm", 0, "--axis-depth", 0, "--radius", 2.1]
     shown = run("abel", "flame.npz", *where, "--colours", "colours/colours.toml", "--bootstrap", 2)
-    assert "optical thickness of the soot, at most: blue 0.6" in shown.output
+    assert "largest optical thickness of the soot: blue 0.6" in shown.output
     run("temperature", "abel/flame", "--colours", "colours/colours.toml")
     kelvin = tifffile.imread("temperature/flame/temperature.tif").squeeze()
     step = json.loads(Path("abel/flame/red/emission.json").read_text())["step_mm"]
@@ -69,7 +69,7 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
         other.exception
     )
     wrong = run("temperature", "abel/flame/red", "abel/flame/blue", *CALIBRATION, code=1)
-    assert "abel/flame/red holds the colour red" in str(wrong.exception)
+    assert "abel/flame/red contains the colour red" in str(wrong.exception)
     np.savez("swapped.npz", views=views[..., ::-1])
     swapped = run("abel", "swapped.npz", *where, *CALIBRATION, "--block", 2, code=1)
     assert "in another order than the channels" in str(swapped.exception)

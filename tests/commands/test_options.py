@@ -79,6 +79,6 @@ def test_that_pictures_are_gamma_coded_is_said_once(tmp_path, capfd):
     reading = Reading(views=2)
     for name in ("a.png", "b.png"):
         reading.read(tmp_path / name)
-    assert capfd.readouterr().err.count("Such files usually hold gamma-coded") == 1
+    assert capfd.readouterr().err.count("Such files usually contain gamma-coded") == 1
     assert "a.png is a PNG file of 8 bits" in reading.coded[0]
     assert reading == Reading(views=2)

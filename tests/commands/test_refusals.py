@@ -145,9 +145,9 @@ REFUSED = [
     *(
         (f"profiles planes_{name} --out out", said)
         for name, said in {
-            "low": "must hold planes as emission.tif does",
-            "row": "must hold pictures of rows and columns",
-            "float64": "must hold 2 planes of float32",
+            "low": "must contain planes as emission.tif does",
+            "row": "must have pictures of rows and columns",
+            "float64": "must contain 2 planes of float32",
             "nan": "correction.tif must contain finite numbers",
             "text": "draws.tif cannot be read: it is damaged",
             "none": "with a number in cell_mm for each of",
@@ -201,7 +201,7 @@ REFUSED = [
         ("planes planes_alone --wavelengths 550 650", "--bootstrap 20"),
         ("green green empty --colours colours.toml", "for each of the 2 colours (blue, red)"),
         ("empty --colours colours.toml --wavelengths 5 6", "either --colours FILE or --wavelength"),
-        ("empty --colours colours.toml", "holds no folder blue"),
+        ("empty --colours colours.toml", "contains no folder blue"),
     ),
     *each(
         "view ball.npy",

@@ -157,7 +157,7 @@ FILES = [
         {},
         r"a\.mat cannot be read: .* not a MATLAB file of version 5 or 7",
     ),
-    ("seven.tif", STACK, {}, "seven.tif holds 7 views .* form no square: .* --grid ROWSxCO"),
+    ("seven.tif", STACK, {}, "seven.tif contains 7 views .* form no square: .* --grid ROWSxCO"),
     ("text.tif", "no picture", {}, "text.tif"),
 ]
 ARRAYS = [

@@ -112,14 +112,14 @@ def test_wrong_weights_files_are_refused_and_a_pruned_one_is_taken(resnet_arrays
         build_backbone(GREY, tmp_path / "pruned.npz", "conv4")
     for bad, said in (
         (np.ones((3, 3, 3, 64)), r"must have shape \(1, 1, 64, 64\), got \(3, 3, 3, 64\)"),
-        (0 * short[kernel], rf"{kernel} in .*bad\.npz is all zeros, or holds NaN"),
-        (np.nan * short[kernel], rf"{kernel} in .*bad\.npz is all zeros, or holds NaN"),
+        (0 * short[kernel], rf"{kernel} in .*bad\.npz is all zeros, or contains NaN"),
+        (np.nan * short[kernel], rf"{kernel} in .*bad\.npz is all zeros, or contains NaN"),
     ):
         np.savez(tmp_path / "bad.npz", **{**short, kernel: bad})
         with pytest.raises(InputError, match=said):
             build_backbone(GREY, tmp_path / "bad.npz", "conv3")
     (tmp_path / "text.h5").write_text("no weights")
-    with pytest.raises(InputError, match="does not hold the weights of"):
+    with pytest.raises(InputError, match="does not contain the weights of"):
         build_backbone(GREY, tmp_path / "text.h5")
 
 

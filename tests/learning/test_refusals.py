@@ -149,7 +149,7 @@ REFUSED = [
             ({"test_indices": []}, "test_indices must be samples"),
             ({"test_indices": [-1]}, "test_indices must be samples"),
             ({"recipe": {"epochs": 2}}, "recipe.batch_size is missing"),
-            ({"parts": {}}, "parts hold train and test"),
+            ({"parts": {}}, "parts contain train and test"),
             ({"split": [0.5, 1e308, 0.1]}, "split must be three fractions"),
             ({"dataset": MADE | {"slopes": [1.0]}}, "as many as the depths"),
             ({"dataset": MADE | {"config": {}}}, "run.json: dataset: "),
@@ -161,7 +161,7 @@ REFUSED = [
     ),
     (
         partial(record, {"system": "refocusnet", "title": "R", "epochs": 2, "train_s": 1.0}),
-        "a run of the system refocusnet; it must hold one of the paper's network, by `lf",
+        "a run of the system refocusnet; it must be of the paper's network, by `lf",
     ),
     (
         lambda: input_size(record(RUN | {"dataset": MADE | {"config": SEES_VIEWS}})),
@@ -186,7 +186,7 @@ REFUSED = [
     (loading(config=b"[]"), DAMAGED),
     (loading(config=b"{}"), DAMAGED),
     (loading(config=b" " * (17 << 20)), r"config\.json is larger than 16 MB"),
-    (loading(config=None), r"must hold config\.json, metadata\.json, model\.weights\.h5"),
+    (loading(config=None), r"must contain config\.json, metadata\.json, model\.weights\.h5"),
     (loading(model=b"no weights"), DAMAGED),
     (loading(**{"../../x": b""}), "and nothing else"),
     (

@@ -65,7 +65,7 @@ def test_the_network_is_that_of_the_lowest_validation_loss_and_the_record_is_who
     _, indices, predictions = open_run(tmp_path).predict_test_split()
     np.testing.assert_array_equal(indices, parts["test"])
     assert predictions.shape == (3, 2, 12, 20)
-    with pytest.raises(InputError, match="holds a run with another seed"):
+    with pytest.raises(InputError, match="contains a run with another seed"):
         train(replace(config, seed=2), "smoke", data, tmp_path)
     recipe = replace(config.recipe("smoke"), checkpoint_s=9.0)  # which changes no result
     again = train(

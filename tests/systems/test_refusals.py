@@ -137,13 +137,13 @@ def test_bad_options_are_refused_in_one_sentence(tmp_path, options, words):
 def test_a_folder_that_holds_another_run_or_network_is_refused(system_runs, coarse_data, tmp_path):
     run = tmp_path / "run"
     shutil.copytree(system_runs / "refocusnet", run)
-    with pytest.raises(InputError, match="holds a run with another system"):
+    with pytest.raises(InputError, match="contains a run with another system"):
         train_system(config_of(coarse_data), "volumetric", "smoke", run)
     keras.Sequential([keras.Input((1,)), keras.layers.Dense(1)]).save(run / "model.keras")
     for name, words in (
-        ("other", "holds no run of a refocusing system"),
+        ("other", "contains no run of a refocusing system"),
         (["refocusnet"], "run.json: system: input should be a valid string"),
-        ("refocusnet", "hold no keras.Sequential"),
+        ("refocusnet", "contain no keras.Sequential"),
     ):
         (run / "run.json").write_text(json.dumps({"epochs": 1, "train_s": 1.0, "system": name}))
         with pytest.raises(InputError, match=words):

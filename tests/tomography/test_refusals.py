@@ -55,8 +55,8 @@ FEW[2, 2:5] = FEW[4, 2:5] = 1
 TABLES = {
     "nm,red\n500,1\n600,1\n": "must begin with a header row, wavelength_nm",
     "wavelength_nm,red\n500,1\n": "2 wavelengths or more, got 1",
-    "wavelength_nm,red\n500,1\n600\n": "must hold 2 numbers in each row",
-    "wavelength_nm,red\n500,1\n600,x\n": "must hold 2 numbers",
+    "wavelength_nm,red\n500,1\n600\n": "must contain 2 numbers in each row",
+    "wavelength_nm,red\n500,1\n600,x\n": "must contain 2 numbers",
     "wavelength_nm,red\n0.5,1\n0.6,1\n": "must be in nm",
     "wavelength_nm,red\n600,1\n500,1\n": "must increase",
     "wavelength_nm,red\n500,-1\n600,1\n": "0 or above",

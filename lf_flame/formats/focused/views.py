@@ -93,7 +93,7 @@ class FocusedPlan:
     at its depth are used only where no other sees the point. From view to view the offset p moves
     through the micro-image, and a point at the depth v moves by ``(3 - v) p`` pixels of the raw
     picture. The offsets lie in a square within the round micro-image, so that all views are used.
-    Unlike a view of an unfocused camera, a patch holds directions from p - pitch / (2 v) to
+    Unlike a view of an unfocused camera, a patch contains directions from p - pitch / (2 v) to
     p + pitch / (2 v).
 
     `reference` is the virtual depth at which views coincide, `step` the distance between pixels of

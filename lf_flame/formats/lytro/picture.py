@@ -1,4 +1,4 @@
-"""Pictures of the Lytro cameras: metadata, packed pixels, and the containers that hold them.
+"""Pictures of the Lytro cameras: metadata, packed pixels, and their containers.
 
 A container (``.lfp``, ``.lfr``) is a header of 16 bytes and sections that begin at multiples of 16
 bytes. A section has a header of 96 bytes: its kind (8 bytes), the length of its data (8 bytes, big
@@ -100,7 +100,7 @@ class LytroMetadata:
 def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
     """Parse the metadata of a frame of either camera.
 
-    values: metadata of a frame; or a table with a list of frames, the first of which holds its
+    values: metadata of a frame; or a table with a list of frames, the first of which contains its
     metadata and private metadata.
     """
     around = find(values, TABLE, *FRAMES) or {"frame": {"metadata": values}}
@@ -170,7 +170,7 @@ class LytroPicture:
     source : str
         Name of the file, for messages.
     white_image : LytroPicture or None
-        White image that the file holds, if any.
+        White image that the file contains, if any.
     """
 
     metadata: LytroMetadata
@@ -343,7 +343,7 @@ def check_table_size(size: int, source: str | Path) -> None:
 
 
 def parse_table(data: bytes, source: str | Path) -> dict[str, Any]:
-    """Parse JSON of bounded size that must hold names and values."""
+    """Parse JSON of bounded size that must contain names and values."""
     check_table_size(len(data), source)
     values = parse_json(data.rstrip(b"\0").decode("utf-8-sig", "replace"), source)
     if not isinstance(values, dict):

@@ -113,7 +113,7 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
 
 
 def holds_white_files(folder: Path) -> bool:
-    """Whether a folder holds white images of a Lytro camera."""
+    """Whether a folder contains white images of a Lytro camera."""
     return any(PAIRED.fullmatch(path.name) for path in folder.iterdir())
 
 

@@ -107,7 +107,7 @@ def read_grid(grid: Grid | str, name: str = "grid") -> Grid:
 
 
 def check_grid(stated: Grid | None, found: tuple[int, ...], source: object) -> None:
-    """Refuse a stated number of rows and columns that a source does not hold."""
+    """Refuse a stated number of rows and columns that a source does not contain."""
     if stated not in (None, found):
         raise InputError(
             f"A grid of {stated[0]} x {stated[1]} views does not fit {source}, of {found[0]} x "
@@ -133,7 +133,7 @@ def fold(
     if rows * columns != count:
         fault = "form no square" if grid is None else f"do not fill a grid of {rows} x {columns}"
         raise InputError(
-            f"{source} holds {count} views with one running number, which {fault}: state their "
+            f"{source} contains {count} views with one running number, which {fault}: state their "
             f"rows x columns, --grid ROWSxCOLUMNS."
         )
     lines = (columns, rows) if order and by_columns(order) else (rows, columns)
@@ -187,7 +187,7 @@ def find_order(
     ``row,col``. No parallax shows a half-turn, which only changes the sign of all slopes: where
     rows and columns disagree, the columns are assumed to run from left to right.
 
-    `grid`, of shape (first number, second number, ...), holds views or arguments of `read`, None
+    `grid`, of shape (first number, second number, ...), contains views or arguments of `read`, None
     for a missing view. Views with one running number, of the origin `folded`, are refused if they
     move as those of a single row or column do.
     """
