@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 
 LARGEST = 1e37
-"""Largest value of a light field; sums of some larger ones are beyond float32."""
+"""Largest value of a light field; sums of several larger ones are beyond float32."""
 
 
 def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

@@ -170,7 +170,7 @@ class Projector:
         return images.reshape(len(slopes), len(indices), *images.shape[1:])
 
     def _project(self, slopes, shares, interpolation: str, block: Block) -> np.ndarray:
-        """Images at some slopes; shares[axis][n or 1, p, view] are the weights of their terms."""
+        """Images at given slopes; shares[axis][n or 1, p, view] are the weights of their terms."""
         lenslets = self.camera.lenslets
         block = as_block(block, lenslets)
         down, across = (
@@ -223,7 +223,7 @@ class LineSums(NamedTuple):
 def sum_lines(
     slopes: np.ndarray, shares: np.ndarray, length: int, block: int, interpolation: str
 ) -> LineSums:
-    """Plan the sums of lines at some slopes: interpolation, shift and mean over a block.
+    """Plan the sums of lines at given slopes: interpolation, shift and mean over a block.
 
     shares[n or 1, p, v]: weight of each line of views in each term of an image. length: number of
     lenslets along the axis, a multiple of `block`, the number averaged into one pixel.

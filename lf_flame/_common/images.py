@@ -174,7 +174,7 @@ def find_axes(
 ) -> tuple[str, list[int], list[int]]:
     """Letters of the axes of equal series, N first, and the places of page axes and image axes.
 
-    Samples are channels. So are images for each colour (axis C): three, or two and four beside
+    Samples are channels. So are images for each colour (axis C): three, or two and four next to
     other pages or in a focal stack; other pages are not colours. Axes of length 1 are left out.
     """
     axes = "N" + series[0].get_axes(squeeze=False)

@@ -48,7 +48,7 @@ def bar(
 def steps(
     work: Iterable[T], what: str, total: int, unit: str = "step", *, stays: bool = False
 ) -> Iterator[T]:
-    """Iterate over some work with a `bar`."""
+    """Iterate over work with a `bar`."""
     with bar(what, total, unit, stays=stays) as shown:
         for step in work:
             yield step

@@ -119,7 +119,7 @@ class Reading:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files that are read beside the source."""
+        """Further files that are read."""
         return tuple(value for value in self.stated.values() if isinstance(value, Path))
 
     def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":

@@ -245,7 +245,7 @@ class Appearance:
 
 
 class MapCommand(Command):
-    """A command that accepts `--map auto` beside `--map FROM TO`."""
+    """A command that accepts `--map auto` besides `--map FROM TO`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Join `--map auto` into one option."""

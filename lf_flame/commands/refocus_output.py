@@ -73,7 +73,7 @@ class RefocusJob:
         return levels.repeat(times, axis=0).repeat(times, axis=1)
 
     def refocus(self, slopes: Sequence[float]) -> np.ndarray:
-        """Refocus at some slopes: float32, shape (n, t, s) or with a last axis of channels."""
+        """Refocus at given slopes: float32, shape (n, t, s) or with a last axis of channels."""
         if self.network is None:
             return refocus(self.light_field, slopes, **self.options)
         return self.white * self.network.refocus(self.views_to_white, slopes)
@@ -119,7 +119,7 @@ class RefocusJob:
 
 
 def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:
-    """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes.
+    """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for given slopes.
 
     With a camera, names and record contain depths too: ``refocused_N_slopeS_DEPTHmm.png``.
     """

@@ -3,8 +3,8 @@
 A group has ``input`` (n, h, w, channels), the network's input from the light field, see
 `lf_flame.datasets.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope
 of each object; ``parameters/*``, the values that were drawn; and ``complete`` (n,). Images are in
-shards, files of some samples, each compressed separately and with a checksum; other arrays are in
-chunks of as many samples. `lf_flame.datasets.making` makes such groups.
+shards, files of several samples, each compressed separately and with a checksum; other arrays are
+in chunks of as many samples. `lf_flame.datasets.making` makes such groups.
 """
 
 from dataclasses import dataclass

@@ -193,7 +193,7 @@ def _peak(image: np.ndarray) -> float:
     """Find the brightest value that is not a hot pixel.
 
     A hot pixel, or four, exceed by a quarter what a median of 3 x 3 pixels leaves; the tip of a
-    flame some pixels wide does not.
+    flame several pixels wide does not.
     """
     brightest = float(image.max())
     steady = float(ndimage.median_filter(image, 3, mode="nearest").max())

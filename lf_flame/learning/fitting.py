@@ -276,7 +276,7 @@ class TrainingState:
 
 @dataclass(frozen=True)
 class _About:
-    """Content of a checkpoint beside its arrays."""
+    """Content of a checkpoint besides its arrays."""
 
     start_s: float
     epochs: list[Epoch]

@@ -10,7 +10,7 @@ from lf_flame.optics.lens import Lens
 
 
 def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
-    """Tabulate the numbers that follow from a camera, and the slopes at some depths."""
+    """Tabulate the numbers that follow from a camera, and the slopes at given depths."""
     fov, field = camera.field_of_view_deg, camera.field_mm(0.0)
     rows = [
         ("main lens focal length", f"{camera.main_lens_focal_mm:g} mm"),
@@ -33,7 +33,7 @@ def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
 
 
 def depth_table(lens: Lens, depths_mm: Sequence[float]) -> str:
-    """Tabulate slope and field at some depths."""
+    """Tabulate slope and field at given depths."""
     lens.check_depths(depths_mm)
     rows = [
         (f"{depth:g}", f"{lens.depth_to_slope(depth):+.3f}",

@@ -43,7 +43,7 @@ def blur_cells(
     the whole pattern is included, and cells may be large compared with it.
 
     over: range of rows and of columns to return, (first, last + 1), counted from the first cell;
-    it may extend beyond the cells. dark: number of dark rows and columns added beside all these,
+    it may extend beyond the cells. dark: number of dark rows and columns added next to all these,
     because the transform repeats the light periodically.
     """
     firsts = [min(first, 0) for first, _ in over]

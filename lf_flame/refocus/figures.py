@@ -36,7 +36,7 @@ def search_figure(searches, camera=None):
     searches : list of SlopeSearch
         Searches; those without a peak are drawn without a mark.
     camera : PlenopticCamera, optional
-        Camera for depths in mm beside the slopes.
+        Camera for depths in mm next to the slopes.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def slope_map_figure(focus_map, camera=None):
     ----------
     focus_map : lf_flame.refocus.FocusMap
     camera : PlenopticCamera, optional
-        Camera for depths in mm beside the slopes.
+        Camera for depths in mm next to the slopes.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def slope_map_figure(focus_map, camera=None):
 
 
 def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
-    """Draw an image, from 0 to 1, with some regions in focus, beside the slope of each pixel."""
+    """Draw an image, from 0 to 1, with given regions in focus, beside the slope of each pixel."""
     titles = "the framed regions in focus", "slope that each pixel is refocused at"
     figure, axes = _image_beside_slopes(image, surface, titles)
     for axis, (t0, t1, s0, s1) in product(axes, regions):

@@ -154,7 +154,7 @@ class ComparedViews:
                 break
 
     def find_levels(self, slope: np.ndarray, known: np.ndarray) -> bool:
-        """Find the levels of the views from slopes in some rows, or in all; whether one changed."""
+        """Find the levels of the views from slopes in given or all rows; whether one changed."""
         if len(slope) != len(self._rows):
             slope, known = slope[self._rows], known[self._rows]
         if np.count_nonzero(known) < LEAST_KNOWN * known.size:
@@ -165,7 +165,7 @@ class ComparedViews:
         return bool(np.abs(self._levels - before).max() > SETTLED)
 
     def limit(self) -> float:
-        """Largest difference that counts, from the contrast and the noise of some rows."""
+        """Largest difference that counts, from the contrast and the noise of given rows."""
         least, _, contrast = self._best()
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
@@ -185,7 +185,7 @@ class ComparedViews:
         return costs
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Least difference in some rows, about the slope where it occurs, and the contrast."""
+        """Least difference in given rows, about the slope where it occurs, and the contrast."""
         least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:

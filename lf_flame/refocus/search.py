@@ -351,7 +351,7 @@ class _Curves:
 
 
 class _Gradients:
-    """Spectra of the gradients of the low-passed views near some regions; sums over the regions."""
+    """Spectra of the gradients of the low-passed views near regions; sums over the regions."""
 
     def __init__(self, views, counts: np.ndarray, regions: list[Region], farthest: float):
         reach, ends = int(farthest * (max(counts.shape) - 1) / 2) + REACH, np.array(regions)

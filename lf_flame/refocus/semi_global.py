@@ -32,7 +32,7 @@ BENT = 1e-3
 """Smallest curvature of the costs at a best slope; in darkness without noise it is less."""
 
 MUTE = 0.05
-"""Weight of a vote for the first or last slope, or of a pixel without a best one, beside others."""
+"""Weight of a vote for the first or last slope, or of a pixel without a best one."""
 
 AGREEING = 0.3
 """Largest difference of slopes that agree, relative to the smallest that can be distinguished."""

@@ -104,7 +104,7 @@ def align_views(
     *,
     block: tuple[int, int] = (1, 1),
 ) -> np.ndarray:
-    """Shift some views so that objects at a slope are at the same position in all of them.
+    """Shift selected views so that objects at a slope are at the same position in all of them.
 
     View (v, u) becomes ``L[v, u, t + slope (v - vc), s + slope (u - uc)]``, interpolated linearly,
     coordinates clamped at the edges; the mean over all views is `shift_and_sum`.
@@ -202,7 +202,7 @@ def plan_shifts(
 
 
 def _stack(views, places, slopes, interpolation: str, weights: np.ndarray) -> np.ndarray:
-    """Refocus views [v, u, t, s(, c)] at some slopes; places: those of their rows and columns."""
+    """Refocus views [v, u, t, s(, c)] at given slopes; places: those of their rows and columns."""
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
     precision = np.float64 if views.dtype == np.float64 else np.float32

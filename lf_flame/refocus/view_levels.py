@@ -44,7 +44,7 @@ neglected: occluding outlines in noise cause as much, and the effect is small.""
 
 EXPLAINED = 0.6
 """Largest squared difference of levels from 1, relative to the usual squared misfit, that is
-neglected: chance causes it in unrelated views, and it is small beside the misfits."""
+neglected: chance causes it in unrelated views, and it is small relative to the misfits."""
 
 
 def even_levels(shape: tuple[int, ...]) -> np.ndarray:
@@ -63,7 +63,7 @@ def find_levels(
 ) -> np.ndarray:
     """Find the factor, over the image, that makes each view as bright as the central one.
 
-    Uses pixels `known` of some rows, with their approximate slopes; views of weight 0 get level 1.
+    Uses pixels `known` of given rows, with their approximate slopes; views of weight 0 get level 1.
     Returns coefficients of `POWERS`, (v, u, 6): 1 and zeros if views differ by at most `EVEN`.
     """
     levels = even_levels(views.shape[:2])

@@ -233,7 +233,7 @@ class _Grid:
     merged: int  # how many of these make one
     cell_mm: float
     wanted: tuple[int, int]  # first cell that is wanted and one after the last, from `first`
-    dark: int  # cells beside all these that stay dark
+    dark: int  # cells next to all these that stay dark
     start_mm: float  # where `first` begins
 
     @classmethod

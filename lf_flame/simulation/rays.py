@@ -81,7 +81,7 @@ def ray_grid(
     rays: int,
     axis: int,
 ) -> RayGrid:
-    """Lay the rays of all bundles over some planes along an axis, at least `rays` per pixel."""
+    """Lay the rays of all bundles over given planes along an axis, at least `rays` per pixel."""
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
     edges = [plane.layer.cell_edges_mm[axis] for plane in planes]
     tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)

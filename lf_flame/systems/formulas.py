@@ -1,4 +1,4 @@
-"""Refocusing by formula, as systems beside the networks, and the views that systems select."""
+"""Refocusing by formula, as systems next to the networks, and the views that systems select."""
 
 from collections.abc import Callable
 

@@ -94,7 +94,7 @@ class AbsorbingOperator(GridOperator):
         return self._gather(lambda slab: slab.own * slab.back(slab.seen * raw)).ravel()
 
     def _raw(self, y: np.ndarray) -> np.ndarray:
-        """Fitted views beside each other, with 0 elsewhere."""
+        """Fitted views side by side, with 0 elsewhere."""
         return as_raw(self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False)))
 
     def _gather(self, light: Callable[["_Slab"], np.ndarray]) -> np.ndarray:
@@ -115,7 +115,7 @@ class AbsorbingOperator(GridOperator):
 
 
 class _Slab:
-    """Cells at one depth, and their light in all views beside each other (`as_raw`).
+    """Cells at one depth, and their light in all views side by side (`as_raw`).
 
     seen : transmission of everything nearer to the camera, for each pixel of each view.
     own : fraction of the light of each cell that leaves the slab.

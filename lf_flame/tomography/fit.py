@@ -241,7 +241,7 @@ class Fit:
             again = self.again(seen, known, self.few).cells
         else:
             # The draws of the prior include the penalty's effect. Little is seen of the two rows
-            # beside the field's edges and the burner.
+            # next to the field's edges and the burner.
             again = known.cells.copy()
             again[2:-2] = seen.linear(WEAK)[2:-2]
         return np.maximum(known.cells - again, -known.cells)
@@ -361,7 +361,7 @@ def values_at_nodes(fitted: np.ndarray) -> np.ndarray:
     """Correct a piecewise-linear fit of a smooth flame for its curvature, at the nodes.
 
     The straight lines with the least squared distance from a smooth function f miss it at the nodes
-    by ``-step^2 f'' / 12`` along each axis. Along height nothing is added to the two rows beside
+    by ``-step^2 f'' / 12`` along each axis. Along height nothing is added to the two rows next to
     the field's edges and the burner, of which little is seen.
     """
     curved = np.zeros_like(fitted)

@@ -212,7 +212,7 @@ class AxisymmetricOperator(GridOperator):
 
 
 def as_raw(views: np.ndarray) -> np.ndarray:
-    """Lay views (v, u, t, s) beside each other: one array with rows (v, t) and columns (u, s)."""
+    """Lay views (v, u, t, s) side by side: one array with rows (v, t) and columns (u, s)."""
     v, u, t, s = views.shape
     return views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
 

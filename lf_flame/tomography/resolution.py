@@ -69,7 +69,7 @@ def depth_blur(camera: Lens, period_mm: Number) -> Number:
 def resolution_report(
     lens: Lens, periods_mm: Sequence[float], thickness_mm: float | None = None
 ) -> str:
-    """Tabulate the blur in depth of detail of some lateral periods, and how many values it leaves.
+    """Tabulate the blur in depth of detail of given lateral periods, and how many values it leaves.
 
     The extent in depth is 30 mm by default, or a tenth of the distance if that is less.
     """

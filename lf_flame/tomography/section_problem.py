@@ -203,7 +203,7 @@ def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
 
 
 def _lines(views: np.ndarray, pixels: int) -> np.ndarray:
-    """Rows of a matrix (views * pixels, ...) that belong to some views."""
+    """Rows of a matrix (views * pixels, ...) that belong to given views."""
     return (views[:, None] * pixels + np.arange(pixels)).ravel()
 
 

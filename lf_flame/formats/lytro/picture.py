@@ -43,7 +43,7 @@ ALIGNMENT, HEADER = 16, 96
 
 
 def find(values: Any, types: tuple[type, ...], *paths: str) -> Any:
-    """Find a value of some types at the first path, names and slashes, that leads to one, or None.
+    """Find a value of given types at the first path, names and slashes, that leads to one, or None.
 
     A list stands for its first entry.
     """
@@ -334,7 +334,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def check_table_size(size: int, source: str | Path) -> None:
-    """Refuse metadata of more than 4 MiB; those of the cameras have some 10 kB."""
+    """Refuse metadata of more than 4 MiB; those of the cameras have about 10 kB."""
     if size > 1 << 22:
         raise InputError(
             f"{source} cannot be read: its metadata have {size:,} bytes, more than the "

@@ -25,7 +25,7 @@ FIRST_REACH = 4
 
 WINDOW, WINDOWS = 20, 7
 """Side in pitches, and number along each axis, of the windows in which the micro-images of a large
-image are located: some thousands suffice."""
+image are located: several thousand suffice."""
 
 
 def estimate_grid(
@@ -193,7 +193,7 @@ def _sharpened(vectors: tuple[complex, complex], patch: np.ndarray) -> tuple[com
         y, x = (np.linspace(-1, 1, 2 * f + 1) for f in far)
         near = ratio[np.ix_(*places)] * (np.hypot(y[:, None], x) <= 1)
         sharpest = np.unravel_index(near.argmax(), near.shape)
-        # The highest of some thousand values of noise, in a Rayleigh distribution, is 3.5.
+        # The highest of several thousand values of noise, in a Rayleigh distribution, is 3.5.
         if near[sharpest] < 5.0:
             raise _no_grid("what repeats itself does so over a few lenslets only, as contents do")
         y, x = (p[k] for p, k in zip(places, sharpest, strict=True))

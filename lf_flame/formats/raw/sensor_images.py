@@ -164,7 +164,7 @@ def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
     image after it was subtracted.
     """
     gaps = raw[np.arange(len(raw)), :, raw.mean(axis=1).argmin(axis=1)]
-    # The least of some hundred means of noise is 1.3 of these standard deviations too small.
+    # The least of several hundred means of noise is 1.3 of these standard deviations too small.
     bright = np.percentile(lit.mean(axis=1).max(axis=1), 95)
     error = max(0.05 * abs(bright), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
     low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))

@@ -201,7 +201,7 @@ class ChosenPixels:
     def diffracted(
         self, kept: Collection[str], traced: Collection[str], parts: int, rays: int | None
     ) -> np.ndarray:
-        """Pixels of some windows of lenslets, diffracted by the light on their parts."""
+        """Pixels of several windows of lenslets, diffracted by the light on their parts."""
         tiled, sides = tiled_sensor(self.camera, parts), []
         for axis, count in enumerate(self.camera.lenslets):
             chosen = np.unique(self.lines[axis] % count)
@@ -254,7 +254,7 @@ def find_counts(
     number = len(thick) + chromatic + bool(diffracts) + finding_rays
     share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
     slabs, colours, weights = [1] * len(layers), 1, pixels.weights
-    parts = 4 if rays and leaves_gaps(pixels.camera) else 1  # beside the gaps light is uneven
+    parts = 4 if rays and leaves_gaps(pixels.camera) else 1  # next to the gaps light is uneven
     low = 2 * FEWEST_RAYS if finding_rays else rays
 
     @cache

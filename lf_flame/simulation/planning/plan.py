@@ -144,7 +144,7 @@ class EffectPlan:
         return next(effect for effect in self.effects if effect.name == name)
 
     def to_json(self) -> dict:
-        """JSON values of the plan, for a record beside an image or a data set."""
+        """JSON values of the plan, for the record of an image or a data set."""
         lines = [
             {**asdict(e), "bound": e.bound if math.isfinite(e.bound) and e.stated else None}
             for e in self.effects
@@ -236,7 +236,7 @@ def plan_effects(
 
     For each effect, an upper bound is computed on how much the image would change if the effect
     were left out. Effects are left out, smallest bound first, while the sum of their bounds is
-    within a quarter of the tolerance; the others are kept. Some hundred pixels are then rendered
+    within a quarter of the tolerance; the others are kept. Several hundred pixels are then rendered
     with ever more slabs, colours, parts of pixels and rays, until they change by less than the rest
     of the tolerance.
 
