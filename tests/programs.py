@@ -34,6 +34,21 @@ def warnings_as_python_shows_them(errors):
         yield
 
 
+@contextmanager
+def without_graphs():
+    """Let TensorFlow do each operation as it comes: to draw its graphs takes longer than few steps.
+
+    For networks that are trained to be used in a test.
+    """
+    import tensorflow as tf
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*does not apply to tf.data functions")
+        tf.config.run_functions_eagerly(True)
+        yield
+        tf.config.run_functions_eagerly(False)
+
+
 def run(*words):
     """Call a command of ``lf-flame``; its result holds what it printed and raised."""
     return CliRunner().invoke(cli.commands, [str(word) for word in words])

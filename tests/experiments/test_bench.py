@@ -10,8 +10,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory):
-    return pd.DataFrame(bench.measure(small=True)["rows"])
+def rows():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench, "STEPS", 3)
+        return pd.DataFrame(bench.measure(small=True)["rows"])
 
 
 def test_every_task_has_a_floor_and_a_rival_with_the_same_output(rows, tmp_path):

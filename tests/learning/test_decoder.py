@@ -1,3 +1,5 @@
+from functools import cache
+
 import keras
 import numpy as np
 import pytest
@@ -11,15 +13,27 @@ IMAGE = (40, 64)
 GREY = (*IMAGE, 1)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def built_once():
+    """Build a ResNet-50 of each size once, which takes a second: all backbones share its layers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(keras.applications, "ResNet50", cache(keras.applications.ResNet50))
+        yield
+
+
 @pytest.fixture(scope="module")
 def paper_model():
     return build_refocus_resnet50(backbone_weights="random")
 
 
-@pytest.fixture(scope="module")
-def resnet_arrays():
+@pytest.fixture
+def resnet():
+    return keras.applications.ResNet50(include_top=False, weights=None, input_shape=(*IMAGE, 3))
+
+
+@pytest.fixture
+def resnet_arrays(resnet):
     """Weights of a ResNet-50 as the flat names of an .npz file has them."""
-    resnet = keras.applications.ResNet50(include_top=False, weights=None, input_shape=(*IMAGE, 3))
     return {
         f"{layer.name}/{w.name}": keras.ops.convert_to_numpy(w)
         for layer in resnet.layers
@@ -61,11 +75,10 @@ def test_output_planes_are_not_scrambled(paper_model, rng):
 
 @pytest.mark.slow
 def test_random_weights_depend_on_the_seed_alone():
-    first, again, other = (build_backbone(GREY, "random", "conv3", seed) for seed in (1, 1, 2))
-    kernels = [
-        keras.ops.convert_to_numpy(m.get_layer("resnet50").get_layer("conv1_conv").kernel)
-        for m in (first, again, other)
-    ]
+    kernels = []
+    for seed in (1, 1, 2):
+        layers = build_backbone(GREY, "random", "conv3", seed).get_layer("resnet50")
+        kernels.append(keras.ops.convert_to_numpy(layers.get_layer("conv1_conv").kernel))
     np.testing.assert_array_equal(kernels[0], kernels[1])
     assert np.abs(kernels[0] - kernels[2]).max() > 0
     assert kernels[0].std() == pytest.approx(np.sqrt(2 / (7 * 7 * 3)), rel=0.02)
@@ -82,23 +95,20 @@ def test_preprocessing_is_the_backbones_own(paper_model, rng):
 
 
 @pytest.mark.slow
-def test_weights_file_reaches_the_features(resnet_arrays, tmp_path, rng):
+def test_weights_file_reaches_the_features(resnet, resnet_arrays, tmp_path, rng):
     np.savez(tmp_path / "all.npz", **resnet_arrays)
-    resnet = keras.applications.ResNet50(include_top=False, weights=None, input_shape=(*IMAGE, 3))
-    for layer in resnet.layers:
-        layer.set_weights([resnet_arrays[f"{layer.name}/{w.name}"] for w in layer.weights])
     resnet.save_weights(tmp_path / "all.weights.h5")
     images = rng.uniform(size=(1, *IMAGE, 1)).astype(np.float32)
-    features = [
-        np.array(build_backbone(GREY, tmp_path / name)(images))
-        for name in ("all.npz", "all.weights.h5")
-    ]
-    np.testing.assert_array_equal(*features)
-    cut = keras.Model(resnet.input, resnet.get_layer("conv4_block6_out").output)
-    colours = np.repeat(images, 3, axis=-1) * 255
-    expected = cut(keras.applications.resnet.preprocess_input(colours))
-    found = build_backbone(GREY, tmp_path / "all.npz", "conv4")(images)
-    np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-4, atol=1e-4)
+    colours = keras.applications.resnet.preprocess_input(np.repeat(images, 3, axis=-1) * 255)
+    expected = {
+        depth: np.array(keras.Model(resnet.input, resnet.get_layer(last).output)(colours))
+        for depth, last in (("conv4", "conv4_block6_out"), ("conv5", "conv5_block3_out"))
+    }
+    for name, depth in (("all.npz", "conv4"), ("all.weights.h5", "conv5")):
+        for weight in resnet.weights:
+            weight.assign(weight + 1)
+        found = build_backbone(GREY, tmp_path / name, depth)(images)
+        np.testing.assert_allclose(np.array(found), expected[depth], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.slow

@@ -24,7 +24,9 @@ from lf_flame.systems.training import (
     train_system,
 )
 
-SMOKE = {"training_samples": 4, "held_out": 2, "epochs": 2, "steps_per_epoch": 3}
+SMOKE = {
+    "training_samples": 4, "held_out": 2, "epochs": 2, "steps_per_epoch": 3, "batch_size": 2
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

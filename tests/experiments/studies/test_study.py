@@ -1,4 +1,6 @@
 import json
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -6,15 +8,17 @@ import pandas as pd
 import pytest
 from builders import camera, shapes, toml
 from click.testing import CliRunner
+from programs import without_graphs
 
 from experiments.__main__ import commands
 from experiments.linear import Ridge, project
-from experiments.studies.study import COLUMNS, read_study, run_study, run_trial
+from experiments.studies.study import COLUMNS, read_study, run_study
 from lf_flame import InputError
 from lf_flame._common import figures
 from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score
+from lf_flame.learning.training import train
 
 ROOT = Path(__file__).parents[3]
 
@@ -43,8 +47,8 @@ BARS = """
 [[variants]]
 name = "as it is"
 [[variants]]
-name = "small: batches of 1"
-recipe = { batch_size = 1 }
+name = "small: batches of 2"
+recipe = { batch_size = 2 }
 """
 
 STILL = """
@@ -58,7 +62,7 @@ name = "moving"
 
 def write(folder, variants, study=STUDY):
     """Write a study and the files that it names."""
-    coarse = shapes(20, (20, 32)) | {"camera": camera(5, (20, 32), 12)}
+    coarse = shapes(20, (12, 20)) | {"camera": camera(5, (12, 20), 20)}
     (folder / "data.toml").write_text(toml(coarse))
     (folder / "training.toml").write_text(TRAINING)
     (folder / "tiny.toml").write_text(study + variants)
@@ -87,29 +91,30 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A folder with a study that was stopped before its second variant, and then resumed.
+    """A folder with a study whose second variant could not be trained at first, and then was.
 
-    Also what the report was at the stop, and when the first variant's model was written.
+    Also what the report was before that variant, what was printed, and when the first variant's
+    model was written.
     """
-    folder = tmp_path_factory.mktemp("study")
+    folder, before = tmp_path_factory.mktemp("study"), []
     model = folder / "work" / "tiny" / "as it is" / "model.keras"
-    with pytest.MonkeyPatch.context() as patch:
+
+    def train_first(config, preset, data, out):
+        if out.name != "as it is":
+            before.append(Path("out/tiny.md").read_text())
+            raise InputError("No such weights.")
+        train(config, preset, data, out)
+
+    with pytest.MonkeyPatch.context() as patch, without_graphs():
         patch.chdir(folder)
         path = write(folder, BARS)
-        with pytest.MonkeyPatch.context() as inner:
+        with pytest.MonkeyPatch.context() as inner, redirect_stdout(StringIO()) as shown:
             leave_undrawn(inner)
-
-            def stop(trial, *others):
-                if trial.variant.name != "as it is":
-                    raise KeyboardInterrupt
-                run_trial(trial, *others)
-
-            inner.setattr("experiments.studies.study.run_trial", stop)
-            with pytest.raises(KeyboardInterrupt):
-                run(path)
-        at_the_stop = Path("out/tiny.md").read_text(), model.stat().st_mtime_ns
+            inner.setattr("experiments.studies.study.train", train_first)
+            run(path)
+        written = model.stat().st_mtime_ns
         run(path)
-    return folder, *at_the_stop
+    return folder, before[0], shown.getvalue(), written
 
 
 @pytest.mark.slow
@@ -122,7 +127,7 @@ def test_networks_and_what_needs_none_are_scored_on_the_same_samples(done, monke
     assert list(table.system) == (["network"] * 2 + ["linear"] * 2 + ["bound"] * 2) * 2
     parts = split_indices(12, (0.5, 0.25, 0.25), 1)
     for folder, (_, rows) in zip(
-        ("work/tiny/as it is", "work/tiny/small: batches of 1"),
+        ("work/tiny/as it is", "work/tiny/small: batches of 2"),
         table.groupby("variant", sort=False), strict=True,
     ):  # fmt: skip
         dataset, indices, predictions = open_run(folder).predict_test_split()
@@ -139,9 +144,10 @@ def test_networks_and_what_needs_none_are_scored_on_the_same_samples(done, monke
 
 @pytest.mark.slow
 def test_a_study_resumes_and_its_report_says_where_it_comes_from(done):
-    folder, text, written = done
+    folder, text, shown, written = done
+    assert shown.count("Left out: No such weights.") == 1
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
-    assert rows["small: batches of 1"].split().count("-") == 4
+    assert rows["small: batches of 2"].split().count("-") == 4
     assert "-" not in rows["as it is"].split()
     assert (folder / "work" / "tiny" / "as it is" / "model.keras").stat().st_mtime_ns == written
     assert not list(folder.rglob("checkpoint*"))
@@ -184,9 +190,9 @@ def test_a_study_without_training(folder):
         ("samples = 12", "samples = 12\nspeed = 2", "tiny.toml: speed is not a known key"),
         ("samples = 12", "samples = 3", "3 samples are too few to split"),
         ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, got 'fast'"),
-        ("{ batch_size = 1 }", "{ speed = 1 }", "of 1': presets.smoke.speed is not a known"),
-        ("recipe = { batch_size = 1", "data.template = { position = 1", "position is not a known"),
-        ("small: batches of 1", "as it is", "needs a unique name, in words, got 'as it is'"),
+        ("{ batch_size = 2 }", "{ speed = 1 }", "of 2': presets.smoke.speed is not a known"),
+        ("recipe = { batch_size = 2", "data.template = { position = 1", "position is not a known"),
+        ("small: batches of 2", "as it is", "needs a unique name, in words, got 'as it is'"),
     ],
 )
 def test_impossible_studies_are_refused(folder, old, new, message):
@@ -195,17 +201,6 @@ def test_impossible_studies_are_refused(folder, old, new, message):
     path = write(folder, "", text.replace(old, new))
     with pytest.raises(InputError, match=message):
         read_study(path)
-
-
-@pytest.mark.slow
-def test_a_network_that_cannot_be_trained_is_left_out(folder, monkeypatch, capsys):
-    def train(config, preset, data, out):
-        raise InputError("No such weights.")
-
-    monkeypatch.setattr("experiments.studies.study.train", train)
-    run(write(folder, BARS))
-    assert capsys.readouterr().out.count("Left out: No such weights.") == 2
-    assert pd.read_csv("out/tiny.csv").empty
 
 
 @pytest.mark.parametrize(
