@@ -1,3 +1,4 @@
+import gc
 import json
 import os
 from dataclasses import replace
@@ -26,6 +27,15 @@ settings.register_profile(
     "first_failure", derandomize=True, phases=[Phase.explicit, Phase.generate]
 )
 settings.load_profile("fixed")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Keep Python's garbage collector off what imports make, a million objects that stay."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
@@ -104,7 +114,7 @@ def _train_systems(folder, coarse_data):
             "seed = 1\n[training_samples]",
             f"data = {json.dumps([str(path) for path in coarse_data])}",
             "slopes = 2\n[presets.smoke]\ntraining_samples = 2\nheld_out = 1\n"
-            "epochs = 1\nsteps_per_epoch = 2",
+            "epochs = 1\nsteps_per_epoch = 2\nbatch_size = 2",
             "[systems.refocusnet]\nepochs = 1\npatch = 24",
             "[systems.volumetric]\nepochs = 1\npatch = 24",
         ]

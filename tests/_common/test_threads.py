@@ -163,12 +163,26 @@ def test_forks_after_use_callers_at_once_and_a_late_thread_are_survived(loop):
 
 @pytest.mark.slow
 @compiled
-def test_loops_kept_on_disk_are_those_of_all_files_they_are_compiled_from(loop):
-    """Numba itself looks at the loop's own file alone."""
-    for factor, announced in ((2, True), (2, False), (3, True)):
+def test_loops_are_kept_on_disk_and_files_that_do_not_fit_cost_a_compilation(loop, tmp_path):
+    """Another file changed, at which Numba itself does not look; damage; a full disk."""
+
+    def check(factor, compiles):
         done = loop("loop.py", factor=factor)
         assert done.stdout == f"[0.0, {factor}.0, {2 * factor}.0]\n"
-        assert (COMPILING in done.stderr) == announced
+        assert (COMPILING in done.stderr) == compiles
+
+    check(2, True)
+    check(2, False)
+    check(3, True)
+    for kind, content in (("nbi", b"\x80\x05\x95"), ("nbc", b"no pickle")):
+        (path,) = tmp_path.rglob(f"*.{kind}")
+        path.write_bytes(content)
+        check(3, True)
+    shutil.rmtree(tmp_path / "__pycache__")
+    full = loop("-c", "import resource, loop; resource.setrlimit(resource.RLIMIT_FSIZE, (99, 99));"
+                "print(loop.filled(3).tolist())", factor=3)  # fmt: skip
+    assert full.stdout == "[0.0, 3.0, 6.0]\n", full.stderr
+    assert not list(tmp_path.rglob("*.nbc"))
 
 
 def unprivileged():
@@ -195,21 +209,3 @@ def test_without_a_folder_to_write_loops_are_compiled_at_each_start(loop, tmp_pa
     assert (done.returncode, done.stdout) == (0, "[0.0, 2.0, 4.0]\n"), done.stderr
     assert NOT_KEPT in done.stderr.splitlines()
     assert {path.name for path in tmp_path.iterdir()} == {"loop.py", "factor.py"}
-
-
-@pytest.mark.slow
-@compiled
-def test_damaged_files_and_a_full_disk_cost_a_compilation(loop, tmp_path):
-    kept = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    assert loop("loop.py", **kept).returncode == 0
-    for kind, content in (("nbi", b"\x80\x05\x95"), ("nbc", b"no pickle")):
-        paths = list(tmp_path.rglob(f"*.{kind}"))
-        assert paths
-        for path in paths:
-            path.write_bytes(content)
-        assert loop("loop.py", **kept).stdout == "[0.0, 2.0, 4.0]\n"
-    shutil.rmtree(tmp_path / "cache")
-    full = loop("-c", "import resource, loop; resource.setrlimit(resource.RLIMIT_FSIZE, (99, 99));"
-                "print(loop.filled(3).tolist())", **kept)  # fmt: skip
-    assert full.stdout == "[0.0, 2.0, 4.0]\n", full.stderr
-    assert not list(tmp_path.rglob("*.nbc"))

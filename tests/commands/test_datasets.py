@@ -16,7 +16,7 @@ from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
 
-SAMPLES = 400
+SAMPLES = 120
 
 
 def test_an_image_too_small_for_the_network_is_refused_at_once(tmp_path, monkeypatch):
@@ -42,7 +42,8 @@ def test_a_cluster_that_loses_a_worker_makes_the_same_bytes(tmp_path):
     ):
 
         def kill():
-            time.sleep(0.3)
+            while not list(tmp_path.glob("a.zarr.part/complete/c/*")):
+                time.sleep(0.01)
             killed.append(next(iter(cluster.workers.values())).pid)
             os.kill(killed[0], signal.SIGKILL)
 

@@ -94,7 +94,7 @@ import json, sys
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 if __name__ == "__main__":
-    make_dataset(config_from_json(json.loads(sys.argv[1]), "here"), 96, sys.argv[2], workers=2)
+    make_dataset(config_from_json(json.loads(sys.argv[1]), "here"), 96, sys.argv[2])
 """
 
 

@@ -99,7 +99,7 @@ KELVIN = (1750.0, 1850.0, 1800.0)
 @pytest.mark.slow
 def test_from_raw_image_to_temperature_ends_in_what_it_began_with(tmp_path):
     (tmp_path / "data_gen").symlink_to(ROOT / "data_gen")
-    coarse = ("--depth-mm -10 --out", "--depth-mm -10 --block 2 --bootstrap 6 --out")
+    coarse = ("--depth-mm -10 --out", "--depth-mm -10 --block 2 --bootstrap 3 --out")
     blocks = code_blocks(page("emission", coarse), "sh")
     results = run_lines("".join(blocks), tmp_path)
     assert len(results) == 7

@@ -80,11 +80,12 @@ def test_flames_after_tables_are_as_their_tables_say():
 
 
 @pytest.mark.slow
-def test_one_exposure_is_recorded_and_judged():
+def test_one_exposure_is_recorded_and_judged(monkeypatch):
+    monkeypatch.setattr(SootFlame, "steps", 16)
     flame = SootFlame(radius=1.1, height=3.2)
     exposure = soot.Exposure(flame, Lens(lenslets=(34, 30)), radius=1.6)
     light_field, calibration = exposure.record(np.random.default_rng(0))
-    found = reconstruct_soot(light_field, exposure.grid, calibration, bootstrap=5)
+    found = reconstruct_soot(light_field, exposure.grid, calibration, bootstrap=3)
     judged = exposure.judge(found.temperatures)
     assert judged["rms_K"] < 15
     assert judged["rms_K"] ** 2 == pytest.approx(judged["mean_K"] ** 2 + judged["scatter_K"] ** 2)
