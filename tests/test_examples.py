@@ -54,7 +54,8 @@ def examples_of(found):
 SLOW = {
     "simulation.measure_changes", "viewer.demo_scene", "viewer.demo_light_field",
     "tomography.write_emission", "learning.build_refocus_resnet50",
-    "systems.refocus_regions", "tomography.ReconstructionPlan",
+    "systems.refocus_regions", "tomography.ReconstructionPlan", "datasets.make_dataset",
+    "calibration.fit_targets",
 }  # fmt: skip
 
 

@@ -30,11 +30,12 @@ DATA_GEN = Path(__file__).parents[2] / "data_gen"
 def test_slopes_found_are_the_geometrys():
     """As through the paper's camera, with fewer views: pixels as large, and the same aperture."""
     config = read_config(DATA_GEN / "flames.toml")
-    config = replace(config, camera=replace(config.camera, views=5))
+    config = replace(config, camera=replace(config.camera, views=3))
     found = [search.slope for search in search_slopes(config)]
     np.testing.assert_allclose(found, config.camera.depth_to_slope(config.depths_mm), atol=0.003)
 
 
+@pytest.mark.slow
 def test_each_object_is_searched_where_it_is(tiny):
     """All lenslets that it lights in the central view, and a few around them, up to the edges."""
     scene, _ = tiny.draw(None)

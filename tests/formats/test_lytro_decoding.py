@@ -98,6 +98,7 @@ def test_slope_without_a_white_image(tmp_path, said):
     assert "vignetting is not corrected" in said()
 
 
+@pytest.mark.slow
 def test_white_and_dark_images_from_elsewhere(tmp_path, said):
     """A folder of white images, and a dark frame instead of the black level."""
     raw, flat = frames("ILLUM", 0.8)

@@ -71,7 +71,7 @@ def seen(texture, slope, views, size):
     return planted(texture, slope, views)[:, :, t : t + size[0], s : s + size[1]]
 
 
-@pytest.mark.parametrize("views", [(3, 3), (4, 6), (9, 9)])
+@pytest.mark.parametrize("views", [(3, 3), (4, 6), pytest.param((9, 9), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", TEXTURES)
 def test_planted_slopes_are_found(kind, views, rng):
     """Within 0.01, on the whole image, with noise of one per cent."""

@@ -25,7 +25,8 @@ def four_cards(rng):
     return Scene(layers)
 
 
-@pytest.mark.parametrize(("seed", "enlarged"), [(0, 1), pytest.param(3, 3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "enlarged"), [(0, 1), (3, 3)])
 def test_it_reaches_from_the_nearest_to_the_farthest(seed, enlarged):
     """Enlarged views, which are averaged again, have slopes as much larger."""
     scene = four_cards(np.random.default_rng(seed))

@@ -86,15 +86,14 @@ def shares(kind, noise):
     return [100 * np.mean(x) for x in (wrong, certain, wrong & certain)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "noise"),
     [
-        pytest.param("gains of 5 %", 0.01, marks=pytest.mark.slow),
-        ("cos^4", 0.01),
-        pytest.param("tilt of 10 %", 0.01, marks=pytest.mark.slow),
-        pytest.param("corners 10 % darker", 0.0, marks=pytest.mark.slow),
+        ("gains of 5 %", 0.01), ("cos^4", 0.01), ("tilt of 10 %", 0.01),
+        ("corners 10 % darker", 0.0),
     ],
-)
+)  # fmt: skip
 def test_slopes_of_uneven_views_are_as_right_as_those_of_even_ones(kind, noise):
     wrong, certain, both = shares(kind, noise)
     even_wrong, even_certain, even_both = shares("even", noise)

@@ -160,6 +160,7 @@ def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     assert found.strength == 0.01  # a strength that is given is kept
 
 
+@pytest.mark.slow
 def test_an_unsettled_correction_is_said(grid, flames_in_line):
     plan = ReconstructionPlan(grid, strength=0.01, optical_thickness=flames_in_line.tau)
     found = plan.reconstruct(flames_in_line.with_noise(0.01), fits=2)
