@@ -47,7 +47,7 @@ class CameraLaw(Lens):
     Parameters
     ----------
     slope_at_infinity : float
-        Slope a of what is far away, in lenslets per view step; not 0.
+        Slope a of distant objects, in lenslets per view step; not 0.
     slope_mm : float
         Coefficient b of ``1 / (z - c)`` in the slope, in mm times lenslets per view step; of the
         other sign than a.
@@ -156,7 +156,7 @@ class CameraLaw(Lens):
             return self.centre_mm + self.slope_mm / (np.asarray(slope) - self.slope_at_infinity)
 
     def mm_per_lenslet(self, depth_mm: Number) -> Number:
-        """Size in mm at a depth of what one lenslet covers, at the centre of the image."""
+        """Size in mm of a lenslet's image at a depth, at the centre of the image."""
         self.check_depths(depth_mm)
         return number_or_array(self.scale * (np.asarray(depth_mm, float) - self.centre_mm))
 

@@ -47,7 +47,7 @@ BLOCK = option(
 )
 
 DEPTHS = cloup.option_group(
-    "Where emission is sought",
+    "Where to find emission",
     option(
         "--depths",
         "Depth planes in mm, both ends included.",

@@ -239,7 +239,7 @@ def write_regions(
          "confidence": one.confidence}
         for one, depth in zip(found, depths, strict=True)
     ]  # fmt: skip
-    out.facts["views_used"] = "a cross of 17" if job.network else "all that count"
+    out.facts["views_used"] = "a cross of 17" if job.network else "all that are used"
     out.facts["radiance_of_white_in_png"] = job.white
     for one in found:
         click.echo(

@@ -1,4 +1,4 @@
-"""Frames of a video: their order, times and reading, and what was measured of a flame in them."""
+"""Frames of a video: their order, times and reading, and the flicker of the flame in them."""
 
 import csv
 from collections.abc import Sequence

@@ -4,7 +4,7 @@ Arrays have the axis ``time`` first. Images have one chunk for each frame; numbe
 one for the frames of a task. A task takes the same frames whichever process runs it, starts anew,
 and writes whole chunks of its own: the bytes do not depend on the workers, and a run that was
 interrupted continues with the tasks that are missing. ``state`` says what became of each frame;
-what was not found is NaN.
+missing results are NaN.
 """
 
 import math

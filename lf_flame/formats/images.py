@@ -61,7 +61,7 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
-    """Round values from 0 to 1 to unsigned levels of 8 or 16 bits; refuse what would be clipped."""
+    """Round values from 0 to 1 to unsigned levels of 8 or 16 bits; refuse values out of range."""
     if bits not in (8, 16):
         raise InputError(f"bits must be 8 or 16, got {bits}.")
     low, high = values.min(), values.max()

@@ -94,7 +94,7 @@ def build_decoder(
 ) -> keras.Model:
     """Build the trainable part, layer by layer as in the paper's section II.C.
 
-    What the paper does not state follows Keras's defaults: "same" padding, a linear dense layer,
+    Where the paper states nothing, Keras's defaults apply: "same" padding, a linear dense layer,
     slope 0.3 of the leaky ReLU, a 3x3 last convolution (deviation 10).
 
     Parameters

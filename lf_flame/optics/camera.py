@@ -352,7 +352,7 @@ class PlenopticCamera(Lens):
 
     @cached_property
     def _alpha_step(self) -> float:
-        """Change of 1/alpha per unit of slope; alpha counts from the exit pupil."""
+        """Change of 1/alpha per unit of slope; alpha is from the exit pupil."""
         return self.grid_pitch_mm / self.on_exit_pupil(self.view_step_mm)
 
     @cached_property

@@ -44,7 +44,7 @@ def depth_table(lens: Lens, depths_mm: Sequence[float]) -> str:
 
 
 def _doubts(camera: PlenopticCamera) -> list[str]:
-    """List what is unlikely or unfortunate in a camera that can be computed all the same."""
+    """List unlikely or unfavourable properties of a camera that can still be computed."""
     matched, given = camera.aperture_mm, camera.aperture_diameter_mm
     if given is not None and given > 1.02 * matched:  # up to there, micro-images hardly overlap
         return [

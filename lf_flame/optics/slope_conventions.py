@@ -19,7 +19,7 @@ from lf_flame.errors import InputError
 CONVENTIONS: dict[str, float | Callable[[int], float]] = {
     # Motion of an image in lenslets per view; the slope of this package.
     "motion": 1.0,
-    # Disparity in pixels per view, positive for what is nearer than the focus distance: 4D Light
+    # Disparity in pixels per view, positive for objects nearer than the focus distance: 4D Light
     # Field Benchmark, Honauer et al., ACCV 2016, depth2disp of its toolkit; EPINET's output, too.
     "hci": -1.0,
     # LFToolbox 0.5, LFFiltShiftSum: views are read at linspace(-0.5, 0.5, N) Slope N.

@@ -7,13 +7,13 @@ halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outli
 and the best match is used. Because fewer views agree more easily by chance, they must match better
 by a margin.
 
-Absolute differences from the central view count up to a limit, which follows the contrast of the
+Absolute differences from the central view are clipped at a limit, which follows the contrast of the
 image and the noise. Without it, one sharp outline outweighs the faint texture beside it, and its
 slope spreads to its surroundings. They are averaged over little more than a pixel; what a single
 pixel leaves open, its surroundings decide afterwards (`lf_flame.refocus.semi_global`).
 
 Views that are darker or brighter than the central one, such as those near the rim of a lens, are
-first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
+first brought to its level (`lf_flame.refocus.view_levels`); otherwise this is a mismatch at
 every slope.
 
 Views are read with the cubic B-spline, without the filter that would make it interpolate. It blurs
@@ -37,7 +37,7 @@ MARGIN = 0.07
 must by twice as much."""
 
 LIMIT = 0.07
-"""Largest difference that counts, in standard deviations of the central view: with a small limit an
+"""Limit of differences, in standard deviations of the central view: with a small limit an
 occluded view matters little, and so does a strong outline beside faint texture."""
 
 NOISY = 2.5
@@ -165,7 +165,7 @@ class ComparedViews:
         return bool(np.abs(self._levels - before).max() > SETTLED)
 
     def limit(self) -> float:
-        """Largest difference that counts, from the contrast and the noise of given rows."""
+        """Limit of differences, from the contrast and the noise of given rows."""
         least, _, contrast = self._best()
         return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
 
@@ -300,7 +300,7 @@ def compare_views(
     down[v], across[u]: shift of tap 0; down_weights[v, a], across_weights[u, b]: weights of taps.
     reach: largest number of lenslets that any tap reads beyond a row.
     shifts_down[v], shifts_across[u]: whole shifts of the views.
-    limit: largest absolute difference that counts.
+    limit: of absolute differences.
     """
     views = some.views
     height, width = views.shape[2:]

@@ -29,7 +29,7 @@ OUTLYING = 1.5
 which leaves larger differences than chance."""
 
 SCATTER = 3.0
-"""Largest difference that counts in the search, relative to the usual one at the right slope."""
+"""Limit of differences in the search, relative to the usual difference at the right slope."""
 
 MOST_CHANGE = 0.6
 """Largest change of a slope, in steps of the search; a larger one is an outlier, and is left out.

@@ -45,7 +45,7 @@ DEFAULT_RANGES = (3.0, 6.0, 12.0)
 """Largest slopes searched by default, in both directions: each if the last had no clear peak."""
 
 RIVAL_REACH, RIVAL_REACH_OF_TILES = 6.0, 3.0
-"""Largest difference of slope at which a second peak counts against the first. It is fixed, so that
+"""Largest difference of slope at which a second peak rivals the first. It is fixed, so that
 the confidence does not depend on the range of the search."""
 
 WIDEST_STEP, STEP_BY_VIEWS = 0.1, 0.7
@@ -336,7 +336,7 @@ class _Curves:
 
         Layers whose peaks have merged: views of a third of the aperture agree better at the slope
         than all views do, where noise would lower both. Layers side by side: parts of the region,
-        weighted by amplitude so that faint texture counts too, have a higher semblance elsewhere.
+        weighted by amplitude so that faint texture matters too, have a higher semblance elsewhere.
         """
         parts, here = self.semblance[near, 1:], np.argmin(np.abs(self.slopes - peak))
         amplitude = np.sqrt(np.maximum(self.energy[here, 1:], 0))

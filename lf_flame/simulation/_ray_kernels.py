@@ -46,7 +46,7 @@ def radiance(planes, transmission, rays, weights, pixel, ray):
             before, sheet = clear, planes.sheet[p]
         gain = before * strip_gain(planes, p, pixel)
         light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
-        # A ray meets one strip of a sheet: what they stop adds up.
+        # A ray meets one strip of a sheet: the light that strips stop adds up.
         stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
         clear = max(clear - gain * stopped, 0.0)
     return light
@@ -89,7 +89,7 @@ def radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
             before, sheet = clear, planes.sheet[p]
         gain = before * strip_gain(planes, p, pixel)
         light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
-        # A ray meets one strip of a sheet: what they stop adds up.
+        # A ray meets one strip of a sheet: the light that strips stop adds up.
         stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
         clear = max(clear - gain * stopped, 0.0)
     return light

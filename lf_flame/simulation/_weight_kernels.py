@@ -53,7 +53,7 @@ def crossing(stop, shifts, k, lenslet, pixel, ray):
 
 @njit
 def passes(stop, second, shifts, lenslet, pixel, ray):
-    """Share of a ray's box inside two round stops, whose edges count as straight within the box.
+    """Share of a ray's box inside two round stops, whose edges are straight within the box.
 
     Both stops have the same axis. Stops that cut the box from the same side leave the smaller of
     the two shares; from opposite sides, the overlap of the two.

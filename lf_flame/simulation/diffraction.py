@@ -79,7 +79,7 @@ def blur_on_sensor(
 ) -> np.ndarray:
     """Let the lenslets diffract a raw image on tiles, and let the pixels gather it: a raw image.
 
-    The light is taken as even over each tile. Beyond the border the outermost tiles are repeated.
+    The light is assumed even over each tile. Beyond the border the outermost tiles are repeated.
     tiled: camera of the tiles, from `tiled_sensor`; camera: that of the pixels.
     """
     image = tiles
@@ -233,7 +233,7 @@ class _Grid:
     merged: int  # how many of these make one
     cell_mm: float
     wanted: tuple[int, int]  # first cell that is wanted and one after the last, from `first`
-    dark: int  # cells next to all these that stay dark
+    dark: int  # cells around all these that stay dark
     start_mm: float  # where `first` begins
 
     @classmethod
@@ -268,7 +268,7 @@ class _Grid:
 
     @property
     def place_mm(self) -> tuple[float, float]:
-        """Where what is wanted begins, and how wide it is."""
+        """Start and width of the wanted part."""
         begin, end = self.wanted
         return self.start_mm + begin * self.cell_mm, (end - begin) * self.cell_mm
 

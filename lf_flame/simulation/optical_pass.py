@@ -168,7 +168,7 @@ class OpticalPass:
 
     @property
     def square_micro_images(self) -> bool:
-        """Whether light through every lenslet counts, and no round aperture bounds it."""
+        """Whether light through every lenslet is used, and no round aperture bounds it."""
         return self.every_lenslet and not self.round_aperture
 
     @property

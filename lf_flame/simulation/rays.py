@@ -142,8 +142,8 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
 
     Tiles along the lenslet cover its image without a gap, so that the smallest number that fits the
     cells is enough, and all further rays go along the pixel. Where planes attenuate each other,
-    their cells in one tile count as independent: tiles then shrink along both, to images about as
-    wide as long on the planes, unless cells or a stop require narrower tiles along the pixel.
+    their cells in one tile are taken as independent: tiles then shrink along both, to images about
+    as wide as long on the planes, unless cells or a stop require narrower tiles along the pixel.
 
     rays: smallest number of rays; widths: images of lenslet and pixel in cells, shape (p, 2).
     """

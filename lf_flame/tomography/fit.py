@@ -306,7 +306,7 @@ class Fit:
 
         def residuals() -> tuple[np.ndarray, np.ndarray | None]:
             if not self.on_planes:
-                # A half section has far fewer nodes than there are rays: what is left is white.
+                # A half section has far fewer nodes than there are rays: the residual is white.
                 return unexplained(problem, views), None
             white = np.random.default_rng(0).standard_normal(views.shape, np.float32)
             white *= np.sqrt(uneven)

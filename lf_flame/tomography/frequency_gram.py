@@ -149,7 +149,7 @@ class FrequencyGram:
         return self._count(kept.sum(axis=-1))
 
     def _count(self, traces: np.ndarray) -> float:
-        """Add traces over the frequencies; only the recorded part of the torus counts."""
+        """Add traces over the frequencies; only for the recorded part of the torus."""
         share = np.prod(self.grid.pixels) / np.prod(self.size)
         return float(np.sum(self.multiplicity * traces) * share)
 

@@ -165,7 +165,7 @@ class PlaneProblem:
 
 
 def _scaled(state: np.ndarray, roof: np.ndarray, ratio: float) -> np.ndarray:
-    """State for a longer step: what is beyond the bounds is their multipliers times the step."""
+    """State for a longer step: the excess over the bounds is their multipliers times the step."""
     light = np.clip(state, 0, roof)
     return light + np.float32(ratio) * (state - light)
 

@@ -46,7 +46,7 @@ def axial(
     """Take a profile up a depth plane, (rows, columns) with row 0 at the top, lowest height first.
 
     The strip is at the centre of the light by default, and one cell wide or wider; columns at its
-    borders count by the part that is inside. `draws` has the shape (n, rows, columns).
+    borders are weighted by the part inside. `draws` has the shape (n, rows, columns).
     """
     image, again = np.asarray(plane, np.float64), np.asarray(draws, np.float64)
     heights, places = (cell_mm * centred(count) for count in image.shape)

@@ -160,7 +160,7 @@ def roughness_differences(shape: tuple[int, int]) -> sparse.csr_array:
     mirrored = np.zeros((2 * radii - 1 + ROUGHNESS_ORDER, radii))
     place = np.arange(2 * radii - 1)
     mirrored[place, np.abs(place - (radii - 1))] = 1
-    # Each side of the axis counts half.
+    # Each side of the axis has half the weight.
     across = np.diff(mirrored, ROUGHNESS_ORDER, axis=0) / np.sqrt(2)
     down = sparse.kron(sparse.csr_array(along), sparse.eye_array(radii))
     return sparse.vstack([down, sparse.kron(sparse.eye_array(heights), across)], format="csr")

@@ -20,7 +20,7 @@ JPEG_QUALITIES = (92, 85, 75)
 class ShrunkViews:
     """Views as stored in a page."""
 
-    coded: CodedViews  # what the page decodes, apart from JPEG errors
+    coded: CodedViews  # as the page decodes them, apart from JPEG errors
     pieces: list[tuple[int, int]]  # first view and number of views of each
     data: list[bytes]  # compressed pieces
     coding: str  # "deflate" or "jpeg"

@@ -114,7 +114,7 @@ class DecodePlan:
     ):
         self.grid, self.shape, self.views = grid, tuple(shape), count_views(grid, views)
         self.bayer = sensor.check_bayer(bayer, self.shape)
-        # All else is of rows: images of an array in columns are transposed, and so are the views.
+        # Everything else is for rows: images of an array in columns are transposed, and its views.
         self._grid, pattern, size = grid.upright, self.bayer, self.shape[:2]
         if grid.columns:
             size = size[::-1]
@@ -244,7 +244,7 @@ class DecodePlan:
             sensor.refuse_spots(self.weights)
 
     def _check(self, light: np.ndarray, saturated: np.ndarray | None) -> None:
-        """Refuse what does not fit, and warn of what is doubtful."""
+        """Refuse an image that does not fit, and warn of doubtful ones."""
         if self.bayer is None:
             sensor.check_colours(light, self._grid, "raw")
         means = sensor.mean_micro_images(light, self._grid, self._step)

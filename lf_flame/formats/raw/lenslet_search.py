@@ -37,7 +37,7 @@ def estimate_grid(
     autocorrelation are about the array's shortest vectors, whatever the shape of the micro-images;
     the sharp lines of the spectrum nearby make them exact. (The strongest line may be a harmonic,
     as for round micro-images that touch in a hexagonal array.) Correlation with the mean
-    micro-image and its neighbours, in which gaps count more than contents, then locates each one to
+    micro-image and its neighbours, in which gaps weigh more than contents, then locates each one to
     a fraction of a pixel, and the grid is fitted by least squares without outliers, from the
     centre of the image outwards.
 

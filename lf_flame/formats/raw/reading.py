@@ -31,7 +31,7 @@ def decode_raw(
 ) -> LightField:
     """Resample the micro-images of a raw lenslet image into views.
 
-    For several images of one camera, `DecodePlan` does what is common to all of them once.
+    For several images of one camera, `DecodePlan` prepares once what they share.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class ViewOrder:
         return f"{self.order}, {self.reason}"
 
     def describe(self) -> list[str]:
-        """Describe the order, and what no parallax shows, in a line or two."""
+        """Describe the order, and its ambiguity, in a line or two."""
         lines = [f"order {self}"]
         if self.slopes is not None and (self.order != ORDERS[0] or self.slopes[0] > 0):
             turned = half_turned(self.order)
