@@ -1,6 +1,6 @@
 """Refocused images directly from a scene, without a light field.
 
-Where light only adds, the way from scene to image is linear and separable. A plane with cells of
+Where light only adds, the map from scene to image is linear and separable. A plane with cells of
 radiance ``X`` gives view (v, u) as ``K[v] X K[u]'`` (`lf_flame.simulation.integration`);
 shift-and-sum shifts and averages lines of K, and blocks average them again. A refocused image is
 therefore ``B X B'``, with ``B`` the mean over v of ``K[v]``, shifted by ``slope (v - vc)`` and

@@ -109,7 +109,7 @@ class CameraLaw(Lens):
         if not (signs and abs(self.slope_mm) >= SHORTEST and self.centre_mm < low < high):
             raise InputError(
                 f"A law needs slope_at_infinity and slope_mm of opposite signs, scale above 0, "
-                f"and depth_range_mm rising, beyond centre_mm, got {self.slope_at_infinity}, "
+                f"and depth_range_mm increasing, beyond centre_mm, got {self.slope_at_infinity}, "
                 f"{self.slope_mm}, {self.scale}, {self.depth_range_mm} and {self.centre_mm}."
             )
         # A line that is added at the end of the file belongs to this table, the last.

@@ -119,7 +119,7 @@ def fit_targets(
     ((rows, columns, *lenslets),) = shapes
     if rows != columns:
         raise InputError(
-            f"The number of views must be the same down and right, got {rows} x {columns}."
+            f"The number of views must be the same along both axes, got {rows} x {columns}."
         )
     distortion, error = _distortion(targets)
     lattices = [one.squares_per_lenslet(distortion) for one in targets]

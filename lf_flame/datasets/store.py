@@ -133,7 +133,7 @@ def split_indices(n: int, shares: tuple[float, float, float], seed: int) -> dict
     Returns
     -------
     dict of ndarray of int
-        Indices of each part, rising.
+        Indices of each part, increasing.
 
     Raises
     ------

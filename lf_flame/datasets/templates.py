@@ -204,4 +204,4 @@ def _check_ranges(brightness: Pair, **spreads: float) -> None:
         if not value >= 0:
             raise InputError(f"{name} must be 0 or above, got {value}.")
     if not 0 <= brightness[0] <= brightness[1] <= 1:
-        raise InputError(f"brightness must be two rising numbers in [0, 1], got {brightness}.")
+        raise InputError(f"brightness must be two increasing numbers in [0, 1], got {brightness}.")

@@ -111,7 +111,7 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
     Parameters
     ----------
     times_s : array_like, shape (frames,)
-        Times in s, rising, not necessarily evenly spaced.
+        Times in s, increasing, not necessarily evenly spaced.
     heights : array_like, shape (frames,)
         Heights in any unit; frames with NaN are left out.
     resolvable : float, optional
@@ -127,8 +127,8 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
     Raises
     ------
     InputError
-        If times and heights do not match, times do not rise, fewer than `LEAST_FRAMES` heights are
-        known, or `resolvable` is negative.
+        If times and heights do not match, times do not increase, fewer than `LEAST_FRAMES` heights
+        are known, or `resolvable` is negative.
 
     Examples
     --------
@@ -199,8 +199,7 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
         )
     if not (np.all(np.abs(times) <= 1e12) and np.all(np.diff(times) >= 1e-15)):
         raise InputError(
-            "The times of frames must rise from frame to frame, by 1e-15 s or more, and be at most "
-            "1e+12 s."
+            "The times of frames must increase, by 1e-15 s or more, and be at most 1e+12 s."
         )
     return times[known], values[known]
 

@@ -100,7 +100,7 @@ def farthest_slope(views: Views) -> float:
 
 
 def as_steps(slopes: ArrayLike) -> np.ndarray:
-    """Slopes to search: three or more, rising in equal steps."""
+    """Slopes to search: three or more, increasing in equal steps."""
     slopes = as_slopes(slopes)
     steps = np.diff(slopes)
     if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=0):

@@ -115,8 +115,8 @@ def all_in_focus(
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : sequence of float
-        Slopes to search, in lenslets per view step, at least three, rising in equal steps. A peak
-        at the first or last is not trusted: include one step more on each side than the scene
+        Slopes to search, in lenslets per view step, at least three, increasing in equal steps. A
+        peak at the first or last is not trusted: include one step more on each side than the scene
         needs.
     window : float, optional
         Standard deviation, in lenslets, of the Gaussian by which neighbours are weighted; it

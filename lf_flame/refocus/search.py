@@ -122,7 +122,7 @@ def find_sharpest_slope(
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Views; colours are averaged to grey.
     slopes : sequence of float, optional
-        Slopes to search, at least three, rising in equal steps. If the steps are wide for the
+        Slopes to search, at least three, increasing in equal steps. If the steps are wide for the
         number of views, slopes between them are searched too. Default: -3 to 3, then -6 to 6 and
         -12 to 12 if no clear peak lies inside.
     region : (int, int, int, int), optional
@@ -189,7 +189,7 @@ def _cut(region: Region, tiles: Sequence[int]) -> list[Region]:
 
 
 class _Curves:
-    """Semblance and energy of regions at rising slopes, [slope, region].
+    """Semblance and energy of regions at increasing slopes, [slope, region].
 
     The first `asked` regions are searched; further ones are parts of the first.
     """

@@ -68,12 +68,12 @@ class DeadLeaves:
     def __post_init__(self):
         if self.leaves < 1 or not 0.5 <= self.smallest <= self.largest or self.contrast < 0:
             raise InputError(
-                f"Leaves must be 1 or more, lengths rise from 0.5 pixels or more, and contrast be "
+                f"Leaves must be 1 or more, lengths increase from at least 0.5 pixels, contrast be "
                 f"0 or above, got {self.leaves}, {self.smallest}, {self.largest}, {self.contrast}."
             )
         if self.slopes[0] > self.slopes[1] or not 2 <= self.wavelength[0] <= self.wavelength[1]:
             raise InputError(
-                f"slopes and wavelength must be two rising numbers, wavelength from 2 pixels, "
+                f"slopes and wavelength must be two increasing numbers, wavelength from 2 pixels, "
                 f"got {self.slopes} and {self.wavelength}."
             )
 

@@ -411,7 +411,7 @@ def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
         old, new = plane.layer.cell_edges_mm[axis], edges[axis]
         if new.size == old.size and new[0] == old[0]:
             continue
-        # Differences of the sum up to each new edge, in which the sum rises evenly over a cell.
+        # Differences of the sum up to each new edge, in which the sum is linear over a cell.
         cell, lines = old[1] - old[0], np.moveaxis(cells, axis, 0)
         places = np.clip((new - old[0]) / cell, 0, len(lines))
         whole = np.minimum(places.astype(int), len(lines) - 1)

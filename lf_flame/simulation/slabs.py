@@ -146,7 +146,7 @@ def slab_edges(layer: Layer, count: int) -> np.ndarray:
     enters or leaves through the side of a strongly absorbing layer shows it only there. Without,
     all are equally thick.
 
-    They rise from 0 to 1.
+    They increase from 0 to 1.
     """
     wanted, tau = np.arange(count + 1) / count, float(layer.optical_thickness.max())
     if tau == 0:

@@ -154,7 +154,7 @@ class FrequencyGram:
         return float(np.sum(self.multiplicity * traces) * share)
 
     def inverse(self, step: float, strength: float) -> np.ndarray:
-        """Inverse of the unit matrix plus a step times the penalised matrices; kept for later.
+        """Inverse of the identity plus a step times the penalised matrices; kept for later.
 
         float32, shape (fy, planes, planes, fx).
         """

@@ -44,7 +44,7 @@ class FrustumGrid:
         Camera; with a round aperture, only views whose part of the lens is a whole square are used.
     depths_mm : sequence of float
         Depths of the planes in mm, from the zero of the camera (a `PlenopticCamera`: its focal
-        plane); rising or falling, all different.
+        plane); increasing or decreasing, all different.
     block : int, optional
         Number of lenslets along each axis that are averaged into one pixel, and into one cell.
     used_views : array_like of bool, shape (views, views), optional
@@ -205,7 +205,7 @@ def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:
     steps = np.diff(depths)
     if not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError(
-            f"depths_mm must rise or fall, no two equal: planes at one depth cannot be "
+            f"depths_mm must increase or decrease, no two equal: planes at one depth cannot be "
             f"separated; got {depths.tolist()}."
         )
     return depths

@@ -41,7 +41,7 @@ class PlaneGeometry:
 
     @cached_property
     def gram(self) -> FrequencyGram:
-        """Its Gram matrix by frequency."""
+        """Gram matrix of the operator by frequency."""
         return FrequencyGram(self.grid)
 
     @cached_property
@@ -82,7 +82,7 @@ class SectionGeometry:
 
     @cached_property
     def gram(self) -> BandedGram:
-        """Its Gram matrix."""
+        """Gram matrix of the operator."""
         return BandedGram(self.grid)
 
     @cached_property

@@ -56,9 +56,9 @@ def inner(one: np.ndarray, other: np.ndarray) -> float:
 def noise_by_pixel(views: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Variance of each pixel's noise relative to its mean, float32, shape (v, u, t, s).
 
-    The variance of a sensor's pixel rises in proportion to its light (the photon transfer curve;
-    EMVA standard 1288). Other effects, such as a division by a white image, vary slowly over the
-    field. `seen` is the light field of the unpenalised fit.
+    The variance of a sensor's pixel increases in proportion to its light (the photon transfer
+    curve; EMVA standard 1288). Other effects, such as a division by a white image, vary slowly over
+    the field. `seen` is the light field of the unpenalised fit.
     """
     power = np.square(views - seen, dtype=np.float32)
     if not power.any():
@@ -96,7 +96,7 @@ def correlation_factor(
     """Factor by which correlation raises the standard deviation of sums of a light field's noise.
 
     It is measured where the field is dark, in second differences of neighbouring pixels, so that
-    faint light does not count, and as the product of a factor of the views and one of the pixels.
+    faint light has no effect, and as the product of a factor of the views and one of the pixels.
     Where dark pixels have little of the noise, as in photon noise, it is measured in the part that
     no emission explains, relative to white noise of which a fit explains as much (`residuals`). It
     is 1 where there are too few pixels with noise. `used_views` marks the views that are fitted.

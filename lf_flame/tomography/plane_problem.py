@@ -145,7 +145,7 @@ class PlaneProblem:
             gap = max(apart.max(), -apart.min())
             if 0 < gap <= CONVERGED * light.max():
                 break
-            # The proximal step on the data: the inverse of the unit matrix plus step times G.
+            # The proximal step on the data: the inverse of the identity plus step times G.
             spectrum = fft.rfft2(turned, workers=get_num_threads())
             product = np.empty_like(spectrum)
             _multiply_frequencies(inverse, spectrum.view(np.float32), product.view(np.float32))

@@ -316,9 +316,9 @@ def _best_pair(
     if weak.size and glowing[weak[0]]:
         above = f"only above {1 / inverse[weak[0]]:.0f} K" if weak[0] else "nowhere"
         raise InputError(
-            f"The ratio of {names[pair[0]]} to {names[pair[1]]} must rise with the temperature of "
-            f"soot above {GLOWING_K:g} K, but rises {above}: these colours see nearly the same "
-            f"light, or {names[pair[0]]} lets too much red or infrared through."
+            f"The ratio of {names[pair[0]]} to {names[pair[1]]} must increase with the temperature "
+            f"of soot above {GLOWING_K:g} K, but does so {above}: these colours see nearly the "
+            f"same light, or {names[pair[0]]} lets too much red or infrared through."
         )
     return pair, int(weak[0]) + 1 if weak.size else len(inverse)
 

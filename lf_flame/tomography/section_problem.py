@@ -69,7 +69,7 @@ class BandedGram:
         return (np.sqrt(strength * self.typical) * drawn).reshape(self.grid.shape)
 
     def inverted(self, add: float, strength: float | None, values: np.ndarray) -> np.ndarray:
-        """Multiply by the inverse of the scaled matrix, with a penalty, plus `add` times the unit.
+        """Multiply by the inverse of the scaled, penalised matrix plus `add` times the identity.
 
         Factors are kept: a fit and all of its draws need the same.
         """

@@ -40,7 +40,7 @@ class StrengthSearch:
         A fit that may be negative needs no iterations; it is within the noise up to about the same
         strength. The search starts one step above that, as weaker fits need a start nearby.
         """
-        # The excess of linear fits rises with the strength.
+        # The excess of linear fits increases with the strength.
         here = bisect.bisect(range(len(STRENGTHS)), 0.0, key=self._linear_excess)
         while self._excess(here) <= 0:
             here += 1

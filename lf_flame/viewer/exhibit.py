@@ -64,9 +64,9 @@ class Exhibit:
     Raises
     ------
     InputError
-        If planes are not as many as their depths, rising and two or more, or too large for a page;
-        if the slopes are not two finite numbers that rise, or shift a view by more than the image;
-        if the light field is neither grey nor of three channels, has more pixels than a page
+        If planes are not as many as their depths, increasing and two or more, or too large for a
+        page; if the slopes are not two increasing finite numbers, or shift a view by more than the
+        image; if the light field is neither grey nor of three channels, has more pixels than a page
         contains, or its views are not the camera's.
     """
 
@@ -104,7 +104,7 @@ class Exhibit:
         shape = self.light_field.views.shape
         if shape[:2] != (1, len(depths_mm)) or len(depths_mm) < 2 or min(np.diff(depths_mm)) <= 0:
             raise InputError(
-                f"A stack of planes needs two or more, and a depth for each, rising; got "
+                f"A stack of planes needs two or more, and a depth for each, increasing; got "
                 f"{shape[:2]} planes and depths {list(depths_mm)}."
             )
 

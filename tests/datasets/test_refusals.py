@@ -46,7 +46,7 @@ test_a_mistake_is_one_sentence = refusals([
     (changed("input", value={"kind": "grid", "grid": 4}), "4 views along each axis, .* has 3"),
     (changed("samples", "smoke", value=0), "samples from 1 to 1000000"),
     (changed("template", "size", value=1.5), "template: size must be below 1"),
-    (changed("template", "brightness", value=[0.9, 0.8]), "two rising numbers"),
+    (changed("template", "brightness", value=[0.9, 0.8]), "two increasing numbers"),
     (changed("template", "objects", 0, "shape", value="star"), "objects #1.shape: input should be"),
     (level_opaque, r"different depths, got \[10.0, 10.0\] mm"),
     (lambda: changed("seed", value=1)().sample_count("huge"), "one of smoke, got 'huge'"),

@@ -391,7 +391,7 @@ CALIBRATIONS = [
     (GOOD.replace(">23.3<", ">3<"), "at least 8 pixels wide, got 3"),
     (GOOD.replace(">23.3<", ">900<"), "Fewer than 3 x 3 micro-images of 900 pixels"),
     (GOOD.replace("<x>1.0", "<x>0.0"), "no or three kinds of lenslets .* got 2"),
-    (GOOD.replace("<max>4<", "<max>1<"), "must rise from above 0, got 2.8 to 1"),
+    (GOOD.replace("<max>4<", "<max>1<"), "must increase from above 0, got 2.8 to 1"),
     (GOOD.replace(">1.0<", ">12<"), "border must be from 0 to a quarter"),
     (
         '<!DOCTYPE RayCalibData [<!ENTITY a "1">]>' + GOOD.partition("?>")[2].replace("1", "&a;"),

@@ -55,9 +55,9 @@ test_it_is_refused_in_a_sentence = refusals(
         *each(
             DeadLeaves,
             ({"leaves": 0}, "Leaves must be 1 or more"),
-            ({"smallest": 9.0, "largest": 5.0}, "lengths rise"),
+            ({"smallest": 9.0, "largest": 5.0}, "lengths increase"),
             ({"contrast": -0.1}, "contrast be 0 or above"),
-            ({"slopes": (1.0, -1.0)}, "two rising numbers"),
+            ({"slopes": (1.0, -1.0)}, "two increasing numbers"),
             ({"wavelength": (1.0, 5.0)}, "wavelength from 2 pixels, got"),
         ),
         *(

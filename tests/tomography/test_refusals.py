@@ -84,7 +84,7 @@ REFUSED = [
     *each(
         partial(FrustumGrid, CAMERA),
         ({"depths_mm": [5.0, 5.0]}, "no two equal"),
-        ({"depths_mm": [5.0, 0.0, 3.0]}, "rise or fall"),
+        ({"depths_mm": [5.0, 0.0, 3.0]}, "increase or decrease"),
         ({"depths_mm": [-400.0]}, "main lens"),
         ({"depths_mm": [0.0], "block": 5}, "divide the 54 x 60"),
         ({"depths_mm": [0.0], "block": 0}, "block"),

@@ -207,7 +207,7 @@ def _ranges(root: ElementTree.Element, grid: LensletGrid) -> tuple[tuple[float, 
         low, high = (_number(kind, f"depth_range/{end}") for end in ("min", "max"))
         if not 0 < low < high:
             raise InputError(
-                f"a range of virtual depth must rise from above 0, got {low} to {high}."
+                f"a range of virtual depth must increase from above 0, got {low} to {high}."
             )
         right, up = (_number(kind, f"offset/{axis}") for axis in "xy")  # in pitches
         place = complex(right, -up) * cmath.exp(-1j * grid.rotation)
