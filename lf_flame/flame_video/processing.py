@@ -136,9 +136,7 @@ def process_frames(
     if not steps or first is None:
         raise InputError(f"A frame and a step are needed, got {len(paths)} and {len(steps)}.")
     if times.shape != (len(paths),) or not (np.diff(times) > 0).all() or not np.isfinite(times[-1]):
-        raise InputError(
-            f"times_s must be an increasing time for each of the {len(paths)} frames."
-        )
+        raise InputError(f"times_s must be an increasing time for each of the {len(paths)} frames.")
     request = {
         "steps": [repr(step) for step in steps],
         "camera": repr(camera),

@@ -27,7 +27,7 @@ REFUSED = [
     (partial(find_flicker, TWENTY, np.ones(19)), "equal length"),
     (partial(find_flicker, np.ones((9, 2)), np.ones((9, 2))), "equal length"),
     *(
-        (partial(find_flicker, times, np.ones(20)), "rise")
+        (partial(find_flicker, times, np.ones(20)), "increase")
         for times in (TWENTY[::-1], np.zeros(20), np.full(20, NAN), TWENTY * 1e-310)
     ),
     (partial(find_flicker, TWENTY * 1e305, np.ones(20)), "at most"),
