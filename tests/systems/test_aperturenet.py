@@ -83,7 +83,7 @@ def test_boxes_are_mixed_by_their_weights(untrained, logits, weights, rng):
 def test_training_changes_all_but_the_boxes(rng):
     model = build_aperturenet()
     before = [np.array(x) for x in model.get_weights()]
-    fixed = {id(x) for x in model.non_trainable_variables}
+    fixed = {id(x) for x in model.get_layer("boxes").weights}
     model.compile("adam", "mean_squared_error", run_eagerly=True)
     for _ in range(3):  # the last layers start at zero, and those before follow them
         views = rng.uniform(size=(2, 16, 16, 9)).astype(np.float32)
