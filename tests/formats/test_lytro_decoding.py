@@ -131,4 +131,4 @@ def test_a_white_image_of_another_camera_is_noted(tmp_path, said):
     (tmp_path / "w.TXT").write_bytes(text)
     (tmp_path / "w.RAW").write_bytes(packed)
     read_raw(tmp_path / "a.lfr", tmp_path / "w.RAW", views=VIEWS)
-    assert "is of camera B2, the picture of B5143909630" in said()
+    assert "is of camera B2, but the picture of B5143909630" in said()
