@@ -3,7 +3,7 @@ One exposure, many focal planes
 ===============================
 
 A plenoptic camera records from where light comes as well as where it lands. One exposure therefore
-holds pictures of the scene from many viewpoints, and can be focused afterwards.
+contains pictures of the scene from many viewpoints, and can be focused afterwards.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 What each depth of a flame emits
 ================================
 
-A refocused image holds the blurred light of all other depths as well. A reconstruction asks another
+A refocused image also shows the blurred light of all other depths. A reconstruction asks another
 question: what does each depth emit, so that all views come out as recorded?
 """
 

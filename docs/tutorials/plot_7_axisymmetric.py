@@ -3,7 +3,7 @@ Inside an axisymmetric flame
 ============================
 
 A candle or a laminar burner flame looks the same from all sides. Its section, hollow or filled,
-then follows from one exposure, although smooth detail is hardly located in depth otherwise.
+then follows from one exposure, although smooth detail has almost no depth otherwise.
 """
 
 import matplotlib.pyplot as plt
@@ -48,7 +48,7 @@ flame = reconstruct_axisymmetric(light_field, grid)
 truth = glow(grid.heights_mm[:, None], grid.radii_mm)
 
 # %%
-# The central view holds sums along the line of sight, which are not dark on the axis. The sections
+# The central view shows sums along the line of sight, which are not dark on the axis. The sections
 # show that the flame is hollow there.
 figure, axes = plt.subplots(1, 3, figsize=(10, 4.8), layout="constrained")
 axes[0].imshow(light_field.views[2, 2], cmap="inferno")
