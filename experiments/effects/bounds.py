@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
@@ -120,12 +120,9 @@ def measure_scene(seed: int, number: int) -> list[dict] | None:
     except InputError:
         return None
     rows: list[dict] = []
-    try:
-        with _limited(MOST_SECONDS):
-            for row in _rows(scene, camera, plan):
-                rows.append({"scene": number, **row})
-    except TimeoutError:
-        pass
+    with suppress(TimeoutError), _limited(MOST_SECONDS):
+        for row in _rows(scene, camera, plan):
+            rows.append({"scene": number, **row})
     return rows
 
 
@@ -161,20 +158,21 @@ def _rows(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> Iterator[d
 def _largest_change(scene, camera, states, bound: float, brightest: float) -> tuple[float, float]:
     """Largest change of a pixel between two states, and the error of the rays that showed it.
 
-    Both are relative to the brightest pixel, of these images or of the one as decided. Where a
-    state needs rays, both images use them, and else the exact integrator: with the fewest rays, or
-    the largest tolerance, that show the change to be within the bound and their error, which is how
-    far fewer rays, or the larger tolerance, were off in both.
+    Both are relative to the brightest pixel, of these images or of the one as decided. Thick layers
+    have as many slabs in both images, which use rays if a state needs them: the fewest, or else the
+    largest tolerance, that show the change to be within the bound and their error, which is how far
+    fewer rays, or the larger tolerance, were off in both.
     """
     by_rays = partial(plan_effects, scene, camera, TOLERANCE, integrator="rays")
     plans = [by_rays(state, rays=RAY_COUNTS[0]) for state in states]
     rays = any(plan.traced for plan in plans)
     before: list[np.ndarray] = []
     for step in RAY_COUNTS if rays else TOLERANCES:
-        if rays:
-            plans = [replace(plan, rays=step) for plan in plans]
-        else:
+        if not rays:
             plans = [plan_effects(scene, camera, step, state) for state in states]
+        slabs = tuple(map(max, *(plan.slabs for plan in plans)))
+        alike = {"slabs": slabs} if all("thickness" in plan.kept for plan in plans) else {}
+        plans = [replace(plan, rays=step if rays else None, **alike) for plan in plans]
         images = [render_plan(scene, camera, plan, seed=1).views.astype(float) for plan in plans]
         peak = max(brightest, *(image.max() for image in images)) or 1.0
         change = float(np.abs(images[0] - images[1]).max() / peak)
