@@ -202,7 +202,6 @@ def gaussian_ring(middle, width):
 
 BARS = {
     "ring, 1.7 mm wide": (gaussian_ring(0.4, 1.7), "even"),
-    "another": (gaussian_ring(0.6, 1.7), "even"),
     "ring, 2.5 mm wide": (gaussian_ring(0.5, 2.5), "even"),
     "hollow": (curve1, "photons"),
 }
