@@ -64,8 +64,7 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
     Raises
     ------
     InputError
-        If it cannot be read, contains NaN or infinite values, or has another aspect ratio than
-        `size`.
+        If it cannot be read, has NaN or infinite values, or another aspect ratio than `size`.
 
     Examples
     --------

@@ -108,10 +108,8 @@ class FrequencyGram:
 
         Positive and negative frequencies have the same matrices if the views are symmetric.
         """
-        used_views, rows = self.grid.used_views, self.size[0]
-        return (
-            rows // 2 + 1 if used_views is None or (used_views == used_views[::-1]).all() else rows
-        )
+        used, rows = self.grid.used_views, self.size[0]
+        return rows // 2 + 1 if used is None or (used == used[::-1]).all() else rows
 
     @property
     def _fold(self) -> np.ndarray:
