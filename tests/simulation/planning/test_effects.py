@@ -227,6 +227,16 @@ def test_the_exact_integrator_says_what_it_cannot_do(name):
     assert not image.plan.kept & set(off)
 
 
+def test_rays_are_traced_on_request_although_no_effect_needs_them():
+    scene, camera = Scene([Layer(np.eye(5), 20.0, (1.5, 1.5))]), small()
+    exact, traced = render(scene, camera), render(scene, camera, integrator="rays", rays=2)
+    assert (exact.plan.integrator, exact.plan.rays) == ("exact", None)
+    assert (traced.plan.integrator, traced.plan.rays) == ("rays", 2)
+    assert traced.plan.traced == ()
+    assert np.abs(exact.views - traced.views).max() > 1e-4  # two rays differ from the integral
+    assert plan_effects(scene, camera, integrator="rays").rays > 2
+
+
 def test_noise_needs_a_seed():
     scene, camera = NEEDS["shot_noise"]
     with pytest.raises(InputError, match="read_noise and shot_noise need a seed"):
