@@ -238,7 +238,8 @@ def training_cases(small: bool) -> Iterator[Case]:
 
 def fit_once(network: keras.Model, batches: ShuffledSamples) -> float:
     """Train for an epoch; the mean loss."""
-    return network.fit(batches, epochs=1, verbose=0, shuffle=False).history["loss"][0]
+    options = {"steps_per_epoch": batches.steps, "shuffle": False, "verbose": 0}
+    return network.fit(batches, **options).history["loss"][0]
 
 
 TASKS = (refocusing_cases, decoding_cases, rendering_cases, training_cases)

@@ -52,19 +52,33 @@ class Epoch:
 
 
 class Batches(keras.utils.PyDataset):
-    """Batches for `fit`, those of epoch k drawn from ``numpy.random.default_rng([seed, k])``."""
+    """Endless batches, those of epoch k drawn from ``numpy.random.default_rng([seed, k])``.
 
-    def __init__(self, seed: int):
+    Endless, because TensorFlow waits when an iterator ends, often as long as the epoch took: the
+    thread that tunes its pipeline sleeps on.
+    """
+
+    num_batches = None
+
+    def __init__(self, steps: int, seed: int):
         super().__init__()
-        self.seed, self.epoch = seed, 0
+        self.steps, self.seed = steps, seed
+        self.epochs_done, self._drawn = 0, 0
 
-    def on_epoch_begin(self) -> None:
-        """Draw the batches of the next epoch; Keras calls this."""
-        self.epoch += 1
-        self.draw(np.random.default_rng([self.seed, self.epoch]))
+    def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
+        epochs, step = divmod(index, self.steps)
+        epoch = self.epochs_done + epochs + 1
+        if epoch != self._drawn:
+            self.draw(np.random.default_rng([self.seed, epoch]))
+            self._drawn = epoch
+        return self.batch(step)
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw what ``self[k]`` gives for each batch k."""
+        """Draw an epoch's batches."""
+        raise NotImplementedError
+
+    def batch(self, step: int) -> tuple[np.ndarray, ...]:
+        """Return inputs and targets of a step of the epoch."""
         raise NotImplementedError
 
 
@@ -72,7 +86,7 @@ class ShuffledSamples(Batches):
     """All samples in a random order, in batches; the last one may be smaller."""
 
     def __init__(self, inputs: np.ndarray, targets: np.ndarray, batch_size: int, seed: int):
-        super().__init__(seed)
+        super().__init__(-(-len(inputs) // batch_size), seed)
         self.samples, self.batch_size = (inputs, targets), batch_size
         self.order = np.arange(len(inputs))
 
@@ -80,11 +94,9 @@ class ShuffledSamples(Batches):
         """Draw the order of the samples."""
         self.order = rng.permutation(len(self.order))
 
-    def __len__(self) -> int:
-        return -(-len(self.order) // self.batch_size)
-
-    def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
-        some = self.order[index * self.batch_size :][: self.batch_size]
+    def batch(self, step: int) -> tuple[np.ndarray, ...]:
+        """Cut a batch out of the order."""
+        some = self.order[step * self.batch_size :][: self.batch_size]
         return tuple(x[some] for x in self.samples)
 
 
@@ -145,7 +157,7 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
     """Call Keras's `fit` from the first epoch that is missing."""
     fit = run.prepare()
     state.restore(fit.network)
-    fit.batches.epoch = state.epochs_done
+    fit.batches.epochs_done = state.epochs_done
     if state.epochs_done:
         progress.report(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
     else:
@@ -154,6 +166,7 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
     with progress.bar(what, run.epochs, "epoch", stays=True, initial=state.epochs_done) as bar:
         fit.network.fit(
             fit.batches,
+            steps_per_epoch=fit.batches.steps,
             epochs=run.epochs,
             initial_epoch=state.epochs_done,
             validation_data=fit.validation,

@@ -89,7 +89,7 @@ def train(
             return features, dataset.targets[parts[part]][..., None]
 
         batches = ShuffledSamples(*samples("train"), recipe.batch_size, config.seed)
-        trained = compile_for_training(decoder, recipe.learning_rate, len(batches))
+        trained = compile_for_training(decoder, recipe.learning_rate, batches.steps)
         return Fit(trained, batches, samples("validation"))
 
     def finish(best: list[np.ndarray]) -> keras.Model:

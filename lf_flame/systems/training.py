@@ -332,7 +332,7 @@ class Patches(Batches):
     """
 
     def __init__(self, inputs, targets, recipe: SystemRecipe, multiple: int, seed: int):
-        super().__init__(seed)
+        super().__init__(recipe.steps_per_epoch, seed)
         self.samples, self.recipe, self.size = (inputs, targets), recipe, inputs.shape[1:3]
         self.side = [min(recipe.patch, n) // multiple * multiple for n in self.size]
         self.cuts: list[list[tuple]] = []
@@ -354,13 +354,9 @@ class Patches(Batches):
         ]
         return max(places, key=lambda place: targets[place].std())
 
-    def __len__(self) -> int:
-        return self.recipe.steps_per_epoch
-
-    def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
-        if not self.cuts:  # Keras reads a batch before the first epoch
-            self.draw(np.random.default_rng(self.seed))
-        return tuple(np.stack([x[cut] for cut in self.cuts[index]]) for x in self.samples)
+    def batch(self, step: int) -> tuple[np.ndarray, ...]:
+        """Cut the patches of a step."""
+        return tuple(np.stack([x[cut] for cut in self.cuts[step]]) for x in self.samples)
 
 
 def load_system(path: str | Path) -> NetworkSystem:

@@ -97,36 +97,32 @@ def test_the_best_weights_are_kept(tmp_path):
 
 
 def test_an_epoch_has_every_sample_once_in_the_order_of_seed_and_epoch():
+    """Six steps an epoch; the second series resumes after the first epoch."""
     batches = [ShuffledSamples(INPUTS, np.arange(11), 2, seed) for seed in (3, 3, 4)]
-    batches[1].epoch = 1
+    batches[1].epochs_done = 1
     orders = []
-    for one, calls in zip(batches, (2, 1, 2), strict=True):  # to epoch 2
-        for _ in range(calls):
-            one.on_epoch_begin()
-        orders.append(np.concatenate([one[k][1] for k in range(len(one))]))
+    for one, first in zip((*batches, batches[0]), (6, 0, 6, 12), strict=True):
+        orders.append(np.concatenate([one[first + k][1] for k in range(6)]))
         assert sorted(orders[-1]) == list(range(11))
-        np.testing.assert_array_equal(one[5][0], INPUTS[one[5][1]])
+        np.testing.assert_array_equal(one[first + 5][0], INPUTS[one[first + 5][1]])
     np.testing.assert_array_equal(orders[0], orders[1])
     assert list(orders[0]) != list(orders[2])
-    batches[0].on_epoch_begin()
-    assert list(batches[0].order) != list(orders[0])
+    assert list(orders[0]) != list(orders[3])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("minutes", "epochs"), [(2.4, 2), (2.6, 3)])
 def test_a_limit_ends_at_the_nearest_end_of_an_epoch(tmp_path, monkeypatch, minutes, epochs):
     """Epochs of a minute each, by a clock of their own."""
-    clock = [0.0]
+    clock, end = [0.0], fitting.EpochEnd.on_epoch_end
 
-    class Slow(ShuffledSamples):
-        def draw(self, rng):
-            clock[0] += 60.0
-            super().draw(rng)
+    def a_minute_later(self, *args):
+        clock[0] += 60.0
+        end(self, *args)
 
-    monkeypatch.setitem(globals(), "ShuffledSamples", Slow)
+    monkeypatch.setattr(fitting.EpochEnd, "on_epoch_end", a_minute_later)
     monkeypatch.setattr(fitting.time, "perf_counter", lambda: clock[0])
-    run = small_run(6, minutes=minutes)
-    train_in_folder(run, tmp_path, 0.0)
+    train_in_folder(small_run(6, minutes=minutes), tmp_path, 0.0)
     assert json.loads((tmp_path / "run.json").read_text())["epochs"] == epochs
 
 

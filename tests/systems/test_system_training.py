@@ -128,7 +128,8 @@ def test_a_network_learns_in_the_steps_of_the_recipe(config):
     optimizer = make_optimizer(recipe)
     system.model.compile(optimizer, "mean_squared_error")
     start, patches = system.model.evaluate(*pair, verbose=0), Patches(*pair, recipe, 1, seed=1)
-    system.model.fit(patches, epochs=2, verbose=0, shuffle=False)
+    options = {"steps_per_epoch": patches.steps, "shuffle": False, "verbose": 0}
+    system.model.fit(patches, epochs=2, **options)
     assert int(optimizer.iterations) == 24
     assert float(optimizer.learning_rate) == pytest.approx(0, abs=1e-9)
     assert system.model.evaluate(*pair, verbose=0) < start / 2
@@ -140,7 +141,6 @@ def test_patches_have_the_target_of_their_position_and_prefer_contrast(rng):
     truth = np.where(np.arange(40)[:, None] < 20, 0.0, places).astype(np.float32)
     recipe = SystemRecipe(epochs=1, steps_per_epoch=50, patch=15, batch_size=4)
     patches = Patches(places, truth, recipe, multiple=4, seed=1)
-    patches.on_epoch_begin()
     batches = [patches[k] for k in range(50)]
     inputs, targets = (np.concatenate(x) for x in zip(*batches, strict=True))
     assert inputs.shape == targets.shape == (200, 12, 12, 1)
