@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import click
 import cloup
+from click.core import ParameterSource
 
 from lf_flame._common import progress
 from lf_flame._common.input_files import printable
@@ -72,6 +73,11 @@ STEPS = cloup.option_group(
     *fit_options(rare=True),
     *SHAPE,
 )
+
+NEEDED = dict.fromkeys(
+    ("depths", "planes", "block", "noise", "strength", "background"), "emission"
+) | dict.fromkeys(("level", "pixel_mm", "burner_row"), "height")
+"""Step of `process` that each option is for."""
 
 
 @command()
@@ -200,8 +206,11 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
     if depths and planes:
         raise InputError("State the planes: either --depths FROM TO STEP or --depth-mm.")
     planes = planes_between(*depths) if depths else planes
-    if planes and "emission" not in steps:
-        raise InputError("--depths and --depth-mm need the step emission.")
+    context = click.get_current_context()
+    for one in context.command.params:
+        needed, given = NEEDED.get(one.name or ""), context.get_parameter_source(one.name or "")
+        if needed and needed not in steps and given is not ParameterSource.DEFAULT:
+            raise InputError(f"{one.opts[0]} needs the step {needed}.")
     chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
     paths = find_frames(sources, reading.files)
     if out.absolute().parent in {path.absolute().parent for path in paths}:

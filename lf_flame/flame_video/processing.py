@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import progress, provenance
-from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
+from lf_flame._common.atomic_files import atomic_folder, exclusive, recorded_path, remove_leftovers
 from lf_flame._common.workers import carry_out
 from lf_flame.errors import InputError
 from lf_flame.flame_video.steps import Frame, Step, Values
@@ -114,7 +114,7 @@ def process_frames(
     ------
     InputError
         If the first frame cannot be processed, the folder contains something else, or was made
-        of other frames, by other steps or with another camera.
+        of other frames, or frames in another folder, by other steps or with another camera.
     OSError
         If a file cannot be written; finished frames are kept.
 
@@ -142,6 +142,8 @@ def process_frames(
         "camera": repr(camera),
         "reading": getattr(read, "description", re.sub(" at 0x[0-9a-f]+", "", repr(read))),
         "frames": [path and path.name for path in paths],
+        # Another recording may have the same names.
+        "folders": sorted(recorded_path(x, out) for x in {path.parent for path in paths if path}),
     }
     part = out.with_name(out.name + ".part")
     with exclusive(out):
@@ -164,8 +166,10 @@ def _open_same(place: Path, request: dict, times: np.ndarray) -> ZarrFile:
     if not np.array_equal(video.read_begun("time"), times):
         other.append("times")
     if other:
+        moved = f", or move the frames back to {video.attributes.get('folders')}, relative to it"
         raise InputError(
-            f"{place} was made with other {', '.join(other)}; remove it, or choose another folder."
+            f"{place} was made with other {', '.join(other)}; remove it, or choose another folder"
+            f"{moved if other == ['folders'] else ''}."
         )
     return video
 

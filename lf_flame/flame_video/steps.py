@@ -83,7 +83,8 @@ class Refocus:
         # Filled, so that no warning is repeated with each frame.
         filled = LightField.trusted(light_field.filled, weights=light_field.weights)
         frame.image = shift_and_sum(filled, [slope])[0]
-        name = f"refocus_{slope:g}" if depth is None else f"refocus_{depth:g}mm"
+        # As many digits as a decimal number keeps: two slopes never share a name.
+        name = f"refocus_{slope:.15g}" if depth is None else f"refocus_{depth:.15g}mm"
         known = {"slope": slope, "depth_mm": depth}
         return {name: Values(frame.image, ("y", "x", "channel")[: frame.image.ndim], known)}
 
@@ -133,7 +134,7 @@ class Emission:
     a third of the time. Without, frames are independent.
     """
 
-    camera: Lens = field(repr=False)
+    camera: Lens
     depths_mm: tuple[float, ...]
     block: int
     options: dict[str, Any]  # noise, strength and background of a `ReconstructionPlan`
@@ -220,6 +221,7 @@ def find_steps(
         elif word.startswith("refocus@"):
             focus = find_focus(word.removeprefix("refocus@"), camera)
             steps.append(focus)
+            side = pixel_mm
             if pixel_mm is None and camera is not None and focus.depth_mm is not None:
                 side = camera.field_mm(focus.depth_mm)[0] / camera.lenslets[0]
         elif word == "emission":

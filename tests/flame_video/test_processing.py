@@ -114,6 +114,12 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path, two_together):
     process(tmp_path / "cut", steps, on_frame=lambda done: times.append(done.frame))
     assert times == [4, 5]
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
+    (tmp_path / "other").mkdir()
+    for path in paths:
+        np.save(tmp_path / "other" / path.name, bar(3))
+    other = [tmp_path / "other" / path.name for path in paths]
+    with pytest.raises(InputError, match=r"with other folders; .* back to \['\.\.'\], relative"):
+        process_frames(other, tmp_path / "cut", steps, times_s=np.arange(6) / 50)
 
 
 class Processes(Executor):
@@ -137,6 +143,14 @@ def test_processes_make_the_same_bytes(tmp_path, two_together):
     for name, executor in (("by one", None), ("by two", Processes())):
         process_frames(paths, tmp_path / name, steps, times_s=range(4), executor=executor)
     assert files(tmp_path / "by one") == files(tmp_path / "by two")
+    assert repr(CAMERA) in repr(steps[-1])
+
+
+def test_lengths_and_names_are_those_of_the_last_refocusing():
+    steps = find_steps("refocus@10mm,refocus@-0.1234567,refocus@-0.1234568,height", camera=CAMERA)
+    found = Frame(LightField(bar(5))).take(steps)
+    assert [*found][:3] == ["refocus_10mm", "refocus_-0.1234567", "refocus_-0.1234568"]
+    assert found["height"].attributes["units"] == "px"
 
 
 @pytest.fixture
