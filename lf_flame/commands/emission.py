@@ -314,7 +314,6 @@ class _Job:
         from lf_flame.tomography.soot import split_colours
 
         call, seed, names = secrets.token_hex(8), self.facts["seed"], calibration.responses.names
-        self.options.pop("optical_thickness", None)
         soot = reconstruct_soot(
             light_field, grid, calibration, seed=seed, **self.soot, **self.options
         )

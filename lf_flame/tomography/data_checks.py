@@ -48,9 +48,8 @@ class Check(NamedTuple):
 
 def left_out(grid: FrustumGrid | AxisymmetricGrid, valid: np.ndarray | None) -> list[Check]:
     """Check how many views and rays are not fitted; refuse a light field without known rays."""
-    every, checks = grid.camera.views**2, []
-    fitted = every if grid.used_views is None else int(grid.used_views.sum())
-    if fitted < every:
+    every, fitted, checks = grid.camera.views**2, grid.view_count, []
+    if 1 < fitted < every:  # the central view alone is a choice
         sentence = (
             f"{fitted} of the {every} views are fitted: the others have weight 0, or the round "
             f"aperture cuts them."
@@ -108,8 +107,9 @@ def data_checks(
 ) -> list[Check]:
     """Check light, noise, single views, structure of the residual, and the edge of the field.
 
-    views, residual : light field, and its part that the emission does not explain, (v, u, t, s)
-    chi_squared : mean squared residual of each view, in units of the noise's variance
+    views : light field that was fitted, (v, u, t, s), or its views one after the other
+    residual : part of all views that the emission does not explain, (v, u, t, s)
+    chi_squared : its mean square in each view, in units of the noise's variance; NaN if unknown
     found : the fit; `stated` : whether its noise was stated
     """
     noise, peak = found.noise, float(views.max())
@@ -152,14 +152,13 @@ def _misfit(views, residual, chi_squared, found) -> list[Check]:
     peak = float(views.max())
     worst = np.unravel_index(np.nanargmax(chi_squared), chi_squared.shape)
     middle, highest = float(np.nanmedian(chi_squared)), float(chi_squared[worst])
-    known = np.sort(chi_squared[np.isfinite(chi_squared)])
-    alone = highest - middle > 2 * (known[-3:][0] - middle)
+    by_view, known = residual[np.isfinite(chi_squared)], chi_squared[np.isfinite(chi_squared)]
+    alone = highest - middle > 2 * (np.sort(known)[-3:][0] - middle)
     visible = np.sqrt(highest) * found.noise > MODEL_ERROR * peak
     excess = highest / middle if alone and visible and middle > 0 else 1.0
-    by_view = residual.reshape(-1, *residual.shape[2:])
     if excess > 1.3:
         # Least squares leaves more of a fault in its view than in all other views together.
-        order = np.argsort(chi_squared[np.isfinite(chi_squared)])
+        order = np.argsort(known)
         rest, odd = by_view[order[:-2]], by_view[order[-2:]]
         shared = _correlation(rest) * inner(rest, rest)
         by_view = rest

@@ -183,7 +183,7 @@ class _Record:
 
 
 class EmissionFolder:
-    """A folder of `lf-flame reconstruct` or `lf-flame abel`, all of whose numbers are checked.
+    """A folder of `lf-flame reconstruct` or `lf-flame abel`; the numbers it reads are checked.
 
     A half section is one plane.
 
@@ -223,9 +223,8 @@ class EmissionFolder:
         if self.is_section:
             self.depths_mm, self.cell_mm = [record.axis_depth_mm], [record.step_mm]
         self.emission = self._read(EMISSION)[0]
-        stacks = {name: self._read(name, self.emission) for name in (SIGMA, DRAWS, CORRECTION)}
-        self.sigma = stacks[SIGMA][0] if len(stacks[SIGMA]) else None
-        self.draws = stacks[DRAWS]
+        sigma, self.draws = (self._read(name, self.emission) for name in (SIGMA, DRAWS))
+        self.sigma = sigma[0] if len(sigma) else None
 
     def _read(self, name: str, like: np.ndarray | None = None) -> np.ndarray:
         """Read a stack, float32, shape (n, planes, rows, columns), with the shape of another."""

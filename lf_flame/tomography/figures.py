@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -15,10 +14,8 @@ from lf_flame._common.figures import subplots
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
+from lf_flame.tomography.emission import Emission, Place, bar_times
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
-
-if TYPE_CHECKING:
-    from lf_flame.tomography.emission import Emission, Place
 
 MOST_SHOWN = 8
 """Largest number of depth planes that a figure shows side by side."""
@@ -62,12 +59,12 @@ def trust_figure(found: Emission):
 
 
 def _depth_figure(found: Emission):
-    """Light against depth with error bars."""
+    """Light against depth with error bars of 95 %."""
     figure, axis = subplots(1, 1, figsize=(7, 3.6), layout="constrained")
     assert isinstance(found.grid, FrustumGrid)
     depths = np.array(found.grid.depths_mm)
     light, error = found.light
-    bars = None if error is None else 1.96 * error
+    bars = None if error is None else bar_times(len(found.draws)) * error
     line = "o-" if len(depths) > FEW_PLANES else "o"  # separate sheets form no curve
     axis.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
     axis.set(xlabel="depth (mm)", ylabel="light of the plane\n(radiance x mm$^2$)")

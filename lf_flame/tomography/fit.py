@@ -54,7 +54,6 @@ class FitOptions:
 
     noise: float | None = None
     strength: float | None = None
-    iterations: int | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("noise", self.noise), ("strength", self.strength)):
@@ -63,8 +62,6 @@ class FitOptions:
                     f"{name} must be above 0, at most {MOST:g}, got {value}; leave it out to have "
                     f"it {'measured' if name == 'noise' else 'chosen'}."
                 )
-        if self.iterations is not None and self.iterations < 1:
-            raise InputError(f"iterations must be 1 or more, got {self.iterations}.")
 
 
 def check_bootstrap(bootstrap: int) -> None:
@@ -136,9 +133,9 @@ class Fit:
         self.geometry, self.operator, self.start = geometry, geometry.operator, start
         # A strength that a similar light field has found is as good as one that is stated.
         self.options = replace(options, strength=start.strength) if start else options
-        self.iterations = options.iterations or geometry.iterations
+        self.iterations = geometry.iterations
         self.on_planes = isinstance(geometry, PlaneGeometry)
-        self.few = max(1, self.iterations // (2 if self.on_planes else 4))
+        self.few = self.iterations // (2 if self.on_planes else 4)
         self.valid = None if valid is None or valid.all() else valid
 
     def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
@@ -163,7 +160,7 @@ class Fit:
 
     def _settle(self, views: np.ndarray, found: Explanation) -> tuple[np.ndarray, Explanation]:
         """Repeat a fit until the light of unknown rays, which it replaces, does not change."""
-        few, valid = max(1, self.iterations // PART), self.valid is None or self.valid
+        few, valid = self.iterations // PART, self.valid is None or self.valid
         for _ in range(MOST_TURNS):
             change = np.where(valid, 0, project(self.operator, found.cells) - views)
             change = change.astype(np.float32)
@@ -180,7 +177,7 @@ class Fit:
         options = self.options
         with progress.stage("Preparing the fit"):
             problem = self._problem(views)
-            measured = problem.measure_noise()
+            measured = self._measure_noise(problem)
             if self.start is not None:
                 uneven, shared = self.start.uneven, self.start.shared
             else:
@@ -202,7 +199,7 @@ class Fit:
         share = by_cell / by_cell.sum() / count
         limited = max(draft.noise, self.geometry.model_error * peak) * draft.shared
         variance = noise_variance(limited) * (1.0 if self.on_planes else float(by_cell.mean()))
-        search = StrengthSearch(problem, variance, share, self._trial_iterations)
+        search = StrengthSearch(problem, variance, share, self.few)
         strength = self.options.strength
         if strength is None:
             strength = search.find() if self.on_planes else search.find_by_risk()
@@ -210,18 +207,11 @@ class Fit:
         first = self.iterations // 2 if self.on_planes else self.iterations
         nearest = self.start.state if self.start else search.nearest(strength)
         draft = replace(draft, strength=strength)
-        draft = draft.solved(problem.solve(strength, first or 1, nearest))
+        draft = draft.solved(problem.solve(strength, first, nearest))
         if not self.on_planes:
             return draft
         draft = self._with_foreground(problem, draft, share, variance)
-        rest = self.iterations - first
-        return draft.solved(self.again(problem, draft, rest)) if first else draft
-
-    @property
-    def _trial_iterations(self) -> int:
-        if not self.on_planes:
-            return self.few
-        return min(self.iterations, max(40, self.iterations // 2))
+        return draft.solved(self.again(problem, draft, self.iterations - first))
 
     def again(self, problem, known: Explanation, iterations: int) -> Solution:
         """Solve another problem with the strength and foreground of a fit, starting from it."""
@@ -275,6 +265,9 @@ class Fit:
         geometry, dtype = self.geometry, self.operator.dtype
         emission = known.cells + correction
         expected = geometry.smooth_views(emission) if self.on_planes else views
+        if not self.on_planes and self.valid is not None:
+            # Unknown rays have the light that the fit gave them, as they had in it.
+            expected = np.where(self.valid, views, project(self.operator, known.cells))
         expected = backproject(self.operator, expected)
         prior_noise = known.lit_noise(project(self.operator, known.cells))
         sd = known.pixel_noise
@@ -297,6 +290,22 @@ class Fit:
         rays = views.size if self.valid is None else int(np.count_nonzero(self.valid))
         return self.geometry.problem(backproject(self.operator, views), squared, rays)
 
+    def _measure_noise(self, problem) -> float:
+        """Measure the standard deviation per pixel of the part that no emission explains.
+
+        Too few rays can all be explained; the noise is then that which was stated.
+        """
+        free = problem.rays - problem.gram.modes
+        if free > 0:
+            return float(np.sqrt(max(problem.squared - problem.explained, 0.0) / free))
+        if self.options.noise is None:
+            raise InputError(
+                f"Noise can be measured only if more rays are known than the "
+                f"{problem.gram.modes:.0f} degrees of freedom of the emission, got {problem.rays}: "
+                f"state the noise."
+            )
+        return float(self.options.noise)
+
     def _correlation(self, problem, views: np.ndarray, uneven: np.ndarray) -> float:
         """Measure how much correlation raises the noise of sums."""
         grid = self.geometry.grid
@@ -313,7 +322,7 @@ class Fit:
             return unexplained(problem, views), unexplained(self._problem(white), white)
 
         used_views = grid.place(np.ones(views.shape[:2], bool), False)
-        variance = problem.measure_noise() ** 2
+        variance = self._measure_noise(problem) ** 2
         return correlation_factor(grid.place(views), used_views, variance, residuals)
 
     def _with_foreground(
@@ -341,9 +350,11 @@ class Fit:
             brightest = float(ndimage.uniform_filter(cells, NEIGHBOURS.shape).max())
             brightest /= max(draft.summed_noise, 1e-30)
 
+        modes = problem.gram.count_modes(draft.strength)
+
         def risk(solution: Solution) -> float:
             glowing = float(np.sum((solution.cells > 0) * share))
-            return solution.misfit / variance + 2 * glowing * problem.count_modes(draft.strength)
+            return solution.misfit / variance + 2 * glowing * modes
 
         draft = replace(draft, brightest=brightest)
         together = ndimage.uniform_filter(draft.cells, NEIGHBOURS.shape)

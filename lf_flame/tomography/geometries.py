@@ -87,7 +87,7 @@ class SectionGeometry:
 
     @cached_property
     def _finer(self) -> AxisymmetricOperator:
-        return AxisymmetricOperator(replace(self.grid, finer=FINER))
+        return AxisymmetricOperator(replace(self.grid, finer=FINER * self.grid.finer))
 
     def problem(self, back: np.ndarray, squared: float = 0.0, rays: int = 0) -> SectionProblem:
         """Problem of a backprojected light field."""

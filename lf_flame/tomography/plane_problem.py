@@ -44,7 +44,7 @@ class PlaneProblem:
     ):
         self.gram = gram
         self.stack = gram.spread(focal_stack)
-        self._squared, self._rays = squared, rays
+        self.squared, self.rays = squared, rays
 
     @cached_property
     def _spectrum(self) -> np.ndarray:
@@ -55,27 +55,13 @@ class PlaneProblem:
         return multiply(self.gram.plain_inverse, self._spectrum)
 
     @cached_property
-    def _explained(self) -> float:
+    def explained(self) -> float:
         """Part of the light field's sum of squares that the unpenalised fit explains."""
         return self._explain(self._fitted)
-
-    @cached_property
-    def modes(self) -> float:
-        """Degrees of freedom of the fit without a penalty."""
-        return self.gram.modes
-
-    def measure_noise(self) -> float:
-        """Measure the standard deviation per pixel of the part that no emission explains."""
-        outside = max(self._squared - self._explained, 0.0)
-        return float(np.sqrt(outside / (self._rays - self.modes)))
 
     def unpenalised(self) -> np.ndarray:
         """Cells of the unpenalised fit, which explain as much light as any, float32."""
         return self.gram.gather(self.gram.inverse_transform(self._fitted)).astype(np.float32)
-
-    def count_modes(self, strength: float) -> float:
-        """Degrees of freedom of a linear fit with a penalty."""
-        return self.gram.count_modes(strength)
 
     @cached_property
     def _power(self) -> np.ndarray:
@@ -89,7 +75,7 @@ class PlaneProblem:
         gram = self.gram
         inverse = 1 / (gram.decomposition[0] + gram.penalty(strength) + RIDGE * gram.scale)
         explained = self._power * inverse * (2 - gram.gains * inverse)
-        return self._explained - float(explained.sum())
+        return self.explained - float(explained.sum())
 
     def solve(
         self,
@@ -156,7 +142,7 @@ class PlaneProblem:
     def misfit(self, cells: np.ndarray) -> float:
         """Squared residual of cells, without the part outside the operator's range."""
         spectrum = self.gram.transform(self.gram.spread(cells).astype(np.float64))
-        return self._explained - self._explain(spectrum)
+        return self.explained - self._explain(spectrum)
 
     def _explain(self, spectrum: np.ndarray) -> float:
         """Find the part of the light field's sum of squares that cells explain."""

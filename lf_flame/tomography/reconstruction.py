@@ -33,7 +33,6 @@ def reconstruct(
     *,
     noise: float | None = None,
     strength: float | None = None,
-    iterations: int | None = None,
     bootstrap: int = 0,
     rng: int | np.random.Generator | None = 0,
     optical_thickness: ArrayLike | None = None,
@@ -58,8 +57,6 @@ def reconstruct(
         that no emission on the grid can make.
     strength : float, optional
         Strength of the regularisation, above 0. Default: by the discrepancy principle.
-    iterations : int, optional
-        Largest number of iterations of the solver. Default: 80.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Emission.sigma`: 0, or 2
@@ -110,7 +107,6 @@ def reconstruct(
         grid,
         noise=noise,
         strength=strength,
-        iterations=iterations,
         optical_thickness=optical_thickness,
         background=background,
     )
@@ -183,7 +179,7 @@ class ReconstructionPlan:
     ----------
     grid : FrustumGrid or AxisymmetricGrid
         Depth planes and cells, or nodes of a half section.
-    noise, strength, iterations, optical_thickness, background
+    noise, strength, optical_thickness, background
         As for `reconstruct`; the thickness of a half section is absorption per mm at its nodes.
 
     Raises
@@ -215,14 +211,13 @@ class ReconstructionPlan:
         *,
         noise: float | None = None,
         strength: float | None = None,
-        iterations: int | None = None,
         optical_thickness: ArrayLike | None = None,
         background: str = "fit",
     ):
         if background not in ("fit", "none"):
             raise InputError(f"background must be 'fit' or 'none', got {background!r}.")
         self.grid, self._background = grid, background
-        self._options = FitOptions(noise, strength, iterations)
+        self._options = FitOptions(noise, strength)
         self._thickness = None
         if optical_thickness is not None:
             self._thickness = spread_thickness(grid, optical_thickness)
@@ -302,7 +297,7 @@ class ReconstructionPlan:
         seen = geometry.smooth_views(found.cells + correction)
         known = thin if valid is None else np.where(valid, thin, seen)
         residual = (known - seen).astype(np.float32, copy=False)
-        chi_squared = _chi_squared(residual, valid, found.noise)
+        chi_squared = grid.place(_chi_squared(residual, valid, found.noise), np.nan)
         if isinstance(geometry, PlaneGeometry):
             checks = depth_checks(geometry.grid, emission) + checks
         else:
@@ -311,8 +306,9 @@ class ReconstructionPlan:
         stated = self._options.noise is not None
         whole = known if excess is None else known + excess
         checks += data_checks(
-            whole, residual, chi_squared, found, stated=stated, fitted_background=bool(measured)
-        )
+            whole, grid.place(residual), chi_squared, found,
+            stated=stated, fitted_background=bool(measured),
+        )  # fmt: skip
         return Emission(
             grid=grid,
             emission=emission,
@@ -320,7 +316,7 @@ class ReconstructionPlan:
             draws=np.array(draws, np.float32).reshape(-1, *emission.shape),
             noise=found.noise,
             strength=found.strength,
-            chi_squared=grid.place(chi_squared, np.nan),
+            chi_squared=chi_squared,
             checks=tuple(checks),
             fit=found,
             background=level.mean,

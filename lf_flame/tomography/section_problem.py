@@ -48,8 +48,13 @@ class BandedGram:
         """Multiply by the scaled matrix."""
         return dsbmv(len(self.bands) - 1, 1.0, self.bands, scaled, lower=1)
 
-    def trace(self, strength: float | None) -> float:
-        """Trace of the map from data to fitted data, with or without a penalty."""
+    @cached_property
+    def modes(self) -> float:
+        """Degrees of freedom of a fit without a penalty."""
+        return self.count_modes(None)
+
+    def count_modes(self, strength: float | None) -> float:
+        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data."""
         probes, seen = self.probes
         return float(np.sum(probes * self.inverted(RIDGE, strength, seen))) / PROBES
 
@@ -94,7 +99,7 @@ class SectionProblem:
     """
 
     def __init__(self, gram: BandedGram, back: np.ndarray, squared: float = 0.0, rays: int = 0):
-        self.gram, self._squared, self._rays = gram, squared, rays
+        self.gram, self.squared, self.rays = gram, squared, rays
         self._linear = back.ravel() * gram.unit
 
     @cached_property
@@ -102,15 +107,9 @@ class SectionProblem:
         return self.gram.inverted(RIDGE, None, self._linear)
 
     @cached_property
-    def modes(self) -> float:
-        """Degrees of freedom of the fit without a penalty."""
-        return self.gram.trace(None)
-
-    def measure_noise(self) -> float:
-        """Measure the standard deviation per pixel of the part that no half section explains."""
-        explained = self._plain @ (2 * self._linear - self.gram.multiply(self._plain))
-        outside = max(self._squared - float(explained), 0.0)
-        return float(np.sqrt(outside / (self._rays - self.modes)))
+    def explained(self) -> float:
+        """Part of the light field's sum of squares that the unpenalised fit explains."""
+        return float(self._plain @ (2 * self._linear - self.gram.multiply(self._plain)))
 
     def unpenalised(self) -> np.ndarray:
         """Emission of the fit without smoothing, the closest that any half section comes."""
@@ -120,10 +119,6 @@ class SectionProblem:
         """Emission of the linear fit with a penalty, which may be negative."""
         scaled = self.gram.inverted(RIDGE, strength, self._linear)
         return (scaled * self.gram.unit).reshape(self.gram.grid.shape)
-
-    def count_modes(self, strength: float) -> float:
-        """Degrees of freedom of a linear fit with a penalty."""
-        return self.gram.trace(strength)
 
     def solve(
         self,

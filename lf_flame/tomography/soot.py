@@ -49,7 +49,7 @@ class Soot:
     optical_thickness : ndarray of float64, shape (colours, ...)
         Absorption in each colour, by plane or by mm, as the emission.
     total_thickness : ndarray of float64, shape (colours,)
-        Largest total along a ray through the flame in each colour.
+        Largest total along a ray in each colour; in a section, along a ray through the axis.
     warnings : tuple of str
     """
 
@@ -92,7 +92,7 @@ def reconstruct_soot(
     seed : int, optional
         Seed of the bootstrap.
     **options
-        Further options of `ReconstructionPlan`, for every colour.
+        Further options of `ReconstructionPlan`, for every colour, but no optical thickness.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def reconstruct_soot(
     ------
     InputError
         If light field, grid and calibration do not match, no cell is bright enough for a
-        temperature, or the flame is optically too thick.
+        temperature, the flame is optically too thick, or an optical thickness is stated.
 
     Examples
     --------
@@ -123,6 +123,8 @@ def reconstruct_soot(
     >>> round(float(found.temperatures.kelvin[0, 10, 12]), -1)
     1800.0
     """
+    if options.get("optical_thickness") is not None:
+        raise InputError("optical_thickness cannot be stated for soot, for which it is found.")
     lights = split_colours(light_field, calibration.responses.names)
     plan = ReconstructionPlan(grid, **options)
     found = [plan.reconstruct(light) for light in lights]
@@ -193,10 +195,11 @@ def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightFi
 
 
 def _total(grid: FrustumGrid | AxisymmetricGrid, thickness: np.ndarray) -> float:
-    """Largest total of an optical thickness along a ray."""
+    """Largest total of an optical thickness along a ray, or along a diameter of a section."""
     if isinstance(grid, FrustumGrid):
         return float(thickness.sum(axis=0).max())
-    return float(2 * thickness.sum(axis=1).max() * grid.step_mm)
+    # A diameter crosses all nodes twice but the one on the axis.
+    return float((2 * thickness.sum(axis=1) - thickness[:, 0]).max() * grid.step_mm)
 
 
 def _temperatures(

@@ -196,8 +196,8 @@ def write_temperature(
     stacks = {"temperature.tif": found.kelvin, SIGMA_FILE: found.sigma}
     if absolute:
         stacks["optical_thickness.tif"] = found.amount
-    for name, planes in stacks.items():
-        tifffile.imwrite(folder.path(name), np.asarray(planes, np.float32))
+    for name, stack in stacks.items():
+        tifffile.imwrite(folder.path(name), np.asarray(stack, np.float32), photometric="minisblack")
     maps = (found.kelvin, np.asarray(found.sigma), emission)
     kelvin, sigma, light = (places[0].whole(one) for one in maps)
     figure = temperature_figure(kelvin, sigma, light, places)

@@ -80,9 +80,9 @@ class StrengthSearch:
             problem, strength = self._problem, STRENGTHS[index]
             state = self.nearest(strength) if start is None else self._tried[start].state
             fit = problem.solve(strength, self._iterations, state)
-            free = problem.count_modes(strength) / problem.modes
+            free = problem.gram.count_modes(strength) / problem.gram.modes
             free *= float(np.sum((fit.cells > 0) * self._noise_share))
-            misfit = fit.misfit / (self._variance * problem.modes)
+            misfit = fit.misfit / (self._variance * problem.gram.modes)
             self._tried[index] = TriedStrength(misfit, 1 - free, fit.state)
         return self._tried[index]
 
@@ -96,6 +96,6 @@ class StrengthSearch:
 
     def _linear_excess(self, index: int) -> float:
         """Excess of a fit that may be negative."""
-        problem, modes, strength = self._problem, self._problem.modes, STRENGTHS[index]
-        misfit = problem.linear_misfit(strength) / (self._variance * modes)
-        return misfit - 1 + problem.count_modes(strength) / modes
+        problem, gram, strength = self._problem, self._problem.gram, STRENGTHS[index]
+        misfit = problem.linear_misfit(strength) / (self._variance * gram.modes)
+        return misfit - 1 + gram.count_modes(strength) / gram.modes

@@ -9,9 +9,11 @@ import tifffile
 from builders import write_section
 from programs import run
 
+from lf_flame._common.atomic_files import output_folder
 from lf_flame.formats.images import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
-from lf_flame.tomography.soot_output import temperature_warnings
+from lf_flame.tomography.emission import Place
+from lf_flame.tomography.soot_output import temperature_warnings, write_temperature
 
 HEIGHTS, RADII = 12, 8
 
@@ -79,6 +81,14 @@ def test_no_temperature_and_coded_files_are_told(colours, tmp_path, drawn):
     assert "order of the folders" in result.output
     assert f"{colours[1]} was made from files" in result.output
     assert "flame.jpg" not in result.output
+
+
+def test_three_planes_are_three_pages(tmp_path):
+    planes, places = np.ones((3, 6, 8)), [Place("", (-4, 4, -3, 3), z) for z in (1.0, 2.0, 3.0)]
+    with output_folder(tmp_path / "out", "temperature.json") as folder:
+        write_temperature(Temperatures(2e3 * planes, planes), planes, places, folder)
+    with tifffile.TiffFile(tmp_path / "out" / "temperature.tif") as file:
+        assert len(file.pages) == 3
 
 
 def warned(*kelvin, calibrated):

@@ -148,7 +148,7 @@ def test_flames_that_absorb_where_they_glow_are_found(grid, flames_in_line):
 def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     """Of even matter: emission and error bars are each plane's, over its share."""
     thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng
-    options = {"strength": 0.01, "iterations": 16, "bootstrap": 2}
+    options = {"strength": 0.01, "bootstrap": 2}
     plain = reconstruct(noisy(0.05), grid, rng=rng(1), **options)
     found = reconstruct(noisy(0.05), grid, rng=rng(1), optical_thickness=thickness, **options)
     share = np.array([-np.expm1(-0.2) / 0.2 * np.exp(-0.6), np.exp(-0.6), -np.expm1(-0.6) / 0.6])

@@ -7,13 +7,14 @@ import pytest
 from builders import record_ball
 
 from experiments.emission.truth import Lens
-from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.tomography import (
     AxisymmetricGrid,
     AxisymmetricOperator,
     find_axis,
     reconstruct_axisymmetric,
 )
+from lf_flame.tomography.data_checks import left_out
 from lf_flame.tomography.section_problem import BandedGram
 
 ACROSS, DEPTH, WIDTH, HOLLOW, TALL = 0.83, 4.0, 0.8, 2.5, 2.6
@@ -153,14 +154,16 @@ def test_behind_a_round_aperture_the_whole_views_are_fitted():
     assert np.array_equal(np.isfinite(found.chi_squared), whole)
     assert found.warnings[0].startswith(f"{whole.sum()} of the 49 views are fitted")
     assert len(found.warnings) == 1
+    assert left_out(replace(found.grid, which="central"), None) == []  # a choice
     axis = find_axis(LightField(seen), stopped)
     assert (axis.across_mm, axis.depth_mm) == pytest.approx((0.4, 3.0), abs=0.02)
 
 
 @pytest.mark.slow
-def test_unknown_pixels_are_filled_and_said():
+@pytest.mark.parametrize("finer", [1, 2])
+def test_unknown_pixels_are_filled_and_said(finer):
     camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
-    grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+    grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5, finer=finer)
     glow = np.outer(np.ones(grid.shape[0]), np.exp(-4 * grid.radii_mm**2))
     operator = AxisymmetricOperator(grid)
     views = np.reshape(operator @ glow.ravel(), operator.dimsd)
@@ -168,9 +171,16 @@ def test_unknown_pixels_are_filled_and_said():
     valid[:, :, 12, 18:20] = False
     held = np.where(valid, views, 0)
     found, plain = (
-        reconstruct_axisymmetric(one, grid)
+        reconstruct_axisymmetric(one, grid, bootstrap=4)
         for one in (LightField(held, valid=valid), LightField(held))
     )
     assert found.warnings[0].startswith("18 of the 8640 rays are unknown")
     error, as_held = (np.abs(one.emission - glow)[2:-2].max() for one in (found, plain))
     assert error < 0.3 * as_held
+    # Draws are of this light field, not of that with the stored values.
+    assert np.abs(found.draws.mean(axis=0) - found.emission)[2:-2].max() < 2e-3
+    some = np.arange(views.size).reshape(views.shape) % 41 == 0  # fewer rays than nodes
+    few = LightField(held, valid=some)
+    with pytest.raises(InputError, match="degrees of freedom of the emission, got 211: state"):
+        reconstruct_axisymmetric(few, grid)
+    assert reconstruct_axisymmetric(few, grid, noise=1e-3).noise == 1e-3

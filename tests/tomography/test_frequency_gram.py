@@ -65,7 +65,7 @@ def test_as_many_copies_are_held_as_is_said(camera):
     light_field = LightField(np.random.default_rng(0).random((7, 7, 54, 60), np.float32))
     tracemalloc.start()
     try:
-        reconstruct(light_field, grid, iterations=2)
+        reconstruct(light_field, grid)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

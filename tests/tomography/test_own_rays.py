@@ -9,6 +9,7 @@ from scipy import stats
 from experiments.emission.truth import Lens, Sheet, cells, record
 from lf_flame import PAPER_CAMERA, LightField
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct, two_colour_temperature
+from lf_flame.tomography.figures import _depth_figure
 
 LENS = Lens(lenslets=(40, 48))
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))
@@ -45,8 +46,7 @@ def test_a_background_is_fitted_where_a_margin_is_empty(background, sd):
 def test_the_error_of_a_background_contains_it_in_any_noise():
     """Picked by the noise that is measured, pixels are too dark, or none is left (one of these)."""
     runs = [
-        reconstruct(gaussian(CLEAN + 0.02, 0.02, seed), GRID, strength=1.0, iterations=1)
-        for seed in range(8)
+        reconstruct(gaussian(CLEAN + 0.02, 0.02, seed), GRID, strength=1.0) for seed in range(8)
     ]
     assert all(one.background_sigma > 0 for one in runs)
     away = np.array([(one.background - 0.02) / one.background_sigma for one in runs])
@@ -91,11 +91,16 @@ def test_noise_that_neighbours_share_is_no_structure(axes, level):
     assert reconstruct(LightField(CLEAN + level * CLEAN.max() * noise), GRID).warnings == ()
 
 
+@pytest.mark.parametrize("left_out", [0, 1])
 @pytest.mark.parametrize("gain", [0.8, 3.0])
-def test_one_view_that_is_wrong_is_still_named(gain):
-    views = CLEAN.copy()
+def test_one_view_that_is_wrong_is_still_named(gain, left_out):
+    """Beside views of weight 0, too, and one whose pixels are all unknown."""
+    views, weights, valid = CLEAN.copy(), np.ones((7, 7)), np.ones(CLEAN.shape, bool)
     views[1, 5] *= gain
-    said = " ".join(reconstruct(gaussian(views, 0.005), GRID).warnings)
+    weights[0, :left_out] = weights[6, 7 - left_out :] = 0
+    valid[2, 1 : 1 + left_out] = False
+    seen = LightField(gaussian(views, 0.005).views, weights=weights, valid=valid)
+    said = " ".join(reconstruct(seen, GRID).warnings)
     assert "View 1, 5" in said
     assert "No emission explains" not in said
 
@@ -121,6 +126,9 @@ def test_error_bars_hold_the_truth(record_noise):
         sums.append(total * areas / found[-1].light[1])
         assert (total < 0.012 * np.sum(TRUTH, axis=(1, 2))).all()
         errors.append([np.mean(np.square(x[lit])) for x in (off, found[-1].sigma)])
+    (drawn,) = _depth_figure(found[0]).axes[0].containers[0][2]
+    bars = [np.ptp(one[:, 1]) / 2 for one in drawn.get_segments()]
+    assert bars == pytest.approx(TIMES * found[0].light[1])
     # Rather too wide than too narrow; by less than three.
     assert np.mean(held) > 0.93
     # Too narrow: planes share light, and the penalty, stronger with photons, takes up to 0.9 %.

@@ -76,7 +76,7 @@ def test_a_frame_starts_from_the_one_before(grid, clean, noisy):
 
 
 def test_darkness_gives_darkness(grid, camera):
-    found = reconstruct(LightField(np.zeros((7, 7, 54, 60), np.float32)), grid, iterations=8)
+    found = reconstruct(LightField(np.zeros((7, 7, 54, 60), np.float32)), grid)
     assert not found.emission.any()
 
 

@@ -24,6 +24,7 @@ from lf_flame.tomography import (
     read_responses,
     reconstruct,
     reconstruct_axisymmetric,
+    reconstruct_soot,
     soot_temperature,
     two_colour_temperature,
 )
@@ -50,6 +51,8 @@ BANDS = SpectralResponses(("blue", "green", "red"), NM, CURVES)
 HALF, FEW = np.ones((7, 7)), np.zeros((7, 7))
 HALF[3, 2] = 0.5
 FEW[2, 2:5] = FEW[4, 2:5] = 1
+LITTLE = np.zeros(EVEN.views.shape, bool)
+LITTLE[3, 3, 27] = True
 
 
 TABLES = {
@@ -114,7 +117,6 @@ REFUSED = [
         ({"noise": 0.0}, "noise must be above 0.*leave it out to have it measured"),
         ({"strength": 0.0}, "strength must be above 0.*leave it out to have it chosen"),
         ({"strength": NAN}, "strength must be"),
-        ({"iterations": 0}, "iterations must be"),
         ({"bootstrap": 1}, "bootstrap must be"),
         ({"background": "even"}, "'fit' or 'none'"),
         ({"optical_thickness": NAN}, "must be finite"),
@@ -137,6 +139,11 @@ REFUSED = [
         lambda: reconstruct(LightField(EVEN.views, valid=np.zeros(EVEN.views.shape)), GRID),
         "are marked unknown",
     ),
+    (
+        lambda: reconstruct(LightField(EVEN.views, valid=LITTLE), GRID),
+        "degrees of freedom of the emission, got 60: state the noise",
+    ),
+    (partial(reconstruct_soot, COLOURED, GRID, None, optical_thickness=0.5), "cannot be stated"),
     (
         lambda: reconstruct(LightField(EVEN.views, weights=FEW), GRID),
         "3 rows and 3 columns or more, got 2 and 3",

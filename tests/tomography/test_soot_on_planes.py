@@ -8,6 +8,7 @@ import pytest
 from experiments.emission.truth import Lens, Slab, planck, trace
 from lf_flame import InputError, LightField, PlenopticCamera
 from lf_flame.tomography import ColourCalibration, FrustumGrid, SpectralResponses, reconstruct_soot
+from lf_flame.tomography.geometries import PlaneGeometry
 
 pytestmark = pytest.mark.slow
 
@@ -72,7 +73,9 @@ def exposure():
 
 @pytest.fixture(scope="module")
 def found(exposure):
-    return reconstruct_soot(exposure[0], GRID, exposure[1], bootstrap=6, iterations=20)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PlaneGeometry, "iterations", 20)
+        return reconstruct_soot(exposure[0], GRID, exposure[1], bootstrap=6)
 
 
 def test_temperature_and_absorption_of_sheets_come_from_one_exposure(found):
@@ -99,4 +102,4 @@ def test_a_flame_too_thick_is_refused_after_its_rounds(exposure, monkeypatch):
     light_field, calibration = exposure
     dim = replace(calibration, gains=calibration.gains / 100)
     with pytest.raises(InputError, match=r"at most 2 in each colour, but comes out at [1-9]"):
-        reconstruct_soot(light_field, GRID, dim, iterations=4)
+        reconstruct_soot(light_field, GRID, dim)
