@@ -88,8 +88,9 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_json(path: str | Path, record: dict) -> None:
-    """Write a record as JSON; infinity and NaN, which JSON lacks, become null."""
-    valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
+    """Write a record as JSON; infinity and NaN become null, and bytes of names beyond UTF-8 "?"."""
+    text = json.dumps(record, ensure_ascii=False).encode(errors="replace")
+    valid = json.loads(text, parse_constant=lambda name: None)
     write_text(path, json.dumps(valid, indent=1) + "\n")
 
 
@@ -181,7 +182,8 @@ def output_folder(
 
 def refuse_folder(folder: str | Path, record: str, *, overwrite: bool = False) -> list[str]:
     """Refuse a folder that may not be written, see `output_folder`; else name the files in it."""
-    folder = Path(folder)
+    # "new/../results" may exist although "new" does not.
+    folder = Path(folder if os.path.lexists(folder) else os.path.realpath(folder))
     if not os.path.lexists(folder):
         return []
     if not folder.is_dir():

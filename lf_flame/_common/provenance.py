@@ -25,7 +25,7 @@ def environment() -> dict:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
     return {
-        "command": " ".join([_program(), *sys.argv[1:]]),
+        "command": " ".join([_program(), *sys.argv[1:]]).encode(errors="replace").decode(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "git_revision": _git_revision(),
         "versions": versions,

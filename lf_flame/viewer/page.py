@@ -4,6 +4,7 @@ import base64
 import html
 import json
 
+from lf_flame._common.input_files import printable
 from lf_flame.viewer.coded_views import deflated
 from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.preview import shrink
@@ -27,7 +28,7 @@ def served_page(exhibit: Exhibit) -> str:
     """Make the page that requests views from the program that serves it."""
     metadata = exhibit.describe_served()
     return page_frame().substitute(
-        title=html.escape(exhibit.title),
+        title=html.escape(printable(exhibit.title)),
         description=html.escape(describe(metadata)),
         policy="",
         style='<link rel="stylesheet" href="static/viewer.css">',
@@ -54,7 +55,7 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
     if slope_map:
         blocks.append(_data_block("lf-map", slope_map))
     page = page_frame().substitute(
-        title=html.escape(exhibit.title),
+        title=html.escape(printable(exhibit.title)),
         description=html.escape(describe(metadata, shrunk.quality)),
         policy=f'<meta http-equiv="Content-Security-Policy" content="{FILE_POLICY}">',
         style=f"<style>{style}</style>",

@@ -16,6 +16,7 @@ from lf_flame._common.atomic_files import (
     exclusive,
     output_folder,
     recorded_path,
+    refuse_folder,
     write_json,
     write_text,
 )
@@ -26,7 +27,7 @@ RECORD = "work.json"
 
 def fill(folder, text="new", overwrite=False, names=("a.txt", "b.txt")):
     with output_folder(folder, RECORD, overwrite=overwrite) as out:
-        out.facts["text"] = text
+        out.facts |= {"text": text, "source": os.fsdecode(b"flamm\xe9.npy")}  # not in UTF-8
         for name in names:
             write_text(out.path(name), text)
     return out
@@ -39,7 +40,7 @@ def contents(folder):
 def test_the_record_names_each_file_and_says_where_they_come_from(tmp_path):
     assert fill(tmp_path / "deep" / "out").files == ["a.txt", "b.txt"]
     record = json.loads((tmp_path / "deep" / "out" / RECORD).read_text())
-    assert record["files"] == ["a.txt", "b.txt"]
+    assert (record["files"], record["source"]) == (["a.txt", "b.txt"], "flamm?.npy")
     assert record.keys() >= {"text", "command", "date", "git_revision", "versions", "machine"}
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["out"]
 
@@ -90,8 +91,12 @@ def test_a_file_and_the_current_folder_are_no_output(tmp_path, monkeypatch):
         fill(tmp_path / "file", overwrite=True)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    with pytest.raises(InputError, match="is the current folder"):
-        fill(".")
+    for name in (".", "new/.."):  # the second leads here although there is no folder new
+        with pytest.raises(InputError, match="is the current folder"):
+            fill(name)
+    fill("out", "old")
+    with pytest.raises(InputError, match="out exists; name another"):
+        refuse_folder("new/../out", RECORD)
 
 
 @pytest.mark.parametrize("error", [InputError("wrong"), OSError(28, "full"), KeyboardInterrupt()])
