@@ -51,11 +51,11 @@ class Hdf5File(FileOfArrays):
         self.path, self.headers, self._reversed = Path(path), {}, is_matlab_hdf5(path)
         with readable(path), self._h5py.File(path, "r") as file:
             file.visititems(self._note)  # follows hard links only, to each object once
-            self.numbers = {
-                name: float(np.ravel(file.attrs[name])[0])
-                for name in ("dH", "focalLength", "shift")
-                if name in file.attrs
-            }
+            names = ("dH", "focalLength", "shift")
+            found = {name: np.ravel(file.attrs.get(name, ())) for name in names}
+        # Other programs store texts under such names.
+        numeric = {name: x for name, x in found.items() if x.size and x.dtype.kind in "iuf"}
+        self.numbers = {name: float(x[0]) for name, x in numeric.items()}
         self.names = list(self.headers)
 
     def _note(self, name: str, one: Any) -> None:

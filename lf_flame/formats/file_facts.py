@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lf_flame._common.images import TIFF_SUFFIXES
+from lf_flame._common.images import TIFF_SUFFIXES, open_tiff
 from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import cut_views, record_of
@@ -72,7 +72,9 @@ def describe(source: Path, **options: Any) -> FileFacts:
         command = typed("convert", "RAW.png", "views.npz", "--focused", source)
         return FileFacts("calibration of a Raytrix camera", facts, command)
     if suffix in TIFF_SUFFIXES and is_stack(source):
-        pages, slopes = read_focal_stack(source)
+        with open_tiff(source) as file:  # of other stacks each page is a view, perhaps in rows
+            is_focal = "slopes" in (file.imagej_metadata or {})
+        pages, slopes = read_focal_stack(source) if is_focal else ((), None)
         if slopes is not None:
             held = f"{len(pages)}, at slopes from {slopes.min():g} to {slopes.max():g}"
             return FileFacts("stack of refocused images", {"images": held})

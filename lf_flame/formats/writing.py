@@ -66,11 +66,11 @@ def write_light_field(
             else:
                 _write_views(light_field.filled, aside, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
-        raw = light_field.to_raw()
+        raw = LightField.trusted(light_field.filled).to_raw()
         write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)
     elif suffix == ".npy":
         with atomic_write(path) as aside:
-            np.save(aside, light_field.views, allow_pickle=False)
+            np.save(aside, light_field.filled, allow_pickle=False)
     elif suffix == ".npz":
         given[RECORD] = np.frombuffer(json.dumps(record).encode(), np.uint8)
         with atomic_write(path) as aside, aside.open("wb") as file:

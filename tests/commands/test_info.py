@@ -6,6 +6,7 @@ from time import time
 import lytro_files as own
 import numpy as np
 import pytest
+import tifffile
 from click.testing import CliRunner
 from focused_pictures import Camera, Waves
 
@@ -116,6 +117,8 @@ def test_other_light_fields(told, tmp_path, rng, monkeypatch):
     assert "3 x 3, of 20 x 30 pixels, grey" in said
     assert "note: order row,col, as stored" in said
     assert "4, at slopes from 0 to 3" in told("stack.tif")
+    tifffile.imwrite(tmp_path / "pages.tif", light_field.views, photometric="minisblack")
+    assert "3 x 3, of 20 x 30 pixels, grey" in told("pages.tif")
 
 
 def lenslets(pitch, side):

@@ -198,6 +198,9 @@ def test_hci_files_without_depths_are_turned_by_the_parallax(tmp_path, rng):
     views, depth = scene(rng)
     path = write_hci(tmp_path / "a.h5", views[::-1])
     np.testing.assert_array_equal(read_light_field(path).views[..., 2], views / np.float32(255))
+    with h5py.File(path, "a") as file:  # as no file of HCI has, but others
+        file.attrs["focalLength"] = "35 mm"
+    np.testing.assert_array_equal(read_light_field(path).views[..., 2] * 255, views[::-1])
 
 
 def test_nothing_but_the_file_itself_is_opened(tmp_path):

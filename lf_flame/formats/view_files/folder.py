@@ -193,6 +193,8 @@ def scan_view_folder(
     >>> formats.scan_view_folder("views").files.shape
     (3, 3)
     """
+    if first is not None and grid is None:
+        raise InputError(f"first numbers a position of the grid: state --grid, got {first}.")
     path, shape = Path(path), None if grid is None else read_grid(grid)
     order = None if order is None else stated_order(order).order
     files = _find_files(path, names or "*")
