@@ -219,8 +219,8 @@ class CameraLaw(Lens):
         for depth in np.ravel(np.asarray(depths_mm, float)):
             if not low <= depth <= high:
                 raise InputError(
-                    f"The calibration is valid from {low:g} to {high:g} mm, the depths of its "
-                    f"targets, got {depth:g} mm; calibrate with targets at that depth."
+                    f"The calibration is valid from {low:g} to {high:g} mm, around the depths of "
+                    f"its targets, got {depth:g} mm; calibrate with targets at that depth."
                 )
 
     def to_toml(self) -> str:
@@ -247,7 +247,8 @@ def _undistorted(light_field: LightField, distortion: float) -> LightField:
     size = light_field.views.shape[2:4]
     down, right = np.meshgrid(*(centred(n) for n in size), indexing="ij")
     bent = distortion * (down**2 + right**2)
-    if not 1 + 3 * bent.min() > 0.1:
+    # The share s of each distance in the picture solves s (1 + bent s^2) = 1: from -4/27 on.
+    if not 1 + 27 / 4 * bent.min() > 0.05:
         raise InputError(
             f"A distortion of {distortion:g} per pixel squared folds the corners of views of "
             f"{size[0]} x {size[1]} pixels over."

@@ -189,8 +189,9 @@ def test_the_distortion_of_a_lens_is_undone_in_all_views():
     cut = LightField(whole[:, :, :-2])
     with pytest.raises(InputError, match="views of 44 x 52 pixels about their centre"):
         law.corrected(cut)
-    with pytest.raises(InputError, match="folds the corners"):
-        replace(law, distortion=-5e-4).corrected(pictures[0])
+    for folding in (-5e-4, -2e-4, -1.4e-4):  # from -4/27 of 1 / 33.4^2 on
+        with pytest.raises(InputError, match="folds the corners"):
+            replace(law, distortion=folding).corrected(pictures[0])
     # Colours alike, channel by channel.
     coloured = law.corrected(LightField(np.stack([whole, 2 * whole], axis=-1)))
     grey = law.corrected(pictures[0]).views
