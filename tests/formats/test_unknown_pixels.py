@@ -40,10 +40,9 @@ def test_saturated_pixels_are_unknown_in_every_view_that_they_touch(pitch):
         raw_of_a_highlight(pitch, -2.5),
         LensletGrid((pitch - 1) / 2, (pitch - 1) / 2, pitch),
     )
-    level = 0.6 * full.max()
-    plan = DecodePlan(grid, shape=full.shape, views=9, saturation=level)
-    whole = DecodePlan(grid, shape=full.shape, views=9).decode(full)
-    found = plan.decode(np.minimum(full, level))
+    full /= 0.6 * full.max()  # 1 is the largest level of a sensor
+    plan = DecodePlan(grid, shape=full.shape, views=9)
+    whole, found = plan.decode(full), plan.decode(np.minimum(full, 1))
     assert whole.valid is None
     counts = np.broadcast_to(plan.weights[..., None, None], found.valid.shape)
     assert found.valid[~counts].all()  # what does not count need not be known
@@ -87,7 +86,7 @@ def test_bad_pixels_of_the_white_and_the_dark_image_are_unknown():
     white[31:34, 42] = white[32, 41:44] = 20  # a cross of stuck pixels
     white[12, 14], dark[50, 11] = 0.1, 0.9
     lone[31:34, 42] = lone[32, 41:44] = lone[12, 14] = lone[50, 11] = True
-    options = {"shape": raw.shape, "views": 10, "white": white, "saturation": 0.9}
+    options = {"shape": raw.shape, "views": 10, "white": white}
     plan = DecodePlan(LensletGrid(4.5, 4.5, 10), dark=dark, **options)
     found = plan.decode(raw)
     np.testing.assert_array_equal(LightField.trusted(~found.valid).to_raw(), lone)
@@ -112,9 +111,10 @@ def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout, 
     plain = shift_and_sum(found, 0.0)
     np.testing.assert_allclose(plain, np.median(plain), rtol=1e-3)
     assert (found.views[~found.valid] == 0).any()
-    write_light_field(found, tmp_path / "views")
-    written = read_light_field(tmp_path / "views", order="row,col").views[2]
-    np.testing.assert_allclose(written, np.median(plain), rtol=2e-3)
+    for name, options in (("views", {}), ("a.npy", {}), ("a.tif", {"views": 5})):
+        write_light_field(found, tmp_path / name)
+        written = read_light_field(tmp_path / name, order="row,col", **options).views[2]
+        np.testing.assert_allclose(written, np.median(plain), rtol=2e-3)
 
 
 def test_weights_and_what_is_known_come_back_from_npz(tmp_path):

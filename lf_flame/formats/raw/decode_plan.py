@@ -76,9 +76,6 @@ class DecodePlan:
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
         Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic. The
         white image shows which two are green, but not which one is red.
-    saturation : float, optional
-        Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
-        10, 12, 14 or 16 bits, if at least ten pixels have it.
 
     Attributes
     ----------
@@ -110,7 +107,6 @@ class DecodePlan:
         white: ArrayLike | None = None,
         dark: ArrayLike | None = None,
         bayer: str | None = None,
-        saturation: float | None = None,
     ):
         self.grid, self.shape, self.views = grid, tuple(shape), count_views(grid, views)
         self.bayer = sensor.check_bayer(bayer, self.shape)
@@ -124,7 +120,7 @@ class DecodePlan:
         self._lenslets = tuple(_lenslets(self._grid, self.views, step) for step in (1, 2))
         self._rows, self._columns = self._grid.block(size)
         self._left, self._share = _join(self._grid, len(self._columns))
-        self._saturation, self._is_new = saturation, True
+        self._is_new = True
         # From the dark image; and from the white one, whose mean micro-images are `_flat`.
         self._black: np.ndarray | None = None
         self._gain: np.ndarray | None = None
@@ -159,7 +155,7 @@ class DecodePlan:
             pattern of a mosaic that is not stated, or does not fit the white or the dark image.
         """
         image = self._upright(sensor.checked(raw, "raw", self.shape))
-        saturated = sensor.find_saturated(image, self._saturation)
+        saturated = sensor.find_saturated(image)
         light = image if self._black is None else image - self._black
         if self._is_new:
             self._check(light, saturated)

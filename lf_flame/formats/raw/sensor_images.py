@@ -71,17 +71,14 @@ def subtract_dark(image: ArrayLike, dark: ArrayLike | None, name: str, shape: tu
     return image if dark is None else image - checked(dark, "dark", shape).astype(np.float32)
 
 
-def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray | None:
-    """Find the pixels at a level or above, or at the largest level of a sensor of 8 to 16 bits.
+def find_saturated(image: np.ndarray) -> np.ndarray | None:
+    """Find the pixels at the largest level of a sensor of 8, 10, 12, 14 or 16 bits.
 
     Levels of 16-bit files, and of 8-bit ones, are numbers from 0 to 1 if they were scaled; sensors
     of 10, 12 and 14 bits reach a part of 16. Fewer than ten pixels there may be the light's own
-    maximum, which a stated level excludes.
+    maximum.
     """
     highest = float(image.max())
-    if level is not None:
-        least = level * (1 - np.finfo(np.float32).eps)  # as images are rounded to float32
-        return image >= least if highest >= least else None
     full = 2.0 ** np.array([8, 10, 12, 14, 16]) - 1
     if image.dtype.kind == "f":
         full = full[1:] / full[-1]
