@@ -27,12 +27,6 @@ RECORD = "refocus.json"
 SWEEP_FRAMES = 41
 """Number of frames from one end of a sweep to the other; the movie goes there and back."""
 
-LEAST_WIDTH = 600
-"""Smallest width of a preview in pixels."""
-
-UNSURE = 0.3
-"""Confidence below which a search is reported as uncertain."""
-
 
 @dataclass(frozen=True, eq=False)
 class RefocusJob:
@@ -65,11 +59,12 @@ class RefocusJob:
     def preview(self, image: np.ndarray) -> np.ndarray:
         """Scale to 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped.
 
-        Small images are enlarged, each pixel to as many, so that a screen shows them well.
+        Images narrower than 600 pixels are enlarged, each pixel to as many, so that a screen shows
+        them well.
         """
         shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
         levels = to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
-        times = math.ceil(LEAST_WIDTH / levels.shape[1])
+        times = math.ceil(600 / levels.shape[1])
         return levels.repeat(times, axis=0).repeat(times, axis=1)
 
     def refocus(self, slopes: Sequence[float]) -> np.ndarray:
@@ -143,7 +138,7 @@ def write_search(job: RefocusJob, out: OutputFolder) -> float:
     out.facts["search"] = {"slope": found.slope, "confidence": found.confidence}
     named = job.named(found.slope)
     click.echo(f"sharpest at slope {named}, confidence {found.confidence:.2f}")
-    if found.confidence < UNSURE:
+    if found.confidence < 0.3:
         tops, _ = find_peaks(found.sharpness, prominence=0.1 * np.ptp(found.sharpness))
         peaks = ", ".join(f"{slope:+.2f}" for slope in found.slopes[tops]) or "one peak only"
         click.echo(
@@ -225,7 +220,7 @@ def write_regions(
     from lf_flame.systems.region_refocus import refocus_regions
 
     image, surface, found = refocus_regions(
-        job.views_to_white, regions, background=background, unet=job.network
+        job.views_to_white, regions, background=background, unet=job.network, **job.options
     )
     image = image * np.float32(job.white)
     write_image(out.path("regions.tif"), image)
@@ -239,7 +234,8 @@ def write_regions(
          "confidence": one.confidence}
         for one, depth in zip(found, depths, strict=True)
     ]  # fmt: skip
-    out.facts["views_used"] = "a cross of 17" if job.network else "all that are used"
+    some = "all that are used" if job.options["weights"] is None else "those in the aperture"
+    out.facts["views_used"] = "a cross of 17" if job.network else some
     out.facts["radiance_of_white_in_png"] = job.white
     for one in found:
         click.echo(

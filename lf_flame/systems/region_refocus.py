@@ -26,9 +26,6 @@ from lf_flame.systems.formulas import cross_of_views, only_views
 if TYPE_CHECKING:
     from lf_flame.systems.sparse_unet import SparseUNet
 
-SOFTEN = 5.0
-"""Standard deviation in pixels of the Gaussian that joins the regions."""
-
 CERTAIN = 0.3
 """Smallest confidence of a region's slope."""
 
@@ -44,6 +41,8 @@ def refocus_regions(
     background: float | None = None,
     cross: bool = False,
     unet: "SparseUNet | None" = None,
+    interpolation: str = "linear",
+    weights: ArrayLike | None = None,
 ) -> tuple[np.ndarray, np.ndarray, list[SlopeSearch]]:
     """Bring several regions into focus at once, at any depths; the rest is blurred.
 
@@ -62,6 +61,9 @@ def refocus_regions(
         Whether only a cross of 17 views is used.
     unet : SparseUNet, optional
         Trained network that removes the ghosts of the cross; it implies `cross`.
+    interpolation, weights : optional
+        Interpolation, and weights of the views in the image, as for
+        `lf_flame.refocus.refocus_surface`; without a cross. The search uses all views.
 
     Returns
     -------
@@ -93,16 +95,18 @@ def refocus_regions(
     if unet is not None:
         unet.check(views)
     shape = views.shape[:2]
-    weights = only_views(shape, cross_of_views(*shape)) if cross else None
-    found = [_find(light_field, region, slopes, weights) for region in regions]
+    searched = only_views(shape, cross_of_views(*shape)) if cross else None
+    found = [_find(light_field, region, slopes, searched) for region in regions]
     if not found:
         raise InputError("regions must contain at least one region, got none.")
     if background is None:
         lowest = min(one.slope for one in found) - 2 * BLUR / max(max(shape) - 1, 1)
         background = max(lowest, -farthest_slope(light_field))
     in_focus = [(one.region, one.slope) for one in found]
-    surface = region_slopes(views.shape[2:4], in_focus, background=background, soften=SOFTEN)
-    image = refocus_surface(light_field, surface, weights=weights)
+    # The paper's standard deviation, in pixels.
+    surface = region_slopes(views.shape[2:4], in_focus, background=background, soften=5.0)
+    weights = searched if cross else weights
+    image = refocus_surface(light_field, surface, interpolation=interpolation, weights=weights)
     return image if unet is None else _without_ghosts(image, unet), surface, found
 
 
