@@ -27,6 +27,7 @@ from lf_flame.commands.options import (
     pick,
     print_files,
     print_notes,
+    result_name,
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -164,6 +165,7 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     total = thickness.sum(axis=0) if isinstance(thickness, np.ndarray) else thickness
     greatest = None if total is None else float(np.max(total))
     job.facts |= {"optical_thickness": optical_thickness, "greatest_optical_thickness": greatest}
+    job.reading = job.reading.for_camera(source, lens)
     light_field, read = job.reading.read_of_camera(source, lens)
     job.find(light_field, grid if read is None else replace(grid, camera=read))
 
@@ -193,7 +195,6 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     that pitch times the f-number as lenslet focal length.
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
-    from lf_flame.formats.view_files.folder import is_view_folder
     from lf_flame.tomography import AxisymmetricGrid, find_axis
 
     lens: Lens = read_lens(camera)
@@ -203,8 +204,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
             f"{lens.focus_distance_mm:g} mm, got {radius:g}."
         )
     job = _Job.checked(source, Path("abel"), options)
-    if lens.views == 1 and job.reading == Reading() and not is_view_folder(source):
-        job.reading = Reading(views=1)  # any picture
+    job.reading = job.reading.for_camera(source, lens)
     light_field, read = job.reading.read_of_camera(source, lens)
     lens = read or lens
     columns = light_field.views.shape[1]
@@ -265,7 +265,8 @@ class _Job:
         FitOptions(options["noise"], options["strength"])
         check_bootstrap(options["bootstrap"])
         reading = pick(Reading, options)
-        out, overwrite = options.pop("out") or folder / source.stem, options.pop("overwrite")
+        out = options.pop("out") or folder / result_name(source)
+        overwrite = options.pop("overwrite")
         colours, thin = options.pop("colours"), options.pop("thin")
         exponent = options.pop("soot_exponent")
         for name, given in (("--thin", thin), ("--soot-exponent", exponent is not None)):

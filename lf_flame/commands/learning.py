@@ -20,6 +20,7 @@ from lf_flame.commands.options import (
     command,
     option,
     report,
+    result_name,
 )
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
@@ -150,7 +151,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import refuse_folder
 
-    folders = [out / (image.resolve().name if image.is_dir() else image.stem) for image in images]
+    folders = [out / result_name(image) for image in images]
     for image, folder in zip(images, folders, strict=True):
         if folders.count(folder) > 1:
             raise InputError(

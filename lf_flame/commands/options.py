@@ -190,6 +190,12 @@ def out_options(default: str) -> Callable:
     return lambda command: out(OVERWRITE(command))
 
 
+def result_name(source: Path) -> str:
+    """Name the results of a file or folder by default: as the source, without a known ending."""
+    # A point in a folder's name is no ending, and "." has no name itself.
+    return source.resolve().name.removesuffix(".zarr") if source.is_dir() else source.stem
+
+
 def camera_option(purpose: str = "", *, required: bool = False) -> Callable:
     """Option --camera; `purpose` ends the sentence of its help."""
     kinds = "Camera or calibration (.toml), or simulation.json"

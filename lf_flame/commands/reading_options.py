@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from lf_flame.optics.camera import PlenopticCamera
     from lf_flame.optics.lens import Lens
 
-FILLING = 0.99
-"""Smallest share of a micro-image that a camera's views fill, if they divide the whole of it."""
-
 
 def _reading_options(rare: bool) -> tuple:
     """Options for reading; `rare` says whether ``--help`` leaves out those of few files."""
@@ -168,12 +165,12 @@ class Reading:
         return found.light_field
 
     def read_of_camera(self, source: Path, lens: "Lens | None") -> "tuple[LightField, Lens | None]":
-        """Read a light field and give its camera the light field's own size.
+        """Read a light field, by `for_camera`, and give its camera the light field's own size.
 
         Pitch and number of views of the camera must be the light field's; the number of lenslets
         follows from its pixels.
         """
-        light_field = self.for_camera(source, lens).read(source)
+        light_field = self.read(source)
         if lens is None:
             return light_field, None
         for note in note_on_pixels(lens, light_field.shape):
@@ -194,7 +191,7 @@ def note_on_pixels(lens: "Lens", shape: tuple[int, ...]) -> list[str]:
 def _check_gaps(camera: "PlenopticCamera", is_raw: bool) -> None:
     """Compare a camera's step between views with micro-image / views, that of decoded ones."""
     filling = camera.micro_image_pitch_mm / camera.views
-    if camera.pixel_mm >= FILLING * filling:
+    if camera.pixel_mm >= 0.99 * filling:  # the whole of it, but for rounding
         return
     stated = (
         f"the {camera.views} views of a decoded raw image divide the whole micro-image, so one "

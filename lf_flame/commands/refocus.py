@@ -23,6 +23,7 @@ from lf_flame.commands.options import (
     out_options,
     pick,
     print_files,
+    result_name,
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -290,11 +291,11 @@ def refocus(source, camera, out, overwrite, **options):
     focus, look, reading = (pick(kind, options) for kind in (Focus, Appearance, Reading))
     lens = open_lens(camera)
     focus.check(lens, look)
-    name = source.resolve().name if source.is_dir() else source.stem
-    out = out or Path("refocused") / f"{name}{focus.name}"
+    out = out or Path("refocused") / f"{result_name(source)}{focus.name}"
     with output_folder(out, output.RECORD, overwrite=overwrite) as folder:
         folder.facts["source"] = recorded_path(source, folder.folder)
         network = look.open_network(focus)
+        reading = reading.for_camera(source, lens)
         light_field, lens = reading.read_of_camera(source, lens)
         folder.facts |= reading.facts()
         views = light_field.shape[:2]

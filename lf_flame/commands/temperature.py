@@ -19,6 +19,7 @@ from lf_flame.commands.options import (
     out_options,
     print_files,
     print_notes,
+    result_name,
 )
 from lf_flame.errors import InputError
 
@@ -140,7 +141,7 @@ def temperature(
         gains=colours.gains,
         soot_exponent=soot_exponent,
     )
-    out = out or Path("temperature") / folders[0].name
+    out = out or Path("temperature") / result_name(folders[0])
     with output_folder(out, output.TEMPERATURE_RECORD, overwrite=overwrite) as folder:
         warnings = output.temperature_warnings(found, colours)
         notes = output.temperature_notes(found, every, colours, soot_exponent)

@@ -31,12 +31,10 @@ from lf_flame.commands.options import (
     print_files,
     print_notes,
     report,
+    result_name,
 )
 from lf_flame.commands.reading_options import READING, Reading, note_on_pixels
 from lf_flame.errors import InputError
-
-NAMED = 10
-"""Number of frames whose warnings are printed at once; the others are counted at the end."""
 
 RATE = option("--frames-per-second", "Frames per second.", FiniteRange(1e-9, 1e15), metavar="RATE")
 
@@ -137,7 +135,7 @@ def flicker(
         named = paths[0] if len(paths) == 1 else f"{len(paths)} frames"
         raise InputError(f"A frequency needs at least {LEAST_FRAMES} frames, got {named}.")
     source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
-    out = out or Path("flicker") / (source.resolve().stem or "frames")
+    out = out or Path("flicker") / result_name(source)
     with (
         output_folder(out, RECORD, overwrite=overwrite) as folder,
         TemporaryDirectory() as beside,
@@ -248,7 +246,10 @@ def _process(
 
 
 class FrameWarnings:
-    """Warnings on frames: each skipped frame is named, and the first frame of any other warning."""
+    """Warnings on frames: the first ten skipped frames, and the first frame of any other warning.
+
+    All are counted at the end.
+    """
 
     def __init__(self):
         self._counts: Counter[str] = Counter()
@@ -257,7 +258,7 @@ class FrameWarnings:
         """Print the sentences on a frame, unless many like them were printed."""
         from lf_flame.flame_video.processing import MISSING, WHOLE
 
-        least = 1 if done.state == WHOLE else NAMED
+        least = 1 if done.state == WHOLE else 10
         said = done.said or ((f"frame {done.frame} is missing",) if done.state == MISSING else ())
         for sentence in said:
             kind = re.sub(r"-?\d[\d.e-]*", "#", sentence.partition(": ")[2] or sentence)

@@ -78,7 +78,9 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
                 raise InputError(f"--{name} does not apply to planes of `lf-flame reconstruct`.")
         show(emission_exhibit(source, title), **options)
         return
-    light_field, lens = reading.read_of_camera(source, open_lens(camera))
+    lens = open_lens(camera)
+    reading = reading.for_camera(source, lens)
+    light_field, lens = reading.read_of_camera(source, lens)
     light_field = light_field if lens is None else lens.corrected(light_field)
     chosen = _choose_slopes(light_field, slopes, lens)
     exhibit = Exhibit(
@@ -88,7 +90,7 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
         chosen.slope,
         lens,
         str(source),
-        reading.given(),
+        reading.given() | ({"camera": str(camera)} if camera else {}),
         with_map=not no_map,
     )
     show(exhibit, **options)

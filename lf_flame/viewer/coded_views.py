@@ -42,11 +42,16 @@ class CodedViews:
         return np.float32(self.low) + self.codes / np.float32(self.levels / (self.high - self.low))
 
 
-def check_channels(light_field: LightField) -> None:
-    """Refuse a light field that is neither grey nor of three channels."""
-    channels = light_field.views.shape[4] if light_field.views.ndim == 5 else 1
+def check_shown(light_field: LightField) -> None:
+    """Refuse a light field that is neither grey nor of three channels, or too large for a page."""
+    channels, size = light_field.channels, light_field.views.size
     if channels not in (1, 3):
         raise InputError(f"A picture has 1 or 3 channels, but this light field {channels}.")
+    if size > MOST_BYTES:
+        raise InputError(
+            f"A page has room for {MOST_BYTES:,} pixels, but this light field has {size:,}; "
+            f"`lf-flame refocus` takes it."
+        )
 
 
 def shown_white(light_field: LightField) -> float:
@@ -54,28 +59,20 @@ def shown_white(light_field: LightField) -> float:
     return max(white_of(light_field), DARKEST)
 
 
-def encode_views(
-    light_field: LightField, most_bytes: int | None = None, *, white: float | None = None
-) -> CodedViews:
-    """Encode views with 8 bits if that is exact or 16 would exceed `most_bytes`, else with 16 bits.
+def encode_views(light_field: LightField, *, white: float | None = None) -> CodedViews:
+    """Encode views with 8 bits if that is exact or 16 would exceed `MOST_BYTES`, else with 16 bits.
 
-    `white` is the radiance that is shown as white, and the highest that has a code. Refuses more
-    pixels than `most_bytes`, and other numbers of channels than 1 and 3.
+    `white` is the radiance that is shown as white, and the highest that has a code.
     """
-    most = MOST_BYTES if most_bytes is None else most_bytes
-    check_channels(light_field)
+    check_shown(light_field)
     views = light_field.filled if light_field.views.ndim == 5 else light_field.filled[..., None]
-    if views.size > most:
-        raise InputError(
-            f"A page has room for {most:,} pixels, but this light field has {views.size:,}."
-        )
     white = shown_white(light_field) if white is None else white
     low, high = min(0.0, float(views.min())), white
     positions = tuple(centred(n) for n in views.shape[:2])
     weights = as_weights(None, light_field)
     for kind in (np.uint8, np.uint16):
         coded = CodedViews(_codes(views, low, high, kind), low, high, white, positions, weights)
-        if 2 * views.size > most or np.array_equal(coded.radiance(), views):
+        if 2 * views.size > MOST_BYTES or np.array_equal(coded.radiance(), views):
             break
     return coded
 

@@ -23,9 +23,8 @@ from lf_flame.refocus import (
 from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 from lf_flame.viewer.coded_views import (
     DARKEST,
-    MOST_BYTES,
     CodedViews,
-    check_channels,
+    check_shown,
     cut_into_pieces,
     encode_views,
     piece_bytes,
@@ -52,11 +51,10 @@ class Exhibit:
     source : str, optional
         Path in a copied command; without it no command is offered.
     reading : mapping, optional
-        Options for reading the source: views, order, white, pitch, dark and so on.
+        Options for reading the source: views, order, white, pitch, dark and so on; and the file of
+        its camera, by which the light field was corrected.
     with_map : bool, optional
         Whether there is a slope map.
-    most_bytes : int
-        Largest number of pixels of a page.
     depths_mm : sequence of float, optional
         Depths of planes that take the place of views, shape (1, planes, t, s): the slider moves
         through them, `slopes` and `slope` are depths in mm, and there is no slope map.
@@ -78,16 +76,10 @@ class Exhibit:
     source: str | None = None
     reading: Mapping[str, Any] = field(default_factory=dict)
     with_map: bool = True
-    most_bytes: int = MOST_BYTES
     depths_mm: Sequence[float] | None = None
 
     def __post_init__(self):
-        check_channels(self.light_field)
-        if self.light_field.views.size > self.most_bytes:
-            raise InputError(
-                f"A page has room for {self.most_bytes:,} pixels, but this light field has "
-                f"{self.light_field.views.size:,}; `lf-flame refocus` takes it."
-            )
+        check_shown(self.light_field)
         if self.depths_mm is not None:
             self._check_planes(self.depths_mm)
             return
@@ -111,7 +103,7 @@ class Exhibit:
     @cached_property
     def coded(self) -> CodedViews:
         """Views as codes."""
-        return encode_views(self.light_field, self.most_bytes, white=self.white)
+        return encode_views(self.light_field, white=self.white)
 
     @cached_property
     def white(self) -> float:

@@ -12,9 +12,6 @@ from PIL import Image
 from lf_flame.errors import InputError
 from lf_flame.viewer.coded_views import CodedViews, cut_into_pieces, deflated, piece_bytes
 
-JPEG_QUALITIES = (92, 85, 75)
-"""JPEG qualities that are tried in turn, with colours at full resolution."""
-
 
 @dataclass(frozen=True, eq=False)
 class ShrunkViews:
@@ -35,7 +32,7 @@ class ShrunkViews:
 def shrink(coded: CodedViews, most_bytes: int, carried: int, *, exact: bool = False) -> ShrunkViews:
     """Compress views as exactly as fits into a page of `most_bytes`, `carried` without them.
 
-    Views that no form makes small enough are refused; with `exact`, nothing may be lost.
+    Views that no form makes small enough are refused; with `exact`, so are all but the first form.
     """
     for shrunk in islice(_ways(coded), 1 if exact else None):
         if shrunk.length <= most_bytes - carried:
@@ -50,13 +47,13 @@ def shrink(coded: CodedViews, most_bytes: int, carried: int, *, exact: bool = Fa
 
 def _ways(coded: CodedViews) -> Iterator[ShrunkViews]:
     bits = coded.codes.dtype.itemsize * 8
-    yield _packed(coded, f"views of {bits} bits, nothing lost")
+    yield _packed(coded, f"all views, with {bits} bits")
     if bits == 16:
         coded = replace(coded, codes=np.rint(coded.codes / np.float32(257)).astype(np.uint8))
         yield _packed(coded, "preview: views of 8 bits instead of 16")
     whole = coded.codes.shape[:2]
     while True:
-        for quality in JPEG_QUALITIES:
+        for quality in (92, 85, 75):
             yield _as_jpeg(coded, quality, whole)
         if max(coded.codes.shape[:2]) <= 3:
             return

@@ -3,6 +3,7 @@
 import importlib
 import sys
 import time
+from pathlib import Path
 
 import click
 import numpy as np
@@ -12,7 +13,7 @@ from PIL import Image
 
 from lf_flame._common import progress
 from lf_flame.commands.cli import commands
-from lf_flame.commands.options import FILE, FOLDER, PATH, Program
+from lf_flame.commands.options import FILE, FOLDER, PATH, Program, result_name
 from lf_flame.commands.reading_options import Reading
 
 
@@ -64,6 +65,14 @@ def test_a_command_that_loads_for_long_says_so(tmp_path, monkeypatch, caplog, im
     progress.show(False)
     assert result.exit_code == 0, result.output
     assert caplog.messages == ["Loading what this command needs ..."] * imports
+
+
+def test_results_are_named_after_their_source(tmp_path, monkeypatch):
+    """A point in a folder's name is no ending, and "." has the current folder's name."""
+    (tmp_path / "run1.5" / "a.zarr").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "run1.5")
+    names = [result_name(Path(name)) for name in (".", "a.zarr", "raw.1.png")]
+    assert names == ["run1.5", "a", "raw.1"]
 
 
 def test_every_option_says_what_it_is_for():

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,9 +44,10 @@ def colours(tmp_path):
 
 
 @pytest.mark.slow
-def test_sections_of_abel_have_their_temperatures(colours, tmp_path, drawn):
-    out = tmp_path / "hot"
-    result = run("temperature", *colours, "--wavelengths", 550, 650, "--out", out)
+def test_sections_of_abel_have_their_temperatures(colours, monkeypatch, drawn):
+    monkeypatch.chdir(colours[0])
+    out = Path("temperature/green")  # where they go by default
+    result = run("temperature", ".", colours[1], "--wavelengths", 550, 650)
     assert result.exit_code == 0, result.output
     known = np.delete(kelvin_of_nodes(), RADII - 1)
     said = f"{known.size} of {HEIGHTS * RADII} cells have a temperature, their median "

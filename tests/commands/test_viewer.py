@@ -1,5 +1,6 @@
 """lf-flame view and lf-flame demo."""
 
+import json
 import re
 import signal
 import subprocess
@@ -12,7 +13,7 @@ import pytest
 from builders import camera_toml
 from programs import run
 
-from lf_flame import PAPER_CAMERA, LightField, read_light_field
+from lf_flame import PAPER_CAMERA, LightField, read_light_field, write_light_field
 from lf_flame.refocus import find_slope_range
 from lf_flame.viewer.demo import DEMO_CAMERA
 
@@ -76,7 +77,12 @@ def test_the_ends_of_the_slider_are_told_in_mm_too(source, tmp_path):
     lens = replace(PAPER_CAMERA, views=3, lenslets=(30, 50))
     camera = tmp_path / "camera.toml"
     camera.write_text(camera_toml(3, (30, 50)), encoding="utf-8")
-    result = run("view", source, "--camera", camera, "--single-file", tmp_path / "page.html")
+    raw = source.with_suffix(".tif")
+    write_light_field(read_light_field(source), raw)
+    result = run("view", raw, "--camera", camera, "--single-file", tmp_path / "page.html")
     found = find_slope_range(read_light_field(source))
     low, high = (lens.slope_to_depth(end) for end in (found.low, found.high))
     assert f"to {found.high:+.2f}, {low:+.4g} to {high:+.4g} mm" in result.output
+    # Copied commands and Python read it by the camera too, whose number of views they need.
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert f'"reading": {json.dumps({"views": 3, "camera": str(camera)})}' in page

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from lf_flame.calibration import CameraLaw
 from lf_flame.commands.cli import commands
 from lf_flame.formats.images import read_image
 from lf_flame.refocus import aperture_weights, shift_and_sum
@@ -33,6 +34,15 @@ def test_a_page_shows_what_python_computes(
     source = tmp_path / "it's a $(field).npy"
     np.save(source, exhibit.coded.codes.reshape(shape))
     object.__setattr__(exhibit, "source", str(source))
+    if shape[0] == shape[1]:  # the page shows what a calibration corrects
+        fall_off = rng.uniform(0.6, 0.9, shape[:2]).round(4)
+        law = CameraLaw(
+            slope_at_infinity=2.0, slope_mm=-800.0, centre_mm=-400.0, scale=0.002, views=shape[0],
+            depth_range_mm=(-37.5, 37.5), lenslets=shape[2:], fall_off=fall_off.tolist(),
+        )  # fmt: skip
+        (tmp_path / "law.toml").write_text(law.to_toml(), encoding="utf-8")
+        np.save(source, views * fall_off[..., None, None])
+        object.__setattr__(exhibit, "reading", {"camera": str(tmp_path / "law.toml")})
     object.__setattr__(exhibit, "title", "</script><img src=x onerror='globalThis.owned=1'>")
     (tmp_path / "page.html").write_text(single_page(exhibit, 10**8)[0], encoding="utf-8")
     tab.page.context.set_offline(True)
@@ -62,6 +72,13 @@ def test_a_page_shows_what_python_computes(
     exec(tab.page.locator("code").inner_text(), names)
     shown = 255 * names["image"].reshape(*shape[2:4], -1)
     assert np.abs(shown - tab.canvas()).max() <= 1
+    # A page with every second view: its viewpoint is in steps of two.
+    tab.page.evaluate(
+        "() => lfViewer.metadata.positions.forEach((x) => x.forEach((_, i) => (x[i] *= 2)))"
+    )
+    for button, words in (("command", "--viewpoint -1 0.5"), ("Python", "centre=(-1, 0.5)")):
+        tab.page.get_by_role("button", name=f"Copy {button}").click()
+        assert words in tab.page.locator("code").inner_text()
     assert tab.page.evaluate("() => document.documentElement.scrollWidth") == width
     assert all(url.startswith(("file:", "data:", "blob:")) for url in tab.requests)
     assert tab.page.evaluate("() => globalThis.owned") is None

@@ -6,6 +6,14 @@ const short = (x) => String(Number(x.toPrecision(6)));
 const isWhole = ({ shape, width, ring, centre }) =>
   shape === "square" && width === 1 && ring === 0 && centre.every((at) => at === 0);
 
+/** Viewpoint in views of the source, of which a page in one file may have every second. */
+const viewpoint = ({ positions }, { centre }) =>
+  centre.map((at, axis) => {
+    const index = at + (positions[axis].length - 1) / 2;
+    const [below, above] = [Math.floor(index), Math.ceil(index)].map((i) => positions[axis][i]);
+    return short(below + (above - below) * (index % 1));
+  });
+
 // A name that begins with a dash would be taken for an option.
 const asPath = (text) => shellQuoted(text.startsWith("-") ? `./${text}` : text);
 
@@ -21,7 +29,7 @@ export function command(metadata, state) {
     words.push(`--aperture ${short(state.width)}`);
     if (state.shape === "square") words.push("--square");
     if (state.ring) words.push(`--ring ${short(state.ring)}`);
-    if (state.centre.some((at) => at !== 0)) words.push(`--viewpoint ${state.centre.map(short).join(" ")}`);
+    if (state.centre.some((at) => at !== 0)) words.push(`--viewpoint ${viewpoint(metadata, state).join(" ")}`);
   }
   if (state.gain !== 1) words.push(`--gain ${short(state.gain)}`);
   if (state.gamma !== 1) words.push(`--gamma ${short(state.gamma)}`);
@@ -30,25 +38,26 @@ export function command(metadata, state) {
 
 /** Lines of Python; JSON's strings are Python's. */
 export function python(metadata, state) {
-  const { focused: calibration, ...others } = metadata.reading;
-  const given = calibration ? { calibration, ...others } : others;
+  const { camera, ...given } = metadata.reading;
   const options = Object.entries(given).map(([name, x]) => `${name}=${JSON.stringify(x)}`);
   const called = [JSON.stringify(metadata.source), ...options].join(", ");
-  const raw = given.white || given.pitch;
-  const reader = calibration ? "read_focused" : raw ? "read_raw" : "read_light_field";
   const lines = [
-    `from lf_flame.formats import ${reader}`,
+    "from lf_flame import read_light_field",
     "from lf_flame.refocus import refocus",
-    `light_field${reader === "read_raw" ? ", _" : ""} = ${reader}(${called})`,
+    `light_field = read_light_field(${called})`,
   ];
+  if (camera) {
+    lines.push("from lf_flame import read_lens");
+    lines.push(`light_field = read_lens(${JSON.stringify(camera)}).corrected(light_field)`);
+  }
   const all = state.overlay === "focus";
   let weights = "";
   if (!all && !isWhole(state)) {
-    const { shape, width, ring, centre } = state;
+    const { shape, width, ring } = state;
     lines.push("from lf_flame.refocus import aperture_weights");
     lines.push(
       `weights = aperture_weights(light_field.views.shape[:2], ${short(width)}, ` +
-        `ring=${short(ring)}, shape="${shape}", centre=(${centre.map(short).join(", ")}))`,
+        `ring=${short(ring)}, shape="${shape}", centre=(${viewpoint(metadata, state).join(", ")}))`,
     );
     weights = ", weights=weights";
   }
