@@ -100,8 +100,14 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     from lf_flame._common.atomic_files import exclusive
 
     reading = Reading(**options)
-    if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
+    inputs = {path.resolve() for path in (source, *reading.files)}
+    as_array = target.suffix.lower() in ARRAYS
+    # A picture in a folder that is read may be one of its views.
+    is_view = not as_array and target.is_file() and target.parent.resolve() in inputs
+    if is_view or target.resolve() in inputs:
         raise InputError(f"{target} is an input, and cannot be replaced; name another file.")
+    if bits and as_array:
+        raise InputError(f"--bits does not apply to {target}, which stores floats unchanged.")
     with exclusive(target):
         light_field = reading.read(source)
         linear = not reading.coded

@@ -21,9 +21,6 @@ from lf_flame.commands.options import (
 )
 from lf_flame.errors import InputError
 
-LONG_S = 600
-"""Time in seconds beyond which a simulation is announced."""
-
 
 def _effect_options(command):
     """Add the options that decide which effects are simulated."""
@@ -138,7 +135,7 @@ def simulate(scene: Path, out, overwrite, tolerance, on, off, seed, integrator) 
             plan = plan_effects(
                 layers, camera, tolerance, effects, stated=stated, integrator=integrator
             )
-        if plan.seconds > LONG_S:
+        if plan.seconds > 600:
             report(
                 f"This takes about {plan.seconds / 60:.0f} minutes; a larger --tolerance than "
                 f"{plan.tolerance:.2g} takes less."

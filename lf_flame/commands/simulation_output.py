@@ -15,9 +15,6 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.scene import Scene
 
-PER_SIDE = 5
-"""Largest number of views along each axis of a sheet."""
-
 
 def write_simulation(
     light_field: LightField, scene: Scene, camera: PlenopticCamera, out: OutputFolder
@@ -50,10 +47,9 @@ def write_simulation(
 
 
 def _view_sheet(views: np.ndarray) -> Figure:
-    """Draw sub-aperture views, shape (v, u, t, s), spread evenly over the aperture."""
+    """Draw sub-aperture views, (v, u, t, s): up to 5 x 5, spread evenly over the aperture."""
     rows, columns = (
-        np.unique(np.linspace(0, n - 1, min(n, PER_SIDE)).round().astype(int))
-        for n in views.shape[:2]
+        np.unique(np.linspace(0, n - 1, min(n, 5)).round().astype(int)) for n in views.shape[:2]
     )
     height, width = views.shape[2:]
     aspect = np.clip(height / width, 0.1, 10)  # a line of lenslets would make an endless sheet

@@ -21,7 +21,7 @@ from lf_flame.formats import (
     write_light_field,
 )
 from lf_flame.formats.images import write_image
-from lf_flame.refocus import refocus, round_aperture, shift_and_sum
+from lf_flame.refocus import refocus, refocus_surface, round_aperture, shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.training import load_system
 
@@ -171,7 +171,8 @@ def test_a_trained_network_refocuses(leaves, system_runs, tmp_path, monkeypatch)
 
 @pytest.mark.parametrize("how", ["dense", "network"])
 def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
-    options = ["--network", system_runs / "volumetric"] if how == "network" else []
+    aperture = ["--aperture", 0.9, "--interpolation", "cubic"]
+    options = ["--network", system_runs / "volumetric"] if how == "network" else aperture
     regions = ["--region", 16, 44, 10, 50, "--region", 16, 44, 70, 110]
     shown = run(leaves, *regions, *options, "--out", tmp_path / "out").stdout
     assert "region 16 44 10 50: slope +0.8" in shown
@@ -190,6 +191,10 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how, drawn):
         assert np.isfinite(image).all()
     else:
         assert error < 0.1 < np.abs(image - views[4, 4])[:3].mean()
+        weights = round_aperture((9, 9), 0.9)
+        expected = refocus_surface(views, surface, interpolation="cubic", weights=weights)
+        np.testing.assert_allclose(image, expected, atol=1e-4)
+        assert written["views_used"] == "those in the aperture"
 
 
 @pytest.mark.slow
@@ -239,8 +244,12 @@ def test_what_is_read_is_not_converted_over(folder, tmp_path):
         with pytest.raises(InputError, match="is an input, and cannot be replaced"):
             run(tmp_path / "x.tif", target, "--views", 5, command="convert")
     assert (tmp_path / "x.tif").read_bytes() == before
-    with pytest.raises(InputError, match="is an input, and cannot be replaced"):
-        run(folder, tmp_path / "x.tif", "--white", tmp_path / "x.tif", command="convert")
+    for target, more in ((tmp_path / "x.tif", ["--white", tmp_path / "x.tif"]),
+                         (folder / "view_00_00.png", [])):  # fmt: skip
+        with pytest.raises(InputError, match="is an input, and cannot be replaced"):
+            run(folder, target, *more, command="convert")
+    for _ in range(2):  # an array in a folder of views is none of them
+        run(folder, folder / "views.npz", command="convert")
 
 
 def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, capsys):
