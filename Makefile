@@ -86,9 +86,9 @@ tables: scored $(RESULTS)/table2_baselines.json $(RESULTS)/table1_baselines.json
 	@$(EXPERIMENT) tables $(RESULTS) $(REFERENCE) --out $(RESULTS)/tables.md
 scored: $(RESULTS)/table2.csv $(RESULTS)/table1.csv
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml | $(VENV)/installed
-	$(EXPERIMENT) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
+	$(EXPERIMENT) evaluate $(RUNS)/shapes --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml | $(VENV)/installed
-	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
+	$(EXPERIMENT) evaluate $(RUNS)/flames --out $(RESULTS)
 $(RESULTS)/table1_baselines.json: $(DATA)/shapes.zarr/zarr.json experiments/shapes.toml | $(VENV)/installed
 	@$(EXPERIMENT) baselines $(DATA)/shapes.zarr experiments/shapes.toml --out $(RESULTS) $(SEEDED) >/dev/null
 $(RESULTS)/table2_baselines.json: $(DATA)/flames.zarr/zarr.json experiments/flames.toml | $(VENV)/installed

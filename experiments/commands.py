@@ -61,18 +61,16 @@ def slopes(configs: tuple[Path, ...], out: Path | None) -> None:
 
 @cloup.command()
 @click.argument("run", type=FOLDER)
-@click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
-@click.option("--figure", required=True, type=click.Choice(["figure7", "figure8"]))
 @option("--out", "Results folder.", FOLDER, required=True)
-def evaluate(run: Path, table: str, figure: str, out: Path) -> None:
+def evaluate(run: Path, out: Path) -> None:
     """Score the test split of a finished RUN, and write its table and figure.
 
-    OUT gets TABLE.csv and .json, TABLE_history.csv and FIGURE.png.
+    OUT gets table1.csv, .json, table1_history.csv and figure7.png; for flames table2 and figure8.
     """
     load_keras()
     from experiments.paper.evaluation import evaluate_run
 
-    evaluate_run(run, table, figure, out)
+    evaluate_run(run, out)
 
 
 @cloup.command()

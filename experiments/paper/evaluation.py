@@ -20,6 +20,7 @@ from lf_flame._common.input_files import read_text
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import render_sample, search_slopes
 from lf_flame.datasets.store import Dataset, split_indices
+from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scores import score, ssim
 from lf_flame.learning.training_config import TrainingConfig
@@ -76,16 +77,21 @@ def baseline_report(data: Path, config: TrainingConfig, out: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
+def evaluate_run(folder: Path, out: Path) -> None:
     """Score a run's test split; write its table, and the figure of its first test sample.
 
-    Writes ``FIGURE.png``, ``TABLE_history.csv``, ``TABLE.json`` and, last because make looks at it,
-    ``TABLE.csv``.
+    Writes ``figure7.png``, ``table1_history.csv``, ``table1.json`` and, last because make looks at
+    it, ``table1.csv``; for flames ``figure8.png`` and the files of ``table2``.
     """
-    record = dict(open_run(run).record)
-    paper = read_paper_values(table)
-    tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
-    dataset, indices, predictions = open_run(run).predict_test_split()
+    run = open_run(folder)
+    table = TABLES[run.config.kind]
+    figure = {"table1": "figure7", "table2": "figure8"}[table]
+    record, paper = dict(run.record), read_paper_values(table)
+    planes = [paper["object"], paper["depth_mm"]]
+    if [run.objects, run.config.depths_mm] != planes or run.config.shuffled_depths:
+        raise InputError(f"{folder} must be a run of the paper's {planes[0]} at {planes[1]} mm.")
+    tqdm.write(f"Scoring {record['parts']['test']} test samples of {folder}")
+    dataset, indices, predictions = run.predict_test_split()
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)
     del record["test_indices"]
@@ -106,7 +112,7 @@ def evaluate_run(run: Path, table: str, figure: str, out: Path) -> None:
         f"({record['preset']} recipe)",
     )
     figures.save(picture, out / f"{figure}.png")
-    write_text(out / f"{table}_history.csv", read_text(run / "history.csv"))
+    write_text(out / f"{table}_history.csv", read_text(folder / "history.csv"))
     write_json(out / f"{table}.json", record)
     shown = scores[["depth_mm", "psnr_db", "paper_psnr_db", "ssim", "paper_ssim"]].round(3)
     tqdm.write(f"{markdown(shown)}\n")

@@ -57,10 +57,6 @@ def read_paper_values(table: str) -> dict:
 
 def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
     """Join the printed values to the scores of the planes; columns as in `COLUMNS`."""
-    if len(scores) != len(paper["depth_mm"]):
-        raise InputError(
-            f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
-        )
     table = scores.assign(depth_mm=paper["depth_mm"], object=paper["object"])
     return table.assign(paper_ssim=paper["ssim"], paper_psnr_db=paper["psnr_db"])[COLUMNS]
 

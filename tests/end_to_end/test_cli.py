@@ -171,8 +171,7 @@ def test_from_data_set_to_table(tmp_path):
         result = run_here(*training, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "Weights of the backbone: random (seed 2), conv3." in result.stderr
-    scored = "evaluate run --table table2 --figure figure8 --out results"
-    result = experiment(*scored.split(), cwd=tmp_path)
+    result = experiment("evaluate", "run", "--out", "results", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     table = pd.read_csv(tmp_path / "results" / "table2.csv")
     assert list(table.columns) == [

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from experiments.linear import RIDGE, STRENGTHS, Ridge
+from experiments.paper import evaluation
 from experiments.paper.evaluation import score_baselines, score_windows
 from experiments.paper.tables import (
     compare_table,
@@ -72,6 +73,16 @@ def test_the_paper_prints_these_values():
     flames = read_paper_values("table2")
     assert flames["psnr_db"] == [41.64, 39.416, 40.06, 41.87]
     assert flames["ssim"] == [0.91, 0.94, 0.96, 0.95]
+
+
+@pytest.mark.parametrize("changed", [{"depths_mm": [20, 10]}, {"shuffled_depths": True}], ids=str)
+def test_a_run_of_other_scenes_gets_no_table(changed, tmp_path, monkeypatch):
+    config = {"kind": "shapes", "depths_mm": [20, 10, 0, -10], "shuffled_depths": False} | changed
+    objects = ["rectangle", "triangle", "circle", "square"]
+    run = SimpleNamespace(record={}, objects=objects, config=SimpleNamespace(**config))
+    monkeypatch.setattr(evaluation, "open_run", lambda folder: run)
+    with pytest.raises(InputError, match="must be a run of the paper's .*'rectangle'"):
+        evaluation.evaluate_run(tmp_path / "run", tmp_path)
 
 
 class Scenes(SimpleNamespace):
