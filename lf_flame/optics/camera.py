@@ -180,13 +180,14 @@ class PlenopticCamera(Lens):
                 f"exit_pupil_mm must leave the entrance pupil in front of the focal plane, got "
                 f"{self.exit_pupil_mm}."
             )
-        object.__setattr__(self, "lenslets", tuple(self.lenslets))
-        counts = (self.views, *self.lenslets)
-        if len(counts) != 3 or min(counts) < 1 or max(counts) > MOST_PER_AXIS:
+        counts = (self.views, *np.atleast_1d(self.lenslets).tolist())
+        if len(counts) != 3 or not all(1 <= n <= MOST_PER_AXIS and n % 1 == 0 for n in counts):
             raise InputError(
-                f"views must be one number and lenslets two, of 1 to {MOST_PER_AXIS} each, "
+                f"views must be one whole number and lenslets two, of 1 to {MOST_PER_AXIS} each, "
                 f"got views={self.views}, lenslets={self.lenslets}."
             )
+        object.__setattr__(self, "views", int(self.views))
+        object.__setattr__(self, "lenslets", tuple(map(int, counts[1:])))
         if self.pixel_mm * self.views > self.micro_image_pitch_mm * (1 + 1e-9):
             raise InputError(
                 f"pixel_pitch_mm must be at most {self.micro_image_pitch_mm / self.views:.6g} for "

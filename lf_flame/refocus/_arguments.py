@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import as_numbers
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField, as_view_weights, in_order
 
@@ -55,17 +56,6 @@ def as_grey(light_field: Views) -> np.ndarray:
     views = as_views(light_field)
     refuse_not_finite(views)
     return as_readable(views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32))
-
-
-def as_numbers(values: ArrayLike, name: str) -> np.ndarray:
-    """Real numbers as float64; text, complex numbers and rows of unequal length are refused."""
-    try:
-        numbers = np.asarray(values)
-        if numbers.dtype.kind in "biufO":
-            return numbers.astype(float)
-    except (TypeError, ValueError):
-        pass
-    raise InputError(f"{name} must be real numbers, got {reprlib.repr(values)}.")
 
 
 def for_slopes(stack: np.ndarray, slopes: ArrayLike) -> np.ndarray:

@@ -8,10 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lf_flame._common.arrays import centred
+from lf_flame._common.arrays import as_numbers, centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus._arguments import as_numbers
 
 
 def aperture_weights(

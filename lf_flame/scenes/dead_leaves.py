@@ -81,9 +81,8 @@ class DeadLeaves:
         self, views: tuple[int, int], image: tuple[int, int], rng: np.random.Generator
     ) -> LightField:
         """Draw a grey light field of (v, u) views and (t, s) pixels, with values from 0 to 1."""
-        leaves = self._draw_leaves(image, rng)
         out = np.empty((*views, *image), np.float32)
-        render_leaves(leaves, rng.uniform(), out)
+        render_leaves(self._draw_leaves(image, rng), rng.uniform(), out)
         return LightField(out)
 
     def _draw_leaves(self, image: tuple[int, int], rng: np.random.Generator) -> Leaves:

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import as_numbers
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
@@ -111,6 +112,7 @@ class Layer:
     ):
         # Sums over a few layers of the largest radiance are still float32 numbers.
         cells = _checked_cells(texture, "texture", most=1e36)
+        depth_mm, thickness_mm = _checked_pair((depth_mm, thickness_mm), "depth_mm, thickness_mm")
         if not (abs(depth_mm) < LARGEST_MM and 0 <= thickness_mm < LARGEST_MM):
             raise InputError(
                 f"depth_mm of a layer must be finite and thickness_mm 0 or above, within "
@@ -120,9 +122,9 @@ class Layer:
             coverage = _checked_cells(coverage, "coverage", cells.shape, most=1)
             if not opaque:
                 raise InputError("coverage needs opaque=True, got opaque=False.")
-        if np.ndim(optical_thickness) == 0:
-            optical_thickness = np.full(cells.shape, optical_thickness, np.float64)
-        tau = _checked_cells(optical_thickness, "optical_thickness", cells.shape)
+        tau = as_numbers(optical_thickness, "optical_thickness")
+        tau = np.full(cells.shape, tau) if tau.ndim == 0 else tau
+        tau = _checked_cells(tau, "optical_thickness", cells.shape)
         if opaque and (thickness_mm or tau.any()):
             raise InputError(
                 f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
@@ -178,17 +180,16 @@ def _checked_cells(
     values: ArrayLike, name: str, shape: tuple[int, ...] | None = None, most: float = np.inf
 ) -> np.ndarray:
     """Read-only float64 cells from an argument, checked."""
-    cells = np.asarray(values)
-    if cells.ndim != 2 or cells.size == 0 or cells.dtype.kind not in "biuf":
+    cells = as_numbers(values, f"A layer's {name}")
+    if cells.ndim != 2 or cells.size == 0:
         raise InputError(
             f"A layer's {name} must be a grey image with rows and columns, "
-            f"got an array of shape {cells.shape} and type {cells.dtype}."
+            f"got an array of shape {cells.shape}."
         )
     if shape is not None and cells.shape != shape:
         raise InputError(
             f"A layer's {name} must have the texture's shape {shape}, got {cells.shape}."
         )
-    cells = np.array(cells, dtype=np.float64)
     if not np.all(np.isfinite(cells)) or cells.min() < 0 or cells.max() > most:
         limit = f", at most {most:g}" if most < np.inf else ""
         raise InputError(
@@ -200,7 +201,7 @@ def _checked_cells(
 
 
 def _checked_pair(values: ArrayLike, name: str) -> tuple[float, float]:
-    pair = np.asarray(values, np.float64)
+    pair = as_numbers(values, name)
     if pair.shape != (2,) or not np.isfinite(pair).all():
         raise InputError(f"{name} must be two finite numbers, got {values!r}.")
     return float(pair[0]), float(pair[1])
@@ -239,14 +240,14 @@ class Scene:
     front_to_back: tuple[Layer, ...] = field(init=False)
 
     def __init__(self, layers: Sequence[Layer]):
+        layers = tuple(layers)
+        if not layers or not all(isinstance(layer, Layer) for layer in layers):
+            raise InputError(f"A scene needs layers, one or more, got {list(map(type, layers))}.")
         ordered = sorted(layers, key=lambda layer: (layer.depth_mm, layer.opaque))
-        vars(self).update(layers=tuple(layers), front_to_back=tuple(ordered))
-        if not self.layers:
-            raise InputError("A scene needs at least one layer, got none.")
+        vars(self).update(layers=layers, front_to_back=tuple(ordered))
         for (i, one), (j, other) in combinations(enumerate(self.layers, 1), 2):
-            if not (one.opaque and other.opaque and one.depth_mm == other.depth_mm):
-                continue
-            if all(_overlap(one, other, axis) for axis in (0, 1)):
+            meet = one.opaque and other.opaque and one.depth_mm == other.depth_mm
+            if meet and all(_overlap(one, other, axis) for axis in (0, 1)):
                 raise InputError(
                     f"Layers {i} and {j} are both opaque and overlap at depth "
                     f"{one.depth_mm} mm; one of them must be in front."
@@ -285,4 +286,5 @@ def _overlap(one: Layer, other: Layer, axis: int) -> bool:
     )
     # Layers that only touch do not overlap, whatever the rounding of their edges.
     touch = 1e-12 * (abs(low) + abs(high))
-    return min(high, other_high) - max(low, other_low) > touch
+    # The extent of a layer that covers nothing is NaN, which np.minimum keeps and min may not.
+    return bool(np.minimum(high, other_high) - np.maximum(low, other_low) > touch)

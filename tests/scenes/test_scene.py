@@ -134,6 +134,8 @@ def test_two_cards_at_one_depth_may_touch_but_not_overlap():
         Scene([card(0.2, 0.2), card(0.5, 4.0), card(0.8, 0.7 - 1e-6)])
     Scene([card(0.2, 0.2), card(0.8, 0.5, depth=3.1)])
     Scene([card(0.2, 0.2), card(0.8, 0.5, opaque=False)])
+    for order in (1, -1):  # all of one is a hole
+        Scene([card(0.2, 0.2), card(0.8, 0.5, coverage=[[0.0]])][::order])
 
 
 @pytest.mark.parametrize("size", [(12.0, 12.0), (0.1, 0.1), (0.1, 3.0), (7.3, 0.4), (5.0, 9.1)])
