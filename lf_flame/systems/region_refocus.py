@@ -93,7 +93,7 @@ def refocus_regions(
     views = as_views(light_field)
     cross = cross or unet is not None
     if unet is not None:
-        unet.check(views)
+        unet.check(light_field)
     shape = views.shape[:2]
     searched = only_views(shape, cross_of_views(*shape)) if cross else None
     found = [_find(light_field, region, slopes, searched) for region in regions]

@@ -76,12 +76,15 @@ def test_views_that_do_not_count_change_nothing(two_depths, cross, rng):
 
 @pytest.mark.slow
 def test_a_trained_unet_works_on_the_regions_image(two_depths):
-    """A network whose last layer adds a tenth."""
+    """A network whose last layer adds a tenth; it needs all views of the cross."""
     system = SparseUNet(build_unet())
     kernel, bias = system.model.layers[-2].get_weights()
     system.model.layers[-2].set_weights([0 * kernel, bias + 0.1])
     plain, _, _ = refocus_regions(two_depths, REGIONS[:1], cross=True)
     mended, _, _ = refocus_regions(two_depths, REGIONS[:1], unet=system)
     np.testing.assert_allclose(mended, np.clip(plain + 0.1, 0, 1), atol=1e-6)
+    missing = LightField(two_depths, weights=np.arange(81).reshape(9, 9) != 36)
+    with pytest.raises(InputError, match="needs the view in row 4, column 0"):
+        refocus_regions(missing, REGIONS[:1], unet=system)
     coloured = np.stack([two_depths] * 3, axis=-1)
     assert refocus_regions(coloured, REGIONS[:1], unet=system)[0].shape == (60, 120, 3)
