@@ -158,12 +158,12 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
                 f"{image} and another image would both go into {folder}; run twice (--out)."
             )
         refuse_folder(folder, "prediction.json", overwrite=overwrite)
-    from lf_flame.learning.prediction import input_size, predict, read_input
+    from lf_flame.learning.prediction import predict, read_input
     from lf_flame.learning.run_folders import open_run
 
     run = open_run(model)
-    size = input_size(run)
-    inputs = [read_input(image, size) for image in images]
+    encoding, size = run.config.input, run.config.input.image or run.config.image
+    inputs = [read_input(image, size, encoding) for image in images]
     for seen in inputs:
         for note in seen.notes:
             report(f"{printable(seen.source)}: {note}")

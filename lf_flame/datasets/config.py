@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from lf_flame._common.config import build, strict, to_json
+from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame.datasets.encodings import InputEncoding, block_of
 from lf_flame.datasets.templates import TEMPLATES, Template
@@ -167,11 +167,6 @@ def read_config(path: str | Path) -> DatasetConfig:
     """
     values = read_toml(path)
     return config_from_json(values, path)
-
-
-def config_to_json(config: DatasetConfig) -> dict[str, Any]:
-    """Turn a configuration into the JSON values that are stored with a data set."""
-    return to_json(config)
 
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:

@@ -74,7 +74,7 @@ class InputEncoding:
             return self.grid * height, self.grid * width, 1
         return height, width, CHANNELS if self.kind == "views" else 1
 
-    def _view_mesh(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    def view_mesh(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
         """Open mesh of the views to use, of rows x columns: indexes ``views[v, u]``."""
         if self.kind == "raw":
             v, u = np.ix_(range(rows), range(columns))
@@ -85,7 +85,7 @@ class InputEncoding:
 
     def view_indices(self, rows: int, columns: int) -> list[tuple[int, int]]:
         """List row and column of each view to use, of rows x columns."""
-        down, across = self._view_mesh(rows, columns)
+        down, across = self.view_mesh(rows, columns)
         return list(product(down.ravel().tolist(), across.ravel().tolist()))
 
     def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
@@ -105,9 +105,9 @@ class InputEncoding:
         """
         size, views = self.image or output, light_field.views
         if self.kind == "raw":
-            # A pixel is a mean over whole micro-images, and therefore over the photograph.
-            return area_average(light_field.photograph, size)[..., None]
-        return self._arrange(views[self._view_mesh(*views.shape[:2])], size)
+            # A pixel is a mean over whole micro-images, also over views that have weight 0.
+            return area_average(views.mean(axis=(0, 1), dtype=np.float64), size)[..., None]
+        return self._arrange(views[self.view_mesh(*views.shape[:2])], size)
 
     def project(self, projector: Projector, output: tuple[int, int]) -> np.ndarray:
         """Encode a scene as `encode` would encode its light field, without forming it.
@@ -128,7 +128,7 @@ class InputEncoding:
         block = block_of(camera.lenslets, size)
         if self.kind == "raw":
             return np.clip(projector.refocus(0.0, block=block)[0], 0, 1)[..., None]
-        down, across = self._view_mesh(camera.views, camera.views)
+        down, across = self.view_mesh(camera.views, camera.views)
         indices = self.view_indices(camera.views, camera.views)
         views = projector.align_views(0.0, indices, (1, 1) if self.kind == "central" else block)[0]
         return self._arrange(views.reshape(down.size, across.size, *views.shape[1:]), size)

@@ -20,9 +20,9 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import progress, provenance
 from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_leftovers
-from lf_flame._common.config import build
+from lf_flame._common.config import build, to_json
 from lf_flame._common.workers import carry_out
-from lf_flame.datasets.config import DatasetConfig, config_to_json
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.datasets.store import Attributes, check_file
 from lf_flame.errors import InputError
@@ -119,7 +119,7 @@ def _begin(part: Path, config: DatasetConfig, samples: int) -> None:
             "objects": [o.name for o in config.template.objects],
             "plan": config.plan.to_json(),
             "rays": rays,
-            "config": config_to_json(config),
+            "config": to_json(config),
         })  # fmt: skip
 
 
@@ -154,7 +154,7 @@ def _open_begun(part: Path, config: DatasetConfig, samples: int) -> tuple[Attrib
         )
     file = ZarrFile(part)
     begun = build(Attributes, file.attributes, file.metadata)
-    if begun.config != config_to_json(config) or check_file(file, config) != samples:
+    if begun.config != to_json(config) or check_file(file, config) != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; remove it or "
             f"choose another folder."

@@ -24,7 +24,7 @@ from lf_flame.formats.array_files import ZarrFile
 class Attributes:
     """Attributes of a data set that are read again, `build` from them; others say its origin."""
 
-    config: dict[str, Any]  # from `config_to_json`
+    config: dict[str, Any]  # from `to_json`
     slopes: list[float]  # of the targets
     objects: list[str]  # names
     rays: int | None  # number per pixel along each axis, if the route traces rays

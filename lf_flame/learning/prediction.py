@@ -11,11 +11,12 @@ from skimage.color import rgb2gray
 from skimage.transform import resize
 
 from lf_flame._common.atomic_files import output_folder, recorded_path
-from lf_flame.datasets.encodings import area_average
+from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
 from lf_flame.learning.run_folders import TrainedRun
+from lf_flame.lightfield import LightField
 
 if TYPE_CHECKING:
     import keras
@@ -36,22 +37,14 @@ class NetworkInput:
     notes: list[str]
 
 
-def input_size(run: TrainedRun) -> tuple[int, int]:
-    """Height and width of a network's input images; several views as input are refused."""
-    encoding = run.config.input
-    if encoding.kind not in ("raw", "central"):
-        raise InputError(
-            f"This network takes several views ({encoding.kind!r}), which no picture contains; "
-            f"only networks with one picture as input can be applied to one."
-        )
-    return encoding.image or run.config.image
-
-
-def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
+def read_input(
+    source: str | Path, size: tuple[int, int], encoding: InputEncoding | None = None
+) -> NetworkInput:
     """Read an image or a light field, and bring it to the network's size as in training.
 
     It is area-averaged if the network's size divides its size (deviation 5: a raw lenslet image and
-    the photograph of its light field therefore are the same input), else interpolated.
+    the photograph of its light field therefore are the same input), else interpolated. With the
+    encoding "central", pixels of the image, or of the central view, are picked, not averaged.
 
     Parameters
     ----------
@@ -60,11 +53,14 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
         (Rec. 709).
     size : (int, int)
         Height and width of the network's images.
+    encoding : InputEncoding, optional
+        Encoding of the network's input, "raw" (the default) or "central".
 
     Raises
     ------
     InputError
-        If it cannot be read, has NaN or infinite values, or another aspect ratio than `size`.
+        If it cannot be read, has NaN or infinite values, or another aspect ratio than `size`, or
+        if the encoding takes several views.
 
     Examples
     --------
@@ -74,8 +70,13 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
     >>> read_input("picture.npy", (90, 180)).image.shape
     (90, 180)
     """
-    source = Path(source)
-    picture = _read_grey(source)
+    source, encoding = Path(source), encoding or InputEncoding()
+    if encoding.kind not in ("raw", "central"):
+        raise InputError(
+            f"This network takes several views ({encoding.kind!r}), which no picture contains; "
+            f"only networks with one picture as input can be applied to one."
+        )
+    picture = _read_grey(source, encoding)
     (height, width), (rows, columns) = picture.shape, size
     if abs((width * rows) / (height * columns) - 1) > ASPECT_TOLERANCE:
         raise InputError(
@@ -90,14 +91,17 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
         )
     if height % rows or width % columns:
         notes.append(f"{height} x {width} is not a multiple of {rows} x {columns}: interpolated")
-        picture = resize(picture, size, anti_aliasing=True)
-    return NetworkInput(source, area_average(picture, size), notes)
+        picture = resize(picture, size, anti_aliasing=encoding.kind == "raw")
+    shown = encoding.encode(LightField(picture[None, None]), size)
+    return NetworkInput(source, shown[..., 0], notes)
 
 
-def _read_grey(source: Path) -> np.ndarray:
-    """Read the photograph of a light field; an image is treated as a light field of one view."""
+def _read_grey(source: Path, encoding: InputEncoding) -> np.ndarray:
+    """Read the mean view of a light field, or its central one; an image is taken for one view."""
     try:
-        picture = read_light_field(source, views=1).photograph
+        light_field = read_light_field(source, views=1)
+        views = light_field.filled[encoding.view_mesh(*light_field.shape[:2])]
+        picture = views.mean(axis=(0, 1), dtype=np.float64)  # excluded ones, too, as in training
     except InputError as error:
         if str(source) in str(error):
             raise

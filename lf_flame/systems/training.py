@@ -21,7 +21,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.input_files import read_toml
-from lf_flame.datasets.config import DatasetConfig, config_to_json, read_config
+from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
 from lf_flame.learning.fitting import Batches, Fit, Run, assign_weights, train_in_folder
 from lf_flame.learning.keras_loading import load_model
@@ -304,7 +304,7 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         "preset": preset,
         "seed": config.seed,
         "training_samples": training_samples,
-        "sample_configs": [config_to_json(one) for one in config.training_samples.configs],
+        "sample_configs": [to_json(one) for one in config.training_samples.configs],
         "recipe": asdict(recipe),
     }
     metadata = {"title": system.name, "parameters": system.parameters}

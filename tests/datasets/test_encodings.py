@@ -1,5 +1,7 @@
 """What an image network is shown of a light field."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,9 +17,11 @@ def light_field(rng):
 
 
 def test_raw_is_the_raw_image_resized_by_area(light_field):
-    found = InputEncoding().encode(light_field, SIZE)
+    """Excluded views, such as a round aperture cuts, are in the raw image, too."""
     blocks = light_field.to_raw().reshape(4, 10, 6, 10).mean(axis=(1, 3))
-    np.testing.assert_allclose(found[..., 0], blocks, atol=1e-6)
+    for weights in (None, np.eye(5)):
+        found = InputEncoding().encode(replace(light_field, weights=weights), SIZE)
+        np.testing.assert_allclose(found[..., 0], blocks, atol=1e-6)
 
 
 def test_central_is_the_raw_image_resized_without_averaging(rng):

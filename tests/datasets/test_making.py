@@ -12,8 +12,8 @@ import pytest
 import zarr
 
 from lf_flame import InputError, render
+from lf_flame._common.config import to_json
 from lf_flame.datasets import making
-from lf_flame.datasets.config import config_to_json
 from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset, shard_size
 from lf_flame.datasets.sampling import simulate_sample
 from lf_flame.datasets.store import Dataset, split_indices
@@ -101,7 +101,7 @@ if __name__ == "__main__":
 @pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of):
     (tmp_path / "make.py").write_text(MAKE)
-    settings = json.dumps(config_to_json(tiny)), str(tmp_path / "a.zarr")
+    settings = json.dumps(to_json(tiny)), str(tmp_path / "a.zarr")
     made = tmp_path / "a.zarr.part" / "complete" / "c"
     command = [sys.executable, tmp_path / "make.py", *settings]
     with subprocess.Popen(command) as process:

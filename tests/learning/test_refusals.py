@@ -13,15 +13,15 @@ from builders import RUN
 from lf_flame import InputError
 from lf_flame._common.config import build
 from lf_flame._common.input_files import LIMIT
+from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.store import split_indices
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.keras_loading import check_keras, load_model
-from lf_flame.learning.prediction import input_size
+from lf_flame.learning.prediction import read_input
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training_config import Recipe
 
 MADE = RUN["dataset"]
-SEES_VIEWS = MADE["config"] | {"input": {"kind": "views"}}
 
 
 def record(record):
@@ -164,7 +164,7 @@ REFUSED = [
         "a run of the system refocusnet; it must be of the paper's network, by `lf",
     ),
     (
-        lambda: input_size(record(RUN | {"dataset": MADE | {"config": SEES_VIEWS}})),
+        partial(read_input, "picture.png", (40, 64), InputEncoding("views")),
         r"This network takes several views \('views'\)",
     ),
     (another_output, r"into \(8, 8, 2\), but it should turn .* into \(2, 40, 64, 1\)"),
