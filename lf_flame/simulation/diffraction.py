@@ -154,14 +154,14 @@ def main_lens_spread_mm(camera: PlenopticCamera) -> float:
 
 
 def main_lens_share_leaving(camera: PlenopticCamera) -> float:
-    """Share of the light on a lenslet, where it is even, that diffraction moves out of it."""
+    """Share of the light on a pixel of a view, where it is even, that diffraction moves out."""
     spread = main_lens_spread_mm(camera)
-    return diffraction.share_leaving_square(spread, camera.lenslet_pitch_mm, _is_round(camera))
+    return diffraction.share_leaving_square(spread, camera.grid_pitch_mm, _is_round(camera))
 
 
 def blur_whole_lenslets(views: np.ndarray, camera: PlenopticCamera) -> np.ndarray:
-    """Blur views by diffraction at the main lens, as if light were even over each lenslet."""
-    spread, pitch = main_lens_spread_mm(camera), camera.lenslet_pitch_mm
+    """Blur views by diffraction at the main lens, as if light were even over each pixel."""
+    spread, pitch = main_lens_spread_mm(camera), camera.grid_pitch_mm
     return diffraction.blur_views(views, spread, pitch, _is_round(camera))
 
 
@@ -180,34 +180,26 @@ def blur_planes(planes: list[Plane], camera: PlenopticCamera) -> list[Plane]:
 
     None of the planes may attenuate another.
     """
-    blurred = []
-    for plane in planes:
-        layer = blur_layer(plane.layer, plane.emission, camera, plane.depth_mm)
-        blurred.append(Plane(layer.texture, None, plane.depth_mm, layer))
-    return blurred
+    layers = (blur_layer(p.layer, p.emission, camera, p.depth_mm) for p in planes)
+    return [replace(p, emission=x.texture, layer=x) for p, x in zip(planes, layers, strict=True)]
 
 
 def blur_layer(
-    layer: Layer,
-    emission: np.ndarray,
-    camera: PlenopticCamera,
-    depth_mm: float,
-    window_mm: tuple[Interval, Interval] | None = None,
+    layer: Layer, emission: np.ndarray, camera: PlenopticCamera, depth_mm: float
 ) -> Layer:
-    """Blur the light of a layer at a depth by diffraction; the result has cells of its own.
+    """Blur the light of a layer at a depth by diffraction, as far as the camera sees.
 
-    window_mm: range along y and along x in which it is needed. Default: what the camera sees.
+    The result has cells of its own.
     """
     gain = gain_on_layer(camera, depth_mm)
     spread = main_lens_spread_mm(camera) * gain
     if not (spread > 0 and emission.any()):
         return Layer(emission, depth_mm, layer.size_mm, layer.centre_mm)
     wanted = gain * camera.lenslet_pitch_mm / CELLS
-    window = window_mm or tuple(_seen_mm(camera, depth_mm, axis) for axis in (0, 1))
     grids = []
     for axis in (0, 1):
-        lit = layer.extent_mm(emission, axis)
-        grids.append(_Grid.over(layer.cell_edges_mm[axis], lit, window[axis], spread, wanted))
+        lit, seen = layer.extent_mm(emission, axis), _seen_mm(camera, depth_mm, axis)
+        grids.append(_Grid.over(layer.cell_edges_mm[axis], lit, seen, spread, wanted))
     cells = emission
     for axis, grid in enumerate(grids):
         cells = grid.cut(cells, axis)

@@ -183,8 +183,9 @@ CALLING = {
     "occlusion": (Scene([GLOW, Layer([[0.3]], -10.0, (0.8, 0.9), opaque=True)]), small()),
     "lenslet_diffraction": (Scene([GLOW]), small(wavelength_nm=550.0)),
     "shot_noise": (Scene([GLOW]), small(sensor=Sensor(1000.0))),
+    "layout": (Scene([GLOW]), small(layout="hexagonal")),
 }
-"""A scene that calls for some effects that need a light field."""
+"""Scenes and cameras that call for a light field."""
 
 
 @pytest.mark.parametrize("name", CALLING)

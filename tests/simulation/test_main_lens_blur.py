@@ -9,6 +9,7 @@ from scipy import special
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.simulation.diffraction import (
     blur_layer,
+    blur_whole_lenslets,
     main_lens_share_leaving,
 )
 
@@ -63,12 +64,27 @@ def test_light_from_beyond_the_field_comes_in(rng):
     assert 1 - ends[8, 0] < dark
 
 
+def test_a_leaning_layer_still_shines_equally_in_all_directions():
+    scene = Scene([Layer([[1.0]], 2.0, (8.0, 8.0), tilt_deg=(60, 0))])
+    found = render(scene, replace(CAMERA, lenslets=(4, 4)), effects=ONLY).views
+    np.testing.assert_allclose(found, 1, atol=5e-3)
+
+
+def test_views_of_a_hexagonal_array_are_blurred_on_their_own_grid(rng):
+    """As those of square lenslets with the same distances, behind the same aperture."""
+    hexagonal = replace(CAMERA, layout="hexagonal", **ROUND)
+    square = replace(CAMERA, lenslet_pitch_mm=hexagonal.grid_pitch_mm, **ROUND)
+    views = rng.random((1, 1, 16, 18)).astype(np.float32)
+    found, expected = (blur_whole_lenslets(views, camera) for camera in (hexagonal, square))
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+    assert main_lens_share_leaving(hexagonal) == pytest.approx(main_lens_share_leaving(square))
+
+
 @pytest.mark.parametrize("size", [(0.02, 0.02), (30.0, 0.5)])
 @pytest.mark.parametrize("cells", [(1, 1), (40, 3)])
 def test_all_light_is_kept_on_any_cells(rng, size, cells):
     layer = Layer(rng.random(cells), 5.0, size)
-    wide = ((-40.0, 40.0), (-40.0, 40.0))
-    blurred = blur_layer(layer, layer.texture, CAMERA, 5.0, wide)
+    blurred = blur_layer(layer, layer.texture, replace(CAMERA, lenslets=(650, 650)), 5.0)
     light = [
         one.texture.sum() * np.prod(one.size_mm) / one.texture.size for one in (layer, blurred)
     ]

@@ -339,8 +339,9 @@ NOT_SEPARABLE = {
     "read_noise": "is drawn for each pixel",
     "quantisation": "rounds each pixel",
     "saturation": "clips each pixel",
+    "layout": "of hexagons couples the sums along y and along x",
 }
-"""Effects for which a light field is not the product of sums along y and along x, with reasons."""
+"""Effects, and a layout, for which light is not summed along y and along x apart, with reasons."""
 
 TYPICAL_SENSOR = Sensor(exposure_e=8_000.0, full_well_e=10_000.0, bits=12, read_noise_e=2.0)
 """Sensor of an industrial camera: full well and noise as in EMVA 1288 data sheets of small pixels,

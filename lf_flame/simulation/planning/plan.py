@@ -96,6 +96,8 @@ class EffectPlan:
         Estimated time in seconds for the whole image on this machine.
     tolerance_by_noise : bool
         Whether the tolerance follows from the noise of the sensor, because none was stated.
+    hexagonal : bool
+        Whether the lenslets are hexagons, whose light is interpolated to the grid of the views.
     """
 
     tolerance: float
@@ -109,6 +111,7 @@ class EffectPlan:
     measured: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
     tolerance_by_noise: bool = False
+    hexagonal: bool = False
 
     @property
     def integrator(self) -> str:
@@ -117,12 +120,14 @@ class EffectPlan:
 
     @property
     def not_separable(self) -> dict[str, str]:
-        """Kept effects for which refocused images need a light field, each with the reason.
+        """Causes for which refocused images need a light field, each with the reason.
 
-        If it is empty, light only adds up, and its sums along y and along x are independent:
-        refocused images can then be computed directly from the scene (`lf_flame.projection`).
+        They are kept effects, and "layout" for an array of hexagons. If it is empty, light only
+        adds up, and its sums along y and along x are independent: refocused images can then be
+        computed directly from the scene (`lf_flame.projection`).
         """
         acts = {name for name in self.kept if name not in (*MATTER, *RAYS)} | set(self.traced)
+        acts |= {"layout"} if self.hexagonal else set()
         return {name: why for name, why in NOT_SEPARABLE.items() if name in acts}
 
     @property
@@ -295,7 +300,10 @@ def plan_effects(
             f"use integrator='auto', or force them off."
         )
     undivided = (1,) * len(scene.layers)
-    plan = EffectPlan(tolerance, planned, undivided, 1, traced, tolerance_by_noise=by_noise)
+    plan = EffectPlan(
+        tolerance, planned, undivided, 1, traced, tolerance_by_noise=by_noise,
+        hexagonal=camera.layout == "hexagonal",
+    )  # fmt: skip
     by_rays = integrator == "rays" or bool(traced)
     counts = find_counts(bounds.pixels, plan.kept, traced, tolerance, by_rays, rays)
     seconds = bounds.pixels.time(plan.kept, traced, counts)
