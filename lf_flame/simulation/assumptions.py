@@ -12,7 +12,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.planning.effects import CAUSES, EFFECTS, TYPICAL_SENSOR, is_stated
 from lf_flame.simulation.planning.plan import EffectPlan, PlannedEffect, plan_effects
-from lf_flame.simulation.rendering import render_plan
+from lf_flame.simulation.rendering import CROSSING, render_plan
 
 MEASURING_RAYS = 4
 """Number of rays per pixel along each axis, if rays are traced. Images with and without an effect
@@ -99,8 +99,9 @@ def measure_changes(
     """Measure the change of the image by each effect of a plan, by rendering with and without it.
 
     An effect whose cause the camera does not state is measured at a typical value of the cause
-    (`lf_flame.simulation.planning.plan`). The bounds of a plan hold for all similar scenes;
-    the measured change of one scene is smaller, often much smaller.
+    (`lf_flame.simulation.planning.plan`). The bounds of a plan hold for all similar scenes; the
+    measured change of one scene is smaller, often much smaller. Effects that hexagonal arrays do
+    not simulate are not measured for them.
 
     Parameters
     ----------
@@ -126,11 +127,13 @@ def measure_changes(
     >>> 0.01 < changes["defocus"] < 0.1
     True
     """
-    asked = [effect for effect in plan.effects if _can_be_measured(effect)]
+    asked = [effect for effect in plan.effects if _can_be_measured(effect, camera)]
     return {effect.name: _change(scene, camera, plan, effect) for effect in progress(asked)}
 
 
-def _can_be_measured(effect: PlannedEffect) -> bool:
+def _can_be_measured(effect: PlannedEffect, camera: PlenopticCamera) -> bool:
+    if camera.layout == "hexagonal" and effect.name in CROSSING:
+        return False
     if effect.stated:
         return effect.bound > 0
     return CAUSES[effect.name].typical is not None

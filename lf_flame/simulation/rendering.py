@@ -29,6 +29,9 @@ from lf_flame.simulation.optical_pass import OpticalPass, as_views, optical_pass
 from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
 from lf_flame.simulation.slabs import Plane, slice_scene
 
+CROSSING = ("f_number_mismatch", "lenslet_rotation", "lenslet_pitch_error", "lenslet_diffraction")
+"""Effects by which light leaves its own lenslet, which hexagonal arrays do not simulate."""
+
 
 def render(
     scene: Scene,
@@ -135,8 +138,7 @@ def _check_hexagonal(camera: PlenopticCamera, optics: OpticalPass, plan: EffectP
     if camera.layout == "hexagonal" and (
         optics.every_lenslet or _diffracts(camera, plan, "lenslet")
     ):
-        names = ("f_number_mismatch", "lenslet_rotation", "lenslet_pitch_error")
-        wrong = [name for name in (*names, "lenslet_diffraction") if name in plan.kept]
+        wrong = [name for name in CROSSING if name in plan.kept]
         raise InputError(
             f"Light that leaves its own lenslet is not simulated for a hexagonal array: force "
             f"{', '.join(wrong)} off."
@@ -195,8 +197,7 @@ def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> Ligh
         ordered = np.ascontiguousarray(views)
         views = expose(ordered, camera.sensor, stages, np.random.default_rng(seed))
     if layout == "raw":
-        raw = LightField.trusted(views).to_raw()
-        views = as_views(raw, camera)
+        views = as_views(LightField.trusted(views).to_raw(), camera)
     else:
         views = np.ascontiguousarray(views)
     return LightField.trusted(views, plan, weights)
@@ -236,13 +237,13 @@ def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.
     if not aperture:
         return own
     from_middle = np.arange(camera.views) - (camera.views - 1) / 2
-    far = (np.abs(from_middle) + 0.5) * camera.view_step_mm
+    # Centres and half the width of the views' parts of the aperture, on one side by symmetry.
+    at, half = np.abs(from_middle) * camera.view_step_mm, camera.view_step_mm / 2
     period = camera.micro_image_pitch_mm / camera.pixel_mm * camera.view_step_mm
     neighbours: tuple[tuple[float, float], ...] = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     if camera.layout == "hexagonal":
         neighbours = ((0.0, 1.0), (ROW_SPACING["hexagonal"], 0.5))
     for down, right in neighbours:
-        y = np.maximum(down * period - far, 0.0) if down else 0 * far
-        x = np.maximum(right * period - far, 0.0) if right else 0 * far
+        y, x = (np.maximum(np.abs(by * period - at) - half, 0.0) for by in (down, right))
         own &= np.hypot(y[:, None], x) >= aperture[0] * (1 - 1e-9)
     return own

@@ -8,6 +8,7 @@ import pytest
 from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects
 from lf_flame.simulation import assume, measure_changes
 from lf_flame.simulation.planning.effects import CAUSES, EFFECTS
+from lf_flame.simulation.rendering import CROSSING
 
 CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(20, 30))
 EVEN = Scene([Layer([[1.0]], 0.0, (9.0, 9.0))])
@@ -90,3 +91,6 @@ def test_measured_changes_are_those_of_a_closed_form():
     assert found["read_noise"] == pytest.approx(2 / 8000, rel=0.02)
     assert found["lenslet_rotation"] < 1e-6  # an even field looks the same through a turned array
     assert set(found) == set(CAUSES) - {"vignetting"}
+    hexagonal = replace(CAMERA, layout="hexagonal", lenslets=(6, 8))
+    found = measure_changes(EVEN, hexagonal, plan_effects(EVEN, hexagonal))
+    assert set(found) == set(CAUSES) - {"vignetting", *CROSSING}
