@@ -143,8 +143,8 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     kind of scene: its input image contains no parallax. In any other scene its output is invented,
     and looks like its training pictures. To refocus a light field as it is, use `lf-flame refocus`.
     An image is a picture of 8 or 16 bits (raw lenslet images too), or a light field in views. It is
-    averaged over blocks of pixels to the network's size, or interpolated where that does not divide
-    the image's size. OUT/IMAGE receives the refocused images and a record.
+    averaged over blocks to the network's size, or single pixels are taken (input "central"), or it
+    is interpolated where no block fits. OUT/IMAGE receives the refocused images and a record.
 
     \b
       lf-flame predict photograph.png --model runs/paper/flames
