@@ -208,15 +208,13 @@ def bundle_bands(
     centres = arrange(footprint.centres_mm, layout, axis)
     lenslet_mm = abs(footprint.lenslet_width_mm)
     pixel_mm: Width = abs(footprint.pixel_width_mm) * optics.defocus
-    gain = optics.strip_gain(plane, axis)
-    factor = 1.0 if gain is None else arrange(gain, layout, axis)[..., None]
-    if not optics.square_micro_images:
-        start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm)
-        return start, weights if gain is None else weights * factor
-    middle, share = (arrange(part, layout, axis) for part in optics.lit_parts(axis))
-    centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)
-    start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm * share)
-    return start, weights * (share[..., None] * factor)
+    factor = arrange(optics.strip_gain(plane, axis), layout, axis)
+    if optics.square_micro_images:
+        middle, share = (arrange(part, layout, axis) for part in optics.lit_parts(axis))
+        centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)
+        pixel_mm, factor = pixel_mm * share, factor * share
+    start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm)
+    return start, weights * factor[..., None]
 
 
 def band_weights(

@@ -116,13 +116,13 @@ class OpticalPass:
         """Bundles of all pixels on a layer."""
         return trace_footprint(self.camera, depth_mm, axis, *self._grid(axis))
 
-    def strip_gain(self, plane: Plane, axis: int) -> np.ndarray | None:
-        """Factor of a strip's light in each pixel, shape (view, lenslet); None if it does not lean.
+    def strip_gain(self, plane: Plane, axis: int) -> np.ndarray:
+        """Factor of a strip's light in each pixel, shape (view, lenslet); 1 if it does not lean.
 
         A ray of slope t meets a share ``1 + t lean`` of the sheet per share of the strips.
         """
         if not plane.lean[axis]:
-            return None
+            return np.ones((self.camera.views, self.camera.lenslets[axis]))
         step = 1e-3 * self.camera.focus_distance_mm
         near, far = (self.footprint(plane.depth_mm + side * step, axis) for side in (-1, 1))
         return 1 - plane.lean[axis] * (far.centres_mm - near.centres_mm) / (2 * step)
@@ -224,8 +224,7 @@ class OpticalPass:
         camera, nominal = self.camera, self._nominal_mm(axis)
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
         towards_lenslet = (nominal * self.lenslet_scale + further) / camera.exit_distance_mm
-        offsets = self.offsets_mm(axis)
-        return towards_lenslet + offsets / camera.lenslet_focal_mm
+        return towards_lenslet + self.offsets_mm(axis) / camera.lenslet_focal_mm
 
 
 def optical_passes(

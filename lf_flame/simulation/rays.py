@@ -370,13 +370,10 @@ def _plane_table(
         for plane, new in zip(planes, edges, strict=True)
     ]
     transmission = _transmission(planes, edges)
-    gains = []
-    for axis in (0, 1):
-        one = np.ones((optics.camera.views, optics.camera.lenslets[axis]))
-        found = [optics.strip_gain(plane, axis) for plane in planes]
-        gains.append(
-            np.stack([arrange(one if gain is None else gain, layout, axis) for gain in found])
-        )
+    gains = [
+        np.stack([arrange(optics.strip_gain(plane, axis), layout, axis) for plane in planes])
+        for axis in (0, 1)
+    ]
     return PlaneTable(
         np.concatenate(emission), transmission, first, width + 2, height, width, gains[0], gains[1],
         np.array([plane.sheet for plane in planes]),
