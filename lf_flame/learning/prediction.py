@@ -72,10 +72,7 @@ def read_input(
     """
     source, encoding = Path(source), encoding or InputEncoding()
     if encoding.kind not in ("raw", "central"):
-        raise InputError(
-            f"This network takes several views ({encoding.kind!r}), which no picture contains; "
-            f"only networks with one picture as input can be applied to one."
-        )
+        raise InputError(f"This network takes several views ({encoding.kind!r}), not a picture.")
     picture = _read_grey(source, encoding)
     (height, width), (rows, columns) = picture.shape, size
     if abs((width * rows) / (height * columns) - 1) > ASPECT_TOLERANCE:
