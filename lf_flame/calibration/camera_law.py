@@ -28,7 +28,7 @@ from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import LONGEST, SHORTEST, PlenopticCamera
+from lf_flame.optics.camera import LONGEST, ROW_SPACING, SHORTEST, PlenopticCamera
 from lf_flame.optics.lens import Lens
 from lf_flame.scenes.scene_files import read_camera
 
@@ -226,10 +226,8 @@ class CameraLaw(Lens):
     def to_toml(self) -> str:
         """Format the law as a table of a TOML file, which `read_lens` reads."""
         values = dict(vars(self))
-        deviations = values.pop("standard_deviations")
-        return (
-            f"{toml_table(TABLE, values)}\n{toml_table(f'{TABLE}.standard_deviations', deviations)}"
-        )
+        tables = {TABLE: values, f"{TABLE}.standard_deviations": values.pop("standard_deviations")}
+        return "\n".join(toml_table(*one) for one in tables.items())
 
 
 def toml_table(name: str, values: dict[str, Any]) -> str:
@@ -298,7 +296,7 @@ def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
 
 
 def thin_lens(
-    law: CameraLaw, lenslet_mm: float, *, focal_mm: float | None = None
+    law: CameraLaw, lenslet_mm: float, *, focal_mm: float | None = None, hexagonal: bool = False
 ) -> PlenopticCamera:
     """Make the camera that has a law, for simulations and reconstructions.
 
@@ -314,6 +312,8 @@ def thin_lens(
         Focal length of the main lens, as engraved, which fixes its distances: the exit pupil is
         then where the aperture must be seen for the views to meet where the law says. Default: the
         aperture is in the lens, and its focal length follows.
+    hexagonal : bool, optional
+        Whether the array is hexagonal: the law is then in distances of its rows.
 
     Examples
     --------
@@ -336,7 +336,8 @@ def thin_lens(
             f"No thin lens has this law with lenslets of {lenslet_mm:g} mm: its pupil would be "
             f"{width:.3g} mm wide."
         )
-    pupil, shrunk = law.focus_distance_mm, lenslet_mm / law.lenslet_in_focus_mm
+    grid_mm = lenslet_mm * (ROW_SPACING["hexagonal"] if hexagonal else 1.0)
+    pupil, shrunk = law.focus_distance_mm, grid_mm / law.lenslet_in_focus_mm
     # Distances of the focal plane and of its image from the lens; their ratio is the scale.
     focus = pupil if focal_mm is None else focal_mm * (1 + 1 / shrunk)
     image = focus * shrunk
@@ -354,4 +355,5 @@ def thin_lens(
         lenslets=law.lenslets,
         aperture_diameter_mm=law.aperture_diameter_mm,
         exit_pupil_mm=None if focal_mm is None else exit_mm,
+        layout="hexagonal" if hexagonal else "rectangular",
     )

@@ -123,14 +123,10 @@ def fit_targets(
         )
     distortion, error = _distortion(targets)
     lattices = [one.squares_per_lenslet(distortion) for one in targets]
-    slopes = [one.slope_at_centre(distortion) for one in targets]
-    measured = Measurements(
-        np.asarray(depths_mm, float),
-        np.array([slope for slope, _, _ in slopes]),
-        np.array([error for _, error, _ in slopes]),
-        square_mm * np.array([one.scale for one in lattices]),
-        square_mm * np.array([one.scale_error for one in lattices]),
-    )
+    slopes, slope_errors = np.transpose([one.slope_at_centre(distortion)[:2] for one in targets])
+    scales, scale_errors = square_mm * np.transpose([(x.scale, x.scale_error) for x in lattices])
+    depths = np.asarray(depths_mm, float)
+    measured = Measurements(depths, slopes, slope_errors, scales, scale_errors)
     # An error of the distortion changes all scales by one factor.
     moved = [one.squares_per_lenslet(distortion + error).scale for one in targets]
     ratios = [other / one.scale - 1 for one, other in zip(lattices, moved, strict=True)]
@@ -169,9 +165,8 @@ def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
 
 def refuse_few_depths(depths_mm: ArrayLike) -> None:
     """Refuse fewer than three different depths, or depths that are not finite."""
-    depths = np.asarray(depths_mm, float)
-    different = len(np.unique(depths))
-    if different < 3 or not np.all(np.isfinite(depths)):
+    different = len(np.unique(depths_mm))
+    if different < 3 or not np.all(np.isfinite(depths_mm)):
         raise InputError(
             f"A calibration needs targets at 3 or more different distances, better 5 or more over "
             f"the whole range of use, got {different}."

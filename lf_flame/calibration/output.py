@@ -145,7 +145,7 @@ def write_calibration(
 
 def _camera_toml(camera: PlenopticCamera, focal_plane_mm: float) -> str:
     names = ("main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm",
-             "views", "lenslets", "exit_pupil_mm")  # fmt: skip
+             "views", "lenslets", "exit_pupil_mm", "layout")  # fmt: skip
     return (
         f"# Thin-lens camera by lf-flame calibrate. Its depths are from the focal plane, which is "
         f"at\n# {focal_plane_mm:.4f} mm by the depths of {LAW}.\n"

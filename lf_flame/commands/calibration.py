@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-MOST_UNKNOWN = 0.01
-"""Largest fraction of unknown pixels of a picture of the source."""
-
-
 @command()
 @click.argument(
     "placed",
@@ -47,12 +43,13 @@ MOST_UNKNOWN = 0.01
     option("--step-mm", "Step between targets, which are given nearest first.", ABOVE_0),
     flag("--dots", "The target is a square grid of round dots."),
     option("--lenslet-mm", "Lenslet pitch; with it, camera.toml is written too.", ABOVE_0),
+    flag("--hexagonal", "The lenslets are hexagons; --lenslet-mm is their full pitch."),
     option("--focal-mm", "Focal length on the lens; adds the exit pupil to camera.toml.", ABOVE_0),
 )
 @READING
 @out_options("calibration")
 def calibrate(
-    placed, square_mm, step_mm, dots, lenslet_mm, focal_mm, out, overwrite, **options
+    placed, square_mm, step_mm, dots, lenslet_mm, hexagonal, focal_mm, out, overwrite, **options
 ) -> None:
     """Measure a camera in mm, by pictures of a flat target at known depths.
 
@@ -77,8 +74,8 @@ def calibrate(
     from lf_flame.calibration import fit_targets, measure_target, output, thin_lens
     from lf_flame.calibration.fit import refuse_few_depths
 
-    if focal_mm is not None and lenslet_mm is None:
-        raise InputError("--focal-mm needs --lenslet-mm.")
+    if lenslet_mm is None and (hexagonal or focal_mm is not None):
+        raise InputError("--hexagonal and --focal-mm need --lenslet-mm.")
     placed = _with_depths(placed, step_mm)
     depths = [depth for _, depth in placed]
     refuse_few_depths(depths)  # before any picture is read
@@ -95,7 +92,7 @@ def calibrate(
         notes, camera = output.notes(fit, facts), None
         if lenslet_mm is not None:
             try:
-                camera = thin_lens(fit.law, lenslet_mm, focal_mm=focal_mm)
+                camera = thin_lens(fit.law, lenslet_mm, focal_mm=focal_mm, hexagonal=hexagonal)
             except InputError as error:
                 notes.append(f"{error} {output.CAMERA} is not written.")
         for one, (source, _) in zip(facts, placed, strict=True):
@@ -106,6 +103,7 @@ def calibrate(
             "step_mm": step_mm,
             "dots": dots,
             "lenslet_mm": lenslet_mm,
+            "hexagonal": hexagonal,
             "focal_mm": focal_mm,
             **reading.facts(),
         }
@@ -252,10 +250,10 @@ def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[n
                 f"{light_field.channels}."
             )
         lost = 0.0 if light_field.valid is None else 1 - float(light_field.valid.mean())
-        if lost > MOST_UNKNOWN:
+        if lost > 0.01:
             raise InputError(
                 f"{source} is saturated or unknown in {lost:.1%} of its pixels, more than "
-                f"{MOST_UNKNOWN:.0%}: its mean would be too dark; expose less."
+                f"1 %: its mean would be too dark; expose less."
             )
         found.append(light_field.photograph)
     return found

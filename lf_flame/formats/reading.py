@@ -235,8 +235,8 @@ def _read_raw(path: Path, **options: Any) -> Found:
     notes = [f"{path}: {plan.grid.describe()}"]
     if plan.grid.layout == "hexagonal":
         notes.append(
-            "A pixel of the views is as wide as the rows of the hexagonal array are apart: a "
-            'camera file must state layout = "hexagonal"; a calibration holds as it is'
+            "A pixel of the views is as wide as rows of a hexagonal array are apart: a camera file "
+            'must state layout = "hexagonal" (calibrate --hexagonal); a calibration holds as it is'
         )
     if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
         notes.append(

@@ -10,7 +10,7 @@ from scipy.stats import t
 from lf_flame import InputError, LightField
 from lf_flame.calibration import CameraLaw, fit_targets, measure_target, read_lens, thin_lens
 from lf_flame.calibration.fit import Measurements, fit_law
-from lf_flame.calibration.output import notes
+from lf_flame.calibration.output import _camera_toml, notes
 from lf_flame.scenes import read_camera
 
 ZERO = 410.0
@@ -96,7 +96,7 @@ def test_errors_of_the_positions_are_found_and_told():
     assert fit(np.random.default_rng(1), depths=depths).misfit_mm == 0
 
 
-def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
+def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench():
     camera = thin_lens(fit().law, 0.1)
     assert camera.main_lens_focal_mm == pytest.approx(50, rel=1e-6)
     assert camera.focus_distance_mm == pytest.approx(400, rel=1e-6)
@@ -106,20 +106,23 @@ def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
     assert camera.lenslet_focal_mm == pytest.approx(image / (8.5 / 0.1 - 1), rel=1e-6)
 
 
+@pytest.mark.parametrize("rows", [1.0, 0.75**0.5])
 @pytest.mark.parametrize("exit_mm", [40.0, 57.142857, 90.0])
-def test_the_exit_pupil_follows_from_where_the_views_meet(exit_mm):
+def test_the_exit_pupil_follows_from_where_the_views_meet(exit_mm, rows, tmp_path):
     """The entrance pupil is the stop's other image, by the lens equation written out here."""
     focal, focus, pitch, views, step = 50.0, 400.0, 0.1, 5, 1.7
     image = 1 / (1 / focal - 1 / focus)
     behind = image - exit_mm  # of the exit pupil behind the lens; its object is the entrance pupil
     entrance = 1 / (1 / behind - 1 / focal) if abs(behind) > 1e-6 else 0.0
-    distance, seen = focus + entrance, pitch * focus / image
+    distance, seen = focus + entrance, rows * pitch * focus / image  # rows of a hexagonal array
     law = CameraLaw(
         slope_at_infinity=step / seen, slope_mm=-step * distance / seen,
         centre_mm=-distance, scale=seen / distance,
         depth_range_mm=(-50.0, 50.0), views=views, lenslets=(44, 52),
     )  # fmt: skip
-    camera = thin_lens(law, pitch, focal_mm=focal)
+    thin = thin_lens(law, pitch, focal_mm=focal, hexagonal=rows < 1)
+    (tmp_path / "camera.toml").write_text(_camera_toml(thin, 0.0))
+    camera = read_camera(tmp_path / "camera.toml")
     assert camera.exit_pupil_mm == pytest.approx(exit_mm, rel=1e-6)
     assert camera.focus_distance_mm == pytest.approx(focus)
     # A view's part of the exit pupil is a pixel seen from a lenslet, as far away.

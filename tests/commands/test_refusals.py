@@ -120,7 +120,7 @@ REFUSED = [
     *each(
         "calibrate --square-mm 5 --out out",
         ("b-25.npz@-25 b-8.npz@-8", "3 or more different distances"),
-        (f"{BOARDS} --focal-mm 50", "--focal-mm needs --lenslet-mm"),
+        (f"{BOARDS} --focal-mm 50", "--hexagonal and --focal-mm need --lenslet-mm"),
         (f"{BOARDS} b25.npz@nan", "its depth in mm"),
         (f"{BOARDS} b25.npz", "its depth in mm"),
         (f"{BOARDS} --step-mm 10", "and not both"),
