@@ -208,12 +208,16 @@ def call(raw_levels, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_frames_of_a_video_are_read_by_one_plan(call):
+def test_frames_of_a_video_are_read_by_one_plan(call, raw_levels, caplog):
     options = {"focused": Path("camera.xml"), "views": 3}
+    levels = raw_levels.copy()
+    levels[50:54, 60:64] = 65535
+    write_image("raw.png", levels)
     shutil.copy("raw.png", "later.png")
     first, later = map(FrameReader(Path("raw.png"), options), [Path("raw.png"), Path("later.png")])
     assert first.views.shape[:2] == (3, 3)
     np.testing.assert_array_equal(first.views, later.views)
+    assert caplog.text.count("16 pixels (0.00014 of all) are saturated: views are too dark") == 1
 
 
 @pytest.mark.parametrize(

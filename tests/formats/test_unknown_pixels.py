@@ -59,12 +59,16 @@ def test_saturated_pixels_are_unknown_in_every_view_that_they_touch(pitch):
     np.testing.assert_allclose(*images, rtol=0.01)
 
 
-@pytest.mark.parametrize("bayer", [None, "rggb"])
-def test_levels_of_files_saturate(bayer, caplog):
-    rng = np.random.default_rng(2)
-    raw = rng.integers(2000, 5000, (60, 80)).astype(np.uint16)
-    dark = rng.integers(90, 110, (60, 80)).astype(np.uint16)
-    raw[24:28, 34:38] = 65535
+@pytest.mark.parametrize(
+    ("bayer", "full"),
+    [(None, 65535), ("rggb", 65535), (None, 65520), (None, 65520 / 65535), (None, 4095.0)],
+)
+def test_levels_of_files_saturate(bayer, full, caplog):
+    """Twelve bits may be the low or the high ones of 16, and scaled or not as floats."""
+    rng, kind = np.random.default_rng(2), np.uint16 if full > 5000 else np.float32
+    raw = (rng.integers(2000, 5000, (60, 80)) / 65535 * full).astype(kind)
+    dark = (rng.integers(90, 110, (60, 80)) / 65535 * full).astype(kind)
+    raw[24:28, 34:38] = full
     plan = DecodePlan(LensletGrid(4.5, 4.5, 10), shape=raw.shape, views=10, dark=dark, bayer=bayer)
     valid = plan.decode(raw).valid
     assert "16 pixels (0.0033 of all) are saturated" in caplog.text
@@ -75,7 +79,7 @@ def test_levels_of_files_saturate(bayer, caplog):
     clipped[24 - wide : 28 + wide, 34 - wide : 38 + wide] = True
     assert not np.any((pixels == 0) & ~clipped)
     assert not np.any(pixels[24:28, 34:38])
-    raw[24:28, 34:38] = 3000
+    raw[24:28, 34:38] = 0.05 * full
     assert plan.decode(raw).valid is None
 
 

@@ -21,9 +21,9 @@ from lf_flame.formats.focused.lenslets import (
     read_raytrix,
 )
 from lf_flame.formats.images import read_image
+from lf_flame.formats.raw import sensor_images as sensor
 from lf_flame.formats.raw.decode_plan import count_views
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import check_bayer, check_colours, subtract_dark
 from lf_flame.lightfield import LightField
 
 REFERENCE = 3.0
@@ -51,16 +51,17 @@ def plan_focused(
         lenslets = read_raytrix(focused, image.shape)
     else:
         shown = read_image(focused)
-        light = subtract_dark(shown, black, "white", image.shape)
+        light = sensor.subtract_dark(shown, black, "white", image.shape)
         lenslets = FocusedLenslets(estimate_grid(light), image.shape)
         flat = shown if flat is None else flat
     plan = FocusedPlan(lenslets, white=flat, dark=black, bayer=bayer, **options)
-    light = subtract_dark(image, black, "raw", image.shape)
+    light = sensor.subtract_dark(image, black, "raw", image.shape)
+    sensor.warn_of_saturated(sensor.find_saturated(image), "views are too dark there")
     if stated:
-        shown = light if flat is None else subtract_dark(flat, black, "white", image.shape)
+        shown = light if flat is None else sensor.subtract_dark(flat, black, "white", image.shape)
         _check_fit(shown, lenslets, focused)
     if bayer is None:
-        check_colours(light, lenslets.grid, "raw")
+        sensor.check_colours(light, lenslets.grid, "raw")
     return plan, image
 
 
@@ -113,7 +114,7 @@ class FocusedPlan:
         bayer: str | None = None,
     ):
         self.lenslets, self.shape, self.found = lenslets, lenslets.shape, ""
-        self.bayer = check_bayer(bayer, self.shape)
+        self.bayer = sensor.check_bayer(bayer, self.shape)
         self.views = count_views(lenslets.grid, 5 if views is None else views)
         pitch, self._plane = lenslets.grid.pitch, virtual_depth
         # Nearer, patches do not fit into their micro-images.
@@ -130,7 +131,7 @@ class FocusedPlan:
         centres = lenslets.array[0]
         self._black, self._fall = dark, None
         if white is not None:
-            light = subtract_dark(white, dark, "white", self.shape)
+            light = sensor.subtract_dark(white, dark, "white", self.shape)
             self._fall = fall_off(self._coloured(light), centres)
         inner = np.array(self.shape[:2]) - 1
         room = inner - 2 * (lenslets.radius + 1 + self.step * farthest + pitch / 2)
@@ -152,7 +153,7 @@ class FocusedPlan:
 
     def decode(self, raw: ArrayLike) -> LightField:
         """Assemble the views of a raw picture of the planned shape."""
-        image = subtract_dark(raw, self._black, "raw", self.shape)
+        image = sensor.subtract_dark(raw, self._black, "raw", self.shape)
         image = self._coloured(image.astype(np.float32, copy=False))
         (centres, _), radius = self.lenslets.array, self.lenslets.radius
         fall = mean_fall_off(image, centres, radius) if self._fall is None else self._fall

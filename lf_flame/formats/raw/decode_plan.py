@@ -7,7 +7,6 @@ of views follow the array, so that a rotation of the array against the sensor is
 
 from __future__ import annotations
 
-import logging
 import math
 
 import numpy as np
@@ -20,8 +19,6 @@ from lf_flame.formats.raw import sensor_images as sensor
 from lf_flame.formats.raw._decode_kernels import Lattices, Lenslets, resample
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.lightfield import LightField
-
-LOGGER = logging.getLogger(__name__)
 
 TOUCHED = 0.02
 """Share of saturated or dead pixels of the sensor in a pixel of a view from which it is unknown."""
@@ -249,12 +246,7 @@ class DecodePlan:
             sensor.check_dark(black, means, means if self._flat is None else self._flat)
         if self._flat is not None:
             sensor.refuse_other_white(self._flat, means, self.weights)
-        if saturated is not None:
-            clipped = np.count_nonzero(saturated)
-            LOGGER.warning(
-                f"{clipped} pixels ({clipped / light.size:.2g} of all) are saturated: view "
-                f"pixels that contain them are unknown, and left out; expose less."
-            )
+        sensor.warn_of_saturated(saturated, "view pixels with them are unknown, and left out")
 
 
 def count_views(grid: LensletGrid, views: int | None) -> int:

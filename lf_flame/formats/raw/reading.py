@@ -170,6 +170,5 @@ def plan_raw(
             f"To decode {path}, a white image, an image of the lenslets or the pitch in pixels "
             f"must be given."
         )
-    shape = image.shape
-    plan = DecodePlan(grid, shape=shape, views=views, white=flat, dark=black, bayer=bayer)
+    plan = DecodePlan(grid, shape=image.shape, views=views, white=flat, dark=black, bayer=bayer)
     return plan, image

@@ -74,14 +74,13 @@ def subtract_dark(image: ArrayLike, dark: ArrayLike | None, name: str, shape: tu
 def find_saturated(image: np.ndarray) -> np.ndarray | None:
     """Find the pixels at the largest level of a sensor of 8, 10, 12, 14 or 16 bits.
 
-    Levels of 16-bit files, and of 8-bit ones, are numbers from 0 to 1 if they were scaled; sensors
-    of 10, 12 and 14 bits reach a part of 16. Fewer than ten pixels there may be the light's own
-    maximum.
+    Levels of fewer bits are the low or the high ones of 16. Floats are levels, or numbers from 0 to
+    1 if they were scaled. Fewer than ten pixels there may be the light's own maximum.
     """
-    highest = float(image.max())
-    full = 2.0 ** np.array([8, 10, 12, 14, 16]) - 1
+    highest, bits = float(image.max()), np.array([8, 10, 12, 14, 16])
+    full = np.concatenate([2.0**bits - 1, 2.0**16 - 2.0 ** (16 - bits)])
     if image.dtype.kind == "f":
-        full = full[1:] / full[-1]
+        full = np.concatenate([full, full / full[4]])
     if not np.any(np.abs(highest / full - 1) < 1e-6):
         return None
     saturated = image == image.max()
@@ -151,6 +150,15 @@ def warn_of_saturation(white: np.ndarray) -> None:
         LOGGER.warning(
             f"{share:.0%} of the white image's pixels have its highest level, {top:.4g}: if it is "
             f"saturated there, brightness is wrong by several per cent; expose it less."
+        )
+
+
+def warn_of_saturated(saturated: np.ndarray | None, effect: str) -> None:
+    """Warn of the pixels of a raw image that `find_saturated` found, and of what follows."""
+    if saturated is not None:
+        LOGGER.warning(
+            f"{np.count_nonzero(saturated)} pixels ({saturated.mean():.2g} of all) are saturated: "
+            f"{effect}; expose less."
         )
 
 
