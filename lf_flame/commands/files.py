@@ -55,7 +55,8 @@ def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> Non
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
     lens = open_lens(camera)
-    found = describe(source, white=white, lenslets=lenslets, dark=dark, bayer=bayer)
+    views = lens.views if lens and (white or lenslets) else None  # as `refocus` decodes it
+    found = describe(source, white=white, lenslets=lenslets, dark=dark, bayer=bayer, views=views)
     if lens is not None and camera is not None:
         if found.shape:
             lens.check_views(found.shape)
@@ -113,9 +114,8 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
         linear = not reading.coded
         said = _write(light_field, target, int(bits) if bits else None, gain, linear=linear)
     lost = {
-        "which views are excluded": light_field.weights is not None
-        and not light_field.weights.all(),
-        "which pixels are known": light_field.valid is not None,
+        "which views are excluded": light_field.excluded,
+        "which pixels are known": light_field.unknown,
     }
     if target.suffix.lower() not in (".npz", ".zarr") and any(lost.values()):
         what = " and ".join(name for name, is_lost in lost.items() if is_lost)

@@ -105,10 +105,11 @@ class RefocusJob:
             self.network.check(self.light_field, [*slopes, *sweep])
 
     def describe(self, out: OutputFolder) -> None:
-        """Record the size of the light field, and the options of refocusing."""
+        """Record the size of the light field, the options of refocusing, and levels of PNGs."""
         v, u, t, s = self.light_field.shape[:4]
         options = {name: value for name, value in self.options.items() if name != "weights"}
         out.facts |= {"views": [v, u], "lenslets": [t, s], **options}
+        out.facts |= {"radiance_of_white_in_png": self.white / self.gain, "gamma": self.gamma}
         if self.network is not None:
             out.facts["network"] = self.network.name
 
@@ -128,7 +129,6 @@ def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder)
     if job.camera is not None:
         out.facts["depths_mm"] = depths
     out.facts["slopes"] = [float(slope) for slope in slopes]
-    out.facts["radiance_of_white_in_png"] = job.white
 
 
 def write_search(job: RefocusJob, out: OutputFolder) -> float:
@@ -236,7 +236,6 @@ def write_regions(
     ]  # fmt: skip
     some = "all that are used" if job.options["weights"] is None else "those in the aperture"
     out.facts["views_used"] = "a cross of 17" if job.network else some
-    out.facts["radiance_of_white_in_png"] = job.white
     for one in found:
         click.echo(
             f"region {' '.join(map(str, one.region))}: slope {job.named(one.slope)}, confidence "

@@ -7,6 +7,7 @@ import lytro_files as own
 import numpy as np
 import pytest
 import tifffile
+from builders import camera_toml
 from click.testing import CliRunner
 from focused_pictures import Camera, Waves
 
@@ -143,6 +144,10 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
     given[1] = "light.png"
     assert told("light.png", *given).endswith(
         f"next: lf-flame refocus light.png {' '.join(given)}\n"
+    )
+    (tmp_path / "five.toml").write_text(camera_toml(5, (16, 16)))
+    assert told("light.png", *given, "--camera", "five.toml").endswith(
+        f"{' '.join(given)} --views 5 --camera five.toml\n"
     )
     for option, why in ((given[2:4], "give a white image"), (given[4:], "--bayer does not apply")):
         with pytest.raises(InputError, match=why):

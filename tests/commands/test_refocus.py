@@ -127,11 +127,13 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         views = light_field.views * np.float32(brightness)
         views[0, 0, 3, 4] = 1e3 * brightness
         write_light_field(LightField(views, weights=weights), tmp_path / "views.npz")
-        run(tmp_path / "views.npz", "--slope", 0.5, "--out", tmp_path / "out", "--overwrite")
+        words = ("--slope", 0.5, "--gain", 2, "--gamma", 2.2, "--overwrite")
+        run(tmp_path / "views.npz", *words, "--out", tmp_path / "out")
         assert imread(tmp_path / "out" / "refocused_1_slope+0.500.png").max() > 120
         written = json.loads((tmp_path / "out" / "refocus.json").read_text())
         white = written["radiance_of_white_in_png"]
-        assert white == pytest.approx(light_field.views[weights > 0].max() * brightness)
+        assert white == pytest.approx(light_field.views[weights > 0].max() * brightness / 2)
+        assert written["gamma"] == 2.2
 
 
 @pytest.fixture
