@@ -130,7 +130,7 @@ def flicker(
     names = "height" if slope is depth_mm is None else f"refocus@{place},height"
     measures = {"level": level, "pixel_mm": pixel_mm, "burner_row": burner_row}
     steps = find_steps(names, camera=lens, **measures)
-    paths = sources if done else find_frames(sources, reading.files)
+    paths = sources if done else find_frames(sources, (reading.white, reading.dark))
     if not done and len(paths) < LEAST_FRAMES:
         named = paths[0] if len(paths) == 1 else f"{len(paths)} frames"
         raise InputError(f"A frequency needs at least {LEAST_FRAMES} frames, got {named}.")
@@ -210,7 +210,7 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
         if needed and needed not in steps and given is not ParameterSource.DEFAULT:
             raise InputError(f"{one.opts[0]} needs the step {needed}.")
     chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
-    paths = find_frames(sources, reading.files)
+    paths = find_frames(sources, (reading.white, reading.dark))
     if out.absolute().parent in {path.absolute().parent for path in paths}:
         raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
     made, _ = _process(paths, reading, lens, chosen, frames_per_second, out, crew)

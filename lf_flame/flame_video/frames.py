@@ -29,17 +29,18 @@ MEASURES = ("height", "tip_row", "width", "area", "brightness")
 RESULTS = ("frequency_hz", "peak_hz", "amplitude", "false_alarm", "resolution_hz", "resolvable")
 
 
-def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> list[Path]:
+def find_frames(sources: Sequence[Path], not_frames: Sequence[Path | None] = ()) -> list[Path]:
     """Find the frames of a sequence, in the order of the numbers in their names.
 
     `sources` are the frames, or one folder that contains them, as files or as folders of views;
-    `not_frames` are other files in that folder, such as a white image.
+    `not_frames` are white and dark image: left out in a folder, and refused by name.
     """
-    found = list(sources)
+    found, others = list(sources), {path.resolve() for path in not_frames if path}
     if len(found) == 1 and found[0].is_dir():
-        found = _frames_of_folder(found[0], {path.resolve() for path in not_frames})
-    missing = [path for path in found if not path.exists()]
-    if missing:
+        found = _frames_of_folder(found[0], others)
+    if wrong := [path for path in found if path.resolve() in others]:
+        raise InputError(f"{wrong[0]} is the white or the dark image, and cannot be a frame too.")
+    if missing := [path for path in found if not path.exists()]:
         raise InputError(f"There is no frame {missing[0]}: no such file or folder.")
     keys = dict(zip(found, _numbered_names(found), strict=True))
     return sorted(found, key=keys.__getitem__)

@@ -4,6 +4,7 @@ Tomography is imported where it is used, as it doubles the time that other steps
 """
 
 from collections.abc import Callable, Sequence
+from contextvars import copy_context
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -15,6 +16,8 @@ from lf_flame.flame_video.flame_shape import DOUBTS, measure_flame
 from lf_flame.lightfield import AXES, LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import farthest_slope, shift_and_sum
+from lf_flame.refocus._arguments import refuse_excluded
+from lf_flame.refocus.unknown_pixels import WARN
 
 
 class Values(NamedTuple):
@@ -38,16 +41,13 @@ class Frame:
     """A light field on its way through the steps.
 
     `before` is what steps keep of the frame before in the same task, `image` that in which the
-    flame is measured.
+    flame is measured: of the last refocusing, or None for the central view.
     """
 
     light_field: LightField
     before: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-
-    def __post_init__(self):
-        v, u = self.light_field.views.shape[:2]
-        self.image = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
+    image: np.ndarray | None = None
 
     def take(self, steps: Sequence[Step]) -> dict[str, Values]:
         """Take steps one after the other; return the arrays of all."""
@@ -56,12 +56,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class Views:
-    """Keep the decoded light field itself: ``views``, unknown pixels filled."""
+    """Keep the decoded light field itself: ``views``, unknown pixels filled, and ``weights``."""
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
-        """Return the views."""
-        views = frame.light_field.filled
-        return {"views": Values(views, AXES[: views.ndim])}
+        """Return the views and their weights, 1 where there are none."""
+        views, weights = frame.light_field.filled, frame.light_field.weights
+        weights = np.ones(views.shape[:2], np.float32) if weights is None else weights
+        return {"views": Values(views, AXES[: views.ndim]), "weights": Values(weights, AXES[:2])}
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,13 @@ class Refocus:
                 f"The slope must lie from {-limit:g} to {limit:g}, beyond which views are shifted "
                 f"by more than the image, got {slope:g}."
             )
-        # Filled, so that no warning is repeated with each frame.
-        filled = LightField.trusted(light_field.filled, weights=light_field.weights)
-        frame.image = shift_and_sum(filled, [slope])[0]
+        context = copy_context()
+        context.run(WARN.set, frame.warnings.append)  # those of frames are counted
+        image = frame.image = context.run(shift_and_sum, light_field, [slope])[0]
         # As many digits as a decimal number keeps: two slopes never share a name.
         name = f"refocus_{slope:.15g}" if depth is None else f"refocus_{depth:.15g}mm"
         known = {"slope": slope, "depth_mm": depth}
-        return {name: Values(frame.image, ("y", "x", "channel")[: frame.image.ndim], known)}
+        return {name: Values(image, ("y", "x", "channel")[: image.ndim], known)}
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,12 @@ class Height:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Return the measures, NaN without a flame, and a bit for each doubt."""
-        grey = frame.image.mean(axis=2, dtype=float) if frame.image.ndim == 3 else frame.image
+        image = frame.image
+        if image is None:
+            v, u = ((count - 1) // 2 for count in frame.light_field.shape[:2])
+            refuse_excluded(frame.light_field, [(v, u)], "The step height without refocusing")
+            image = frame.light_field.filled[v, u]
+        grey = image.mean(axis=2, dtype=float) if image.ndim == 3 else image
         side, unit = (1.0, "px") if self.pixel_mm is None else (self.pixel_mm, "mm")
         shape = measure_flame(grey, level=self.level, pixel_mm=side, burner_row=self.burner_row)
         masks = {name: 1 << k for k, name in enumerate(DOUBTS)}
@@ -213,8 +219,7 @@ def find_steps(
     words = [word.strip() for word in names.split(",")]
     if len(set(words)) < len(words) or "decode" in words[1:]:
         raise InputError(f"Each step may be named once, and decode only first, got {names!r}.")
-    steps: list[Step] = []
-    side = pixel_mm
+    steps, side = list[Step](), pixel_mm
     for word in words:
         if word == "decode":
             steps += [Views()] if len(words) == 1 else []

@@ -294,6 +294,12 @@ def _read_pixels(
     given = {name: arranged(x, found.order) for name, x in beside.items() if x is not None}
     light_field = LightField(arranged(stored, found.order), **given)
     check_grid(grid, light_field.shape[:2], path)
+    # Any picture is read as 1 view, and so is an array of one.
+    if views not in (None, 1) and light_field.shape[:2] != (views, views):
+        v, u = light_field.shape[:2]
+        raise InputError(
+            f"{path} contains {v} x {u} views, but --views (or else the camera) states {views}."
+        )
     same = options | {"views": views, "grid": grid, "order": found.order}
     notes = found.describe() if light_field.shape[:2] != (1, 1) else []
     return Found(light_field, found, notes, lambda one: _read_pixels(read, one, **same).light_field)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import partial, wraps
 from typing import Any, TypeVar, cast
 
@@ -14,6 +15,9 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import Views
 
 LOGGER = logging.getLogger(__name__)
+
+WARN: ContextVar[Callable[[str], object]] = ContextVar("WARN", default=LOGGER.warning)
+"""Function of the warning on lower bounds: it is logged, or kept with the frame of a video."""
 
 LEAST_KNOWN = 0.02
 """Smallest share of the weights of known pixels by which a sum is divided; below it, few views
@@ -80,7 +84,7 @@ def _best(light_field: LightField, filled: np.ndarray, mean: Callable) -> np.nda
     bounds = held > image + BOUND * np.abs(held).max()
     bounds |= (share < LEAST_KNOWN) & (held >= filled)
     if bounds.any():
-        LOGGER.warning(
+        WARN.get()(
             f"{np.count_nonzero(bounds)} of the {bounds.size} refocused values are lower bounds: "
             f"pixels that are unknown there, saturated or dark, have more light than the others."
         )

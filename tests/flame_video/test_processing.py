@@ -14,6 +14,7 @@ from lf_flame.commands.cli import commands
 from lf_flame.flame_video import find_steps, process_frames, processing
 from lf_flame.flame_video.frames import write_flicker
 from lf_flame.flame_video.steps import Frame
+from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, reconstruct
 
 ROWS, COLUMNS, SLOPE = 24, 20, 1
@@ -153,6 +154,20 @@ def test_lengths_and_names_are_those_of_the_last_refocusing():
     assert found["height"].attributes["units"] == "px"
 
 
+def test_what_is_unknown_or_missing_is_left_out_or_refused(caplog):
+    """Of frames, what refocusing warns of is kept: it is not said for each."""
+    views, valid = bar(5), np.ones((3, 3, ROWS, COLUMNS), bool)
+    views[1, 1, 8, 9], valid[1, 1, 8, 9] = 5, False
+    frame = Frame(LightField(views, valid=valid))
+    found = frame.take(find_steps("refocus@1"))["refocus_1"].values
+    assert not caplog.text
+    assert "lower bounds" in frame.warnings[0]
+    np.testing.assert_array_equal(found, shift_and_sum(frame.light_field, 1.0))
+    weights = np.arange(9).reshape(3, 3) != 4
+    with pytest.raises(InputError, match="height without refocusing needs the view in row 1"):
+        Frame(LightField(bar(5), weights=weights)).take(find_steps("height"))
+
+
 @pytest.fixture
 def made(tmp_path):
     np.save(tmp_path / "0.npy", bar(5))
@@ -191,8 +206,10 @@ def test_an_array_that_is_damaged_or_lost_is_named(made):
 
 
 def test_decode_alone_keeps_the_views(tmp_path):
-    np.save(tmp_path / "0.npy", bar(5))
-    process_frames([tmp_path / "0.npy"], tmp_path / "kept", find_steps("decode"), times_s=[0.0])
-    views = zarr.open_group(tmp_path / "kept", mode="r")["views"]
-    assert views.metadata.dimension_names == ("time", "v", "u", "t", "s")
-    np.testing.assert_array_equal(views[0], bar(5))
+    weights = np.arange(9.0).reshape(3, 3)
+    np.savez(tmp_path / "0.npz", views=bar(5), weights=weights)
+    process_frames([tmp_path / "0.npz"], tmp_path / "kept", find_steps("decode"), times_s=[0.0])
+    group = zarr.open_group(tmp_path / "kept", mode="r")
+    assert group["views"].metadata.dimension_names == ("time", "v", "u", "t", "s")
+    np.testing.assert_array_equal(group["views"][0], bar(5))
+    np.testing.assert_array_equal(group["weights"][0], weights)
