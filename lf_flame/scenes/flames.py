@@ -11,6 +11,8 @@ energy proportional to the wave number to the power -5/3.
 
 import numpy as np
 
+from lf_flame.errors import InputError
+
 WAVES = 4
 """Number of wrinkle waves over the height of a flame."""
 
@@ -94,21 +96,19 @@ def flame_texture(
     >>> texture = flame_texture(20.0, 3.0)
     >>> flame = Layer(texture, 10.0, (20.0, 0.1 * texture.shape[1]))
     """
+    lengths = height_mm, radius_mm, cell_mm
+    if not all(0 < length < np.inf for length in lengths):
+        raise InputError(f"height_mm, radius_mm and cell_mm must be above 0, got {lengths}.")
     rows = round(np.clip(height_mm / cell_mm, 2, MOST_CELLS))
     columns = round(np.clip(2 * HALF_WIDTH * radius_mm / cell_mm, 3, MOST_CELLS))
     h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * HALF_WIDTH * radius_mm
-    sway, swell = _waves(h, wrinkles)
+    waves = np.zeros((2, WAVES, 2)) if wrinkles is None else wrinkles
+    phase = 2 * np.pi * h * np.arange(1, WAVES + 1)
+    sway, swell = (
+        (np.cos(phase) @ wave[:, 0] + np.sin(phase) @ wave[:, 1])[:, None] for wave in waves
+    )
     b = radius_mm * radius_profile(h) * np.exp(swelling * h * swell)
     ignition = 0.15 + 0.85 * (1 - np.exp(-((h / 0.15) ** 2)))
     glow = ignition * projected_glow(x - sway_mm * h * sway, b, HOLLOW_AT_BURNER * (1 - h))
     return glow / glow.max()
-
-
-def _waves(h: np.ndarray, wrinkles: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Sway and change of radius over the height, as sums of waves, each of the shape of h."""
-    if wrinkles is None:
-        return np.zeros_like(h), np.zeros_like(h)
-    phase = 2 * np.pi * h * np.arange(1, WAVES + 1)
-    sums = [np.cos(phase) @ wave[:, 0] + np.sin(phase) @ wave[:, 1] for wave in wrinkles]
-    return sums[0][:, None], sums[1][:, None]

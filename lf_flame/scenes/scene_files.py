@@ -48,11 +48,8 @@ class LayerEntry:
                 f"a layer needs a shape or an image file, one of them, "
                 f"got shape={self.shape!r}, image={self.image!r}."
             )
-        if not all(length > 0 for length in self.size_mm) or not self.brightness >= 0:
-            raise InputError(
-                f"size_mm must be above 0, and brightness 0 or above, got {self.size_mm} and "
-                f"{self.brightness}."
-            )
+        if not self.brightness >= 0:
+            raise InputError(f"brightness must be 0 or above, got {self.brightness}.")
 
     def memory(self, folder: Path) -> int:
         """Count the bytes needed to make the layer, from the header of its image file."""

@@ -36,7 +36,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     Raises
     ------
     InputError
-        If the shape is unknown.
+        If the shape is unknown, or a length is not finite and above 0.
 
     Examples
     --------
@@ -46,6 +46,8 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     """
     if shape not in SHAPES:
         raise InputError(f"Unknown shape {shape!r}; use {', '.join(SHAPES)}.")
+    if not all(0 < length < np.inf for length in (*size_mm, cell_mm)):
+        raise InputError(f"size_mm and cell_mm must be above 0, got {size_mm} and {cell_mm}.")
     inside = SHAPES[shape]
     if inside is None:
         return np.ones((1, 1))

@@ -10,6 +10,7 @@ from sentences import each, refusals
 
 from lf_flame import Layer, Scene
 from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.scenes.flames import flame_texture
 from lf_flame.scenes.scene_files import read_camera, read_scene
 from lf_flame.scenes.shapes import shape_texture
 
@@ -57,6 +58,9 @@ test_it_is_refused_in_a_sentence = refusals(
         (partial(Scene, []), r"layers, one or more, got \[\]"),
         (partial(Scene, [1]), r"layers, one or more, got .*'int'"),
         (partial(shape_texture, "star", (1.0, 1.0)), "Unknown shape 'star'"),
+        (partial(shape_texture, "circle", (1.0, 1.0), 0.0), r"above 0, got \(1.0, 1.0\) and 0.0"),
+        (partial(flame_texture, 20.0, 0.0), r"above 0, got \(20.0, 0.0, 0.1\)"),
+        (partial(flame_texture, np.nan, 3.0, cell_mm=0.0), "above 0, got .nan, 3.0, 0.0"),
         *each(
             DeadLeaves,
             ({"leaves": 0}, "Leaves must be 1 or more"),
