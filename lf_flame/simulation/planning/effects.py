@@ -97,10 +97,9 @@ def _self_absorption(bounds: SceneBounds) -> Estimate:
     exp(-tau)`` of the light behind it (Beer's law; Modest, Radiative Heat Transfer). For soot,
     ``tau = 6 pi E(m) f_v L / lambda``.
     """
-    change, thickest = 0.0, 0.0
+    change, thickest = 0.0, max(float(layer.optical_thickness.max()) for layer in bounds.layers)
     for layer in bounds.layers:
         tau = layer.optical_thickness
-        thickest = max(thickest, float(tau.max()))
         change += float((layer.texture * (1 - self_absorbed(tau))).max())
         change += -math.expm1(-tau.max()) * bounds.behind[layer] if tau.any() else 0.0
     words = f"optical thickness up to {thickest:.3g}" if thickest else "no optical thickness"
@@ -117,9 +116,7 @@ def _thickness(bounds: SceneBounds) -> Estimate:
         return Estimate(0.0, "no layer has a thickness_mm or tilt_deg")
     moved = sum(_leaning(bounds, layer, axis) for layer in layers for axis in (0, 1))
     measured = measured_change(bounds, "thickness")
-    change = min(moved, measured)
-    for layer in layers:
-        change += mixed_inside(bounds, layer)
+    change = min(moved, measured) + sum(mixed_inside(bounds, layer) for layer in layers)
     thickest = max(layer.depth_extent_mm for layer in layers)
     words = f"{thickest:.3g} mm thick{MEASURED if measured < moved else ''}"
     return Estimate(bounds.relative(bounds.overlap * change), words)

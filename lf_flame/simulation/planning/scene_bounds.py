@@ -202,14 +202,14 @@ def mixed_inside(bounds: SceneBounds, layer: Layer) -> float:
 
     As one plane the layer is entirely in front of that matter, or behind it.
     """
-    stopped, behind = 0.0, 0.0
+    stopped, behind = {}, 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
         if other is layer or apart <= (other.depth_extent_mm + layer.depth_extent_mm) / 2:
-            stopped += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
+            stopped[other] = np.max(other.opacity) - math.expm1(-other.optical_thickness.max())
             behind += 0.0 if other is layer else float(other.texture.max())
-    own = min(stopped, 1.0) * float(layer.texture.max())
-    return own - math.expm1(-layer.optical_thickness.max()) * behind
+    own = min(sum(stopped.values()), 1.0) * float(layer.texture.max())
+    return own + stopped[layer] * behind
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
@@ -317,10 +317,12 @@ def farthest_move_mm(
 
 
 def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
-    """Half of a bundle's extent on a layer, plus its displacement at a thick layer's faces."""
-    faces = [layer.depth_mm + sign * layer.depth_extent_mm / 2 for sign in (-1, 1)]
-    wandering = (farthest_move_mm(camera, here, axis, depth) for depth in faces)
-    return here.half_width_mm + (max(wandering) if layer.depth_extent_mm else 0)
+    """Half of a bundle's extent on a layer, plus its displacement by depth, colour and lenslet."""
+    wandering = (farthest_move_mm(camera, here, axis, *at) for at in focus_spread(camera, layer))
+    moved = sum(misplaced_mm(camera))
+    # A pixel sees through neighbouring lenslets too if lenslets are moved or the aperture is wide.
+    aside = moved + max(neighbours(camera), moved > 0) * true_pitch_mm(camera)
+    return here.half_width_mm + max(wandering) + abs(here.shift_per_lenslet_shift) * aside
 
 
 def share_vignetted(camera: PlenopticCamera) -> float:

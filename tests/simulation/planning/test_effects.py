@@ -250,12 +250,13 @@ def test_matter_of_a_thick_layer_dims_what_stands_inside_it():
     """As a thin plane it stood behind all that is nearer than its middle."""
     card = Layer([[1.0]], -1e-3, (4.0, 4.0), opaque=True)
     smoke = Layer([[1e-3]], 0.0, (4.0, 4.0), optical_thickness=0.4, thickness_mm=0.01)
-    scene = Scene([card, smoke])
+    leaning = Layer([[0.0]], 0.0, (4.0, 4.0), opaque=True, tilt_deg=(0.1, 0.0))
     matter = {"self_absorption": True, "occlusion": True}
-    planned = plan_effects(scene, small(), 0.05, matter)["thickness"]
-    on, off = ({**matter, "thickness": thick} for thick in (True, False))
-    largest, _ = change(scene, small(), on, off, tolerance=0.05, integrator="rays", rays=12)
-    assert 0.1 < largest <= planned.bound
+    for scene in (Scene([card, smoke]), Scene([leaning, Layer([[1.0]], 0.0, (4.0, 4.0))])):
+        planned = plan_effects(scene, small(), 0.05, matter)["thickness"]
+        on, off = ({**matter, "thickness": thick} for thick in (True, False))
+        largest, _ = change(scene, small(), on, off, tolerance=0.05, integrator="rays", rays=12)
+        assert 0.1 < largest <= planned.bound
 
 
 @pytest.mark.slow

@@ -55,6 +55,13 @@ def test_only_matter_has_light_behind_it(small_camera, rng):
     assert bounds.behind == {front: far.texture.max(), far: 0.0}
     aside = replace(front, centre_mm=(0.6, 2.6), size_mm=(0.05, 0.05))
     assert bound_scene(Scene([glow(rng, 0.0), aside]), small_camera).behind[aside] == 0
+    # Through a wide aperture, pixels also see steeper rays, through neighbouring lenslets.
+    matched = replace(small_camera, lenslets=(4, 120))
+    wide = replace(matched, aperture_diameter_mm=2 * matched.aperture_mm)
+    lamp = Layer([[1.0]], 10.0, (2.0, 2.0), (0.0, -2.5))
+    hiding = Layer([[0.0]], -10.0, (2.0, 2.0), (0.0, 2.5), opaque=True)
+    for camera, hidden in ((matched, 0.0), (wide, 1.0)):
+        assert bound_scene(Scene([lamp, hiding]), camera).behind[hiding] == hidden
     steps = bounds.steps[front, 0]
     assert steps.whole == pytest.approx(0.3 + far.texture.max())
 
