@@ -80,7 +80,7 @@ class RefocusingSystem(ABC):
         """
         slopes = as_slopes(slopes)
         self.check(views, slopes, block)
-        return np.clip(self._refocus(as_views(views), slopes, block), 0, 1)
+        return np.clip(self._refocus(views, slopes, block), 0, 1)
 
     def check(self, views: Views, slopes: ArrayLike = (), block: tuple[int, int] = (1, 1)) -> None:
         """Refuse input that `refocus` would refuse; slopes may be empty."""
@@ -94,8 +94,8 @@ class RefocusingSystem(ABC):
         refuse_excluded(light_field, self.view_indices(*views.shape[:2]), self.name)
 
     @abstractmethod
-    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Refocus checked input."""
+    def _refocus(self, views: Views, slopes: np.ndarray, block) -> np.ndarray:
+        """Refocus checked input; a light field has its weights and unknown pixels."""
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
         as_block(block, shape[2:4])
@@ -158,7 +158,8 @@ class NetworkSystem(RefocusingSystem):
         """Choose the slopes to train at with a sample, given its own."""
         return slopes
 
-    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def _refocus(self, views: Views, slopes: np.ndarray, block) -> np.ndarray:
+        views = as_views(views)
         if views.ndim == 4 or self.colours > 1:
             return self._apply(views, slopes, block)
         channels = [self._apply(views[..., c], slopes, block) for c in range(views.shape[4])]

@@ -7,6 +7,7 @@ import numpy as np
 from lf_flame.datasets.encodings import area_average, spread
 from lf_flame.errors import InputError
 from lf_flame.refocus import fourier_slice, shift_and_sum
+from lf_flame.refocus._arguments import Views, as_views
 from lf_flame.systems.base import RefocusingSystem, ViewIndices
 
 
@@ -93,8 +94,9 @@ class ShiftAndSum(RefocusingSystem):
         """Choose the views to use."""
         return self._selection(rows, columns)
 
-    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        weights = only_views(views.shape[:2], self.view_indices(*views.shape[:2]))
+    def _refocus(self, views: Views, slopes: np.ndarray, block) -> np.ndarray:
+        shape = as_views(views).shape[:2]
+        weights = only_views(shape, self.view_indices(*shape))
         return average(shift_and_sum(views, slopes, weights=weights), block)
 
 
@@ -115,7 +117,7 @@ class FourierSlice(RefocusingSystem):
         """Choose all views."""
         return every_view(rows, columns)
 
-    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def _refocus(self, views: Views, slopes: np.ndarray, block) -> np.ndarray:
         return average(fourier_slice(views, slopes, edges="clamp"), block)
 
 

@@ -28,13 +28,15 @@ from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_config import MOST_EPOCHS, check_seed
 from lf_flame.projection import Projector
+from lf_flame.refocus import shift_and_sum
+from lf_flame.refocus._arguments import refuse_excluded
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.integration import blank_image
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.base import NetworkSystem, ViewIndices
-from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.formulas import average
 from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
 from lf_flame.systems.sparse_unet import NineViewUNet, SparseUNet, build_unet, unet_loss
@@ -60,11 +62,13 @@ class TrainingSample:
     slopes: np.ndarray  # in lenslets per view step
     block: tuple[int, int]  # number of lenslets in a pixel of the images, along (t, s)
     projector: Projector | None = None  # of the scene, if there is no light field
+    weights: np.ndarray | None = None  # of the views, (v, u); all equal by default
 
     def refocus(self, slopes: np.ndarray) -> np.ndarray:
-        """Refocus with all views by shift-and-sum: float32, shape (n, h, w)."""
+        """Refocus with all views that have weight by shift-and-sum: float32, shape (n, h, w)."""
         if self.projector is None:
-            return ShiftAndSum().refocus(self.views, slopes, self.block)
+            stack = shift_and_sum(self.views, slopes, weights=self.weights)
+            return np.clip(average(stack, self.block), 0, 1)
         return np.clip(self.projector.refocus(slopes, block=self.block), 0, 1)
 
 
@@ -106,18 +110,18 @@ class TrainingSamples:
         config = self.configs[rng.integers(len(self.configs))]
         scene, slopes, noise = self._draw_scene(config, rng)
         camera, plan = config.camera, config.plan_of(scene)
-        if plan.not_separable:
-            views = render_plan(scene, camera, plan, seed=noise).views
-            return TrainingSample(views, slopes, config.block)
-        projector, views = Projector(scene, camera, plan), blank_image(camera, "views")
         indices = select_views(camera.views, camera.views)
+        if plan.not_separable:
+            seen = render_plan(scene, camera, plan, seed=noise)
+            refuse_excluded(seen, indices, "This system")
+            return TrainingSample(seen.views, slopes, config.block, weights=seen.weights)
+        projector, views = Projector(scene, camera, plan), blank_image(camera, "views")
         views[tuple(np.transpose(indices))] = projector.align_views(0.0, indices)[0]
         return TrainingSample(views, slopes, config.block, projector)
 
     def _draw_leaves(self, rng: np.random.Generator) -> TrainingSample:
-        image = self.configs[0].image
         leaves = DeadLeaves()
-        views = leaves.draw((LEAF_VIEWS, LEAF_VIEWS), image, rng).views
+        views = leaves.draw((LEAF_VIEWS, LEAF_VIEWS), self.configs[0].image, rng).views
         slopes = rng.uniform(*leaves.slopes, self.slopes)
         return TrainingSample(views, slopes, (1, 1))
 

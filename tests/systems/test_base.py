@@ -4,7 +4,8 @@ import keras
 import numpy as np
 import pytest
 
-from lf_flame.refocus import shift_and_sum
+from lf_flame import LightField
+from lf_flame.refocus import fourier_slice, shift_and_sum
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.formulas import (
     FourierSlice,
@@ -75,11 +76,15 @@ def test_only_the_selected_views_are_used(system, views):
 
 @pytest.mark.parametrize("selection", [every_view, square_of_views, cross_of_views])
 def test_formulas_are_shift_and_sum_of_their_views(views, selection):
-    weights = only_views((9, 9), selection(9, 9))
+    """With the weights of the light field, and without its unknown pixels."""
+    own, weights = np.arange(1, 82).reshape(9, 9), only_views((9, 9), selection(9, 9))
+    views = LightField(views, weights=own, valid=views < 0.9)
     stack, few = shift_and_sum(views, [0.7, -0.4], weights=weights), ShiftAndSum("few", selection)
     np.testing.assert_allclose(few.refocus(views, [0.7, -0.4]), stack, atol=1e-6)
     blocks = stack.reshape(2, 50, 2, 36, 3).mean(axis=(2, 4))
     np.testing.assert_allclose(few.refocus(views, [0.7, -0.4], (2, 3)), blocks, atol=1e-6)
+    sliced = fourier_slice(views, [0.7, -0.4], edges="clamp")
+    np.testing.assert_allclose(FourierSlice().refocus(views, [0.7, -0.4]), sliced, atol=1e-6)
 
 
 def test_selected_views():

@@ -5,11 +5,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from lf_flame import InputError
 from lf_flame._common.config import build
+from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.systems import training
-from lf_flame.systems.formulas import ShiftAndSum, every_view
+from lf_flame.systems.formulas import ShiftAndSum, average, every_view, square_of_views
 from lf_flame.systems.training import (
     NETWORKS,
     Patches,
@@ -95,6 +97,20 @@ def test_inputs_and_targets_are_those_of_the_light_field(config, name, monkeypat
     for found, shape in zip(arrays, shapes, strict=True):
         assert found.shape == (3 if name == "refnet" else 9, 24, 48, shape[3])
         assert found.dtype == np.float32
+
+
+@pytest.mark.slow
+def test_views_that_a_stop_cuts_are_in_no_target_and_no_input(coarse_data, tmp_path):
+    path, stop = tmp_path / "round.toml", "views = 9\naperture_diameter_mm = 466.0"
+    path.write_text(coarse_data[0].read_text().replace("views = 9", stop))
+    scenes = TrainingSamples([str(path)], leaves=0, slopes=2)
+    sample = scenes.draw(1, 0, square_of_views)
+    stack = shift_and_sum(sample.views, sample.slopes, weights=sample.weights)
+    expected = np.clip(average(stack, sample.block), 0, 1)
+    np.testing.assert_array_equal(sample.refocus(sample.slopes), expected)
+    assert sample.weights.min() == 0
+    with pytest.raises(InputError, match="This system needs the view in row 0, column 0"):
+        scenes.draw(1, 0, every_view)
 
 
 @pytest.mark.slow
