@@ -29,7 +29,7 @@ from lf_flame._common.threads import one_thread
 from lf_flame.datasets.config import read_config
 from lf_flame.formats import DecodePlan, LensletGrid
 from lf_flame.learning.decoder import build_decoder
-from lf_flame.learning.fitting import ShuffledSamples
+from lf_flame.learning.fitting import Batches, shuffled_batches
 from lf_flame.learning.training import compile_for_training
 from lf_flame.optics.ray_bundle import trace_footprint
 
@@ -221,7 +221,7 @@ def training_cases(small: bool) -> Iterator[Case]:
         for decoder, xla in zip(decoders[1:], (False, True), strict=True):
             decoder.compile(keras.optimizers.Adam(1e-4), "mse", jit_compile=xla)
         ours, plain, compiled = (
-            partial(fit_once, network, ShuffledSamples(features, targets, batch, seed=1))
+            partial(fit_once, network, shuffled_batches(features, targets, batch, seed=1))
             for network in (compile_for_training(decoders[0], 1e-4, STEPS), *decoders[1:])
         )
         # Parameters and both moments of Adam are read and written once.
@@ -236,7 +236,7 @@ def training_cases(small: bool) -> Iterator[Case]:
         yield Case("training", what, ours, others[: 2 if small else 3], STEPS)  # XLA compiles long
 
 
-def fit_once(network: keras.Model, batches: ShuffledSamples) -> float:
+def fit_once(network: keras.Model, batches: Batches) -> float:
     """Train for an epoch; the mean loss."""
     options = {"steps_per_epoch": batches.steps, "shuffle": False, "verbose": 0}
     return network.fit(batches, **options).history["loss"][0]

@@ -52,7 +52,9 @@ class Epoch:
 
 
 class Batches(keras.utils.PyDataset):
-    """Endless batches, those of epoch k drawn from ``numpy.random.default_rng([seed, k])``.
+    """Endless batches: those of epoch k are drawn with ``numpy.random.default_rng([seed, k])``.
+
+    `draw` returns an epoch's `steps` selections of samples, and `cut` makes a batch of one.
 
     Endless, because TensorFlow waits when an iterator ends, often as long as the epoch took: the
     thread that tunes its pipeline sleeps on.
@@ -60,44 +62,28 @@ class Batches(keras.utils.PyDataset):
 
     num_batches = None
 
-    def __init__(self, steps: int, seed: int):
+    def __init__(self, steps: int, seed: int, draw: Callable[..., list], cut: Callable[..., tuple]):
         super().__init__()
-        self.steps, self.seed = steps, seed
-        self.epochs_done, self._drawn = 0, 0
+        self.steps, self.epochs_done = steps, 0
+        self._seed, self._draw, self._cut = seed, draw, cut
+        self._drawn: tuple[int, list] = (0, [])
 
     def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
-        epochs, step = divmod(index, self.steps)
-        epoch = self.epochs_done + epochs + 1
-        if epoch != self._drawn:
-            self.draw(np.random.default_rng([self.seed, epoch]))
-            self._drawn = epoch
-        return self.batch(step)
-
-    def draw(self, rng: np.random.Generator) -> None:
-        """Draw an epoch's batches."""
-        raise NotImplementedError
-
-    def batch(self, step: int) -> tuple[np.ndarray, ...]:
-        """Return inputs and targets of a step of the epoch."""
-        raise NotImplementedError
+        epoch = self.epochs_done + index // self.steps + 1
+        if epoch != self._drawn[0]:
+            self._drawn = epoch, self._draw(np.random.default_rng([self._seed, epoch]))
+        return self._cut(self._drawn[1][index % self.steps])
 
 
-class ShuffledSamples(Batches):
-    """All samples in a random order, in batches; the last one may be smaller."""
+def shuffled_batches(inputs: np.ndarray, targets: np.ndarray, size: int, seed: int) -> Batches:
+    """All samples in a random order, in batches of a size; an epoch's last one may be smaller."""
 
-    def __init__(self, inputs: np.ndarray, targets: np.ndarray, batch_size: int, seed: int):
-        super().__init__(-(-len(inputs) // batch_size), seed)
-        self.samples, self.batch_size = (inputs, targets), batch_size
-        self.order = np.arange(len(inputs))
+    def draw(rng: np.random.Generator) -> list[np.ndarray]:
+        order = rng.permutation(len(inputs))
+        return [order[k : k + size] for k in range(0, len(order), size)]
 
-    def draw(self, rng: np.random.Generator) -> None:
-        """Draw the order of the samples."""
-        self.order = rng.permutation(len(self.order))
-
-    def batch(self, step: int) -> tuple[np.ndarray, ...]:
-        """Cut a batch out of the order."""
-        some = self.order[step * self.batch_size :][: self.batch_size]
-        return tuple(x[some] for x in self.samples)
+    steps = -(-len(inputs) // size)
+    return Batches(steps, seed, draw, lambda some: (inputs[some], targets[some]))
 
 
 @dataclass(frozen=True)

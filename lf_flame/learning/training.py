@@ -20,7 +20,7 @@ from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.backbone import NO_BACKBONE, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.fast_steps import FusedAdam, matrix_view
-from lf_flame.learning.fitting import Fit, Run, ShuffledSamples, assign_weights, train_in_folder
+from lf_flame.learning.fitting import Fit, Run, assign_weights, shuffled_batches, train_in_folder
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import describe_dataset
@@ -88,7 +88,7 @@ def train(
             features = compute_features(network, dataset.inputs[parts[part]], part)
             return features, dataset.targets[parts[part]][..., None]
 
-        batches = ShuffledSamples(*samples("train"), recipe.batch_size, config.seed)
+        batches = shuffled_batches(*samples("train"), recipe.batch_size, config.seed)
         trained = compile_for_training(decoder, recipe.learning_rate, batches.steps)
         return Fit(trained, batches, samples("validation"))
 

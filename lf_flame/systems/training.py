@@ -287,12 +287,12 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + recipe.held_out)
         train_arrays = draw_arrays(drawn, system, config.seed, train, "training samples")
         held_out_arrays = draw_arrays(drawn, system, config.seed, held_out, "held-out samples")
-        patches = Patches(*train_arrays, recipe, system.multiple, config.seed)
+        patches = draw_patches(*train_arrays, recipe, system.multiple, config.seed)
         optimizer = make_optimizer(recipe)
         optimizer.build(model.trainable_variables)
         model.compile(optimizer, network.loss, metrics=[keras.metrics.MeanSquaredError("mse")])
         # Whole images, as far as the network's sides allow.
-        height, width = (n // system.multiple * system.multiple for n in patches.size)
+        height, width = (n // system.multiple * system.multiple for n in train_arrays[0].shape[1:3])
         validation = tuple(x[:, :height, :width] for x in held_out_arrays)
         return Fit(model, patches, validation, "val_mse")
 
@@ -326,41 +326,35 @@ def make_optimizer(recipe: SystemRecipe) -> keras.optimizers.Optimizer:
     return kinds[recipe.optimizer](rate)
 
 
-class Patches(Batches):
-    """Patches at random positions, never rotated or mirrored: views have directions.
+def draw_patches(
+    inputs: np.ndarray, targets: np.ndarray, recipe: SystemRecipe, multiple: int, seed: int
+) -> Batches:
+    """Batches of patches at random positions, never rotated or mirrored: views have directions.
 
     Two positions are drawn for each patch, and the one with more contrast is used, because a
-    network learns nothing from uniform patches.
-
-    Inputs and targets are float32 images (n, h, w, channels).
+    network learns nothing from uniform patches. Inputs and targets are float32 images (n, h, w,
+    channels), sides of a patch multiples of `multiple`.
     """
+    size = np.array(inputs.shape[1:3])
+    sides = np.minimum(recipe.patch, size) // multiple * multiple
 
-    def __init__(self, inputs, targets, recipe: SystemRecipe, multiple: int, seed: int):
-        super().__init__(recipe.steps_per_epoch, seed)
-        self.samples, self.recipe, self.size = (inputs, targets), recipe, inputs.shape[1:3]
-        self.side = [min(recipe.patch, n) // multiple * multiple for n in self.size]
-        self.cuts: list[list[tuple]] = []
-
-    def draw(self, rng: np.random.Generator) -> None:
-        """Draw the positions of an epoch's patches."""
-        recipe = self.recipe
-        self.cuts = [
-            [self._place(rng) for _ in range(recipe.batch_size)]
-            for _ in range(recipe.steps_per_epoch)
-        ]
-
-    def _place(self, rng: np.random.Generator) -> tuple:
-        targets = self.samples[1]
+    def place(rng: np.random.Generator) -> tuple:
         k = rng.integers(len(targets))
         places = [
-            (k, *(slice(at, at + n) for at, n in zip(corner, self.side, strict=True)))
-            for corner in rng.integers(0, np.array(self.size) - self.side + 1, (2, 2))
+            (k, *(slice(at, at + n) for at, n in zip(corner, sides, strict=True)))
+            for corner in rng.integers(0, size - sides + 1, (2, 2))
         ]
         return max(places, key=lambda place: targets[place].std())
 
-    def batch(self, step: int) -> tuple[np.ndarray, ...]:
-        """Cut the patches of a step."""
-        return tuple(np.stack([x[cut] for cut in self.cuts[step]]) for x in self.samples)
+    def draw(rng: np.random.Generator) -> list[list[tuple]]:
+        return [
+            [place(rng) for _ in range(recipe.batch_size)] for _ in range(recipe.steps_per_epoch)
+        ]
+
+    def cut(places: list[tuple]) -> tuple[np.ndarray, ...]:
+        return tuple(np.stack([x[place] for place in places]) for x in (inputs, targets))
+
+    return Batches(recipe.steps_per_epoch, seed, draw, cut)
 
 
 def load_system(path: str | Path) -> NetworkSystem:

@@ -6,7 +6,7 @@ import pytest
 
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.fast_steps import matrix_view
-from lf_flame.learning.fitting import ShuffledSamples
+from lf_flame.learning.fitting import shuffled_batches
 from lf_flame.learning.training import compile_for_training
 
 FEATURES, IMAGE = (3, 6, 32), (9, 18)
@@ -36,7 +36,7 @@ def test_losses_and_weights_are_those_of_plain_fit(decoder, rng):
     plain.compile(keras.optimizers.Adam(1e-3), "mse", jit_compile=False)
     losses = []
     for network in (plain, compile_for_training(fast, 1e-3, 5)):
-        batches = ShuffledSamples(features, targets, 2, seed=1)
+        batches = shuffled_batches(features, targets, 2, seed=1)
         history = network.fit(batches, epochs=2, steps_per_epoch=5, shuffle=False, verbose=0)
         losses.append(history.history["loss"])
     np.testing.assert_allclose(losses[1], losses[0], rtol=1e-5)

@@ -11,7 +11,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.learning import fitting
-from lf_flame.learning.fitting import Fit, Run, ShuffledSamples, assign_weights, train_in_folder
+from lf_flame.learning.fitting import Fit, Run, assign_weights, shuffled_batches, train_in_folder
 
 RNG = np.random.default_rng(7)
 INPUTS, TARGETS = (RNG.normal(size=(n, 4)).astype(np.float32) for n in (11, 7))
@@ -29,7 +29,7 @@ def small_run(epochs, rate=1e-2, request=REQUEST, **options):
     def prepare():
         network.compile(keras.optimizers.Adam(rate), "mse", jit_compile=False)
         network.optimizer.build(network.trainable_variables)
-        batches = ShuffledSamples(INPUTS, INPUTS @ truth, 2, seed=3)
+        batches = shuffled_batches(INPUTS, INPUTS @ truth, 2, seed=3)
         return Fit(network, batches, (TARGETS, TARGETS @ truth))
 
     def finish(best):
@@ -98,7 +98,7 @@ def test_the_best_weights_are_kept(tmp_path):
 
 def test_an_epoch_has_every_sample_once_in_the_order_of_seed_and_epoch():
     """Six steps an epoch; the second series resumes after the first epoch."""
-    batches = [ShuffledSamples(INPUTS, np.arange(11), 2, seed) for seed in (3, 3, 4)]
+    batches = [shuffled_batches(INPUTS, np.arange(11), 2, seed) for seed in (3, 3, 4)]
     batches[1].epochs_done = 1
     orders = []
     for one, first in zip((*batches, batches[0]), (6, 0, 6, 12), strict=True):

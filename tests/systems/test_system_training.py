@@ -14,11 +14,11 @@ from lf_flame.systems import training
 from lf_flame.systems.formulas import ShiftAndSum, average, every_view, square_of_views
 from lf_flame.systems.training import (
     NETWORKS,
-    Patches,
     SystemRecipe,
     SystemsConfig,
     TrainingSamples,
     draw_arrays,
+    draw_patches,
     load_system,
     make_optimizer,
     read_systems_config,
@@ -143,7 +143,7 @@ def test_a_network_learns_in_the_steps_of_the_recipe(config):
     recipe = SystemRecipe(epochs=2, steps_per_epoch=12, patch=24, batch_size=2)
     optimizer = make_optimizer(recipe)
     system.model.compile(optimizer, "mean_squared_error")
-    start, patches = system.model.evaluate(*pair, verbose=0), Patches(*pair, recipe, 1, seed=1)
+    start, patches = system.model.evaluate(*pair, verbose=0), draw_patches(*pair, recipe, 1, seed=1)
     options = {"steps_per_epoch": patches.steps, "shuffle": False, "verbose": 0}
     system.model.fit(patches, epochs=2, **options)
     assert int(optimizer.iterations) == 24
@@ -156,7 +156,7 @@ def test_patches_have_the_target_of_their_position_and_prefer_contrast(rng):
     places = np.arange(3 * 20 * 40, dtype=np.float32).reshape(3, 20, 40, 1)
     truth = np.where(np.arange(40)[:, None] < 20, 0.0, places).astype(np.float32)
     recipe = SystemRecipe(epochs=1, steps_per_epoch=50, patch=15, batch_size=4)
-    patches = Patches(places, truth, recipe, multiple=4, seed=1)
+    patches = draw_patches(places, truth, recipe, multiple=4, seed=1)
     batches = [patches[k] for k in range(50)]
     inputs, targets = (np.concatenate(x) for x in zip(*batches, strict=True))
     assert inputs.shape == targets.shape == (200, 12, 12, 1)
