@@ -36,9 +36,6 @@ from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import load_run
 
-VALIDATION_BATCH = 16
-"""Number of samples in a batch without gradients."""
-
 
 @dataclass(frozen=True)
 class Epoch:
@@ -52,38 +49,36 @@ class Epoch:
 
 
 class Batches(keras.utils.PyDataset):
-    """Endless batches: those of epoch k are drawn with ``numpy.random.default_rng([seed, k])``.
+    """Endless batches: `draw` makes those of epoch k from ``numpy.random.default_rng([seed, k])``.
 
-    `draw` returns an epoch's `steps` selections of samples, and `cut` makes a batch of one.
-
-    Endless, because TensorFlow waits when an iterator ends, often as long as the epoch took: the
-    thread that tunes its pipeline sleeps on.
+    It returns a function from a step of the epoch to its inputs and targets. Endless, because
+    TensorFlow waits when an iterator ends, often as long as the epoch took: the thread that tunes
+    its pipeline sleeps on.
     """
 
     num_batches = None
 
-    def __init__(self, steps: int, seed: int, draw: Callable[..., list], cut: Callable[..., tuple]):
+    def __init__(self, steps: int, seed: int, draw: Callable[[np.random.Generator], Callable]):
         super().__init__()
         self.steps, self.epochs_done = steps, 0
-        self._seed, self._draw, self._cut = seed, draw, cut
-        self._drawn: tuple[int, list] = (0, [])
+        self._seed, self._draw, self._epoch = seed, draw, 0
 
     def __getitem__(self, index: int) -> tuple[np.ndarray, ...]:
         epoch = self.epochs_done + index // self.steps + 1
-        if epoch != self._drawn[0]:
-            self._drawn = epoch, self._draw(np.random.default_rng([self._seed, epoch]))
-        return self._cut(self._drawn[1][index % self.steps])
+        if epoch != self._epoch:
+            self._batch = self._draw(np.random.default_rng([self._seed, epoch]))
+            self._epoch = epoch
+        return self._batch(index % self.steps)
 
 
 def shuffled_batches(inputs: np.ndarray, targets: np.ndarray, size: int, seed: int) -> Batches:
     """All samples in a random order, in batches of a size; an epoch's last one may be smaller."""
 
-    def draw(rng: np.random.Generator) -> list[np.ndarray]:
-        order = rng.permutation(len(inputs))
-        return [order[k : k + size] for k in range(0, len(order), size)]
+    def draw(rng: np.random.Generator) -> Callable:
+        batches = np.split(rng.permutation(len(inputs)), range(size, len(inputs), size))
+        return lambda step: (inputs[batches[step]], targets[batches[step]])
 
-    steps = -(-len(inputs) // size)
-    return Batches(steps, seed, draw, lambda some: (inputs[some], targets[some]))
+    return Batches(-(-len(inputs) // size), seed, draw)
 
 
 @dataclass(frozen=True)
@@ -156,7 +151,7 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
             epochs=run.epochs,
             initial_epoch=state.epochs_done,
             validation_data=fit.validation,
-            validation_batch_size=VALIDATION_BATCH,
+            validation_batch_size=16,
             shuffle=False,  # the batches shuffle
             verbose=0,
             callbacks=[EpochEnd(run, state, fit.watched, started, bar)],

@@ -81,11 +81,9 @@ def read_input(
             f"crop it to {columns / rows:.3g} times, as the network's {rows} x {columns} are "
             f"(within {ASPECT_TOLERANCE:.0%})."
         )
-    notes = []
-    if picture.min() < 0 or picture.max() > 1:
-        notes.append(
-            f"values from {picture.min():.3g} to {picture.max():.3g}: cut off below 0 and above 1"
-        )
+    notes, low, high = [], picture.min(), picture.max()
+    if low < 0 or high > 1:
+        notes.append(f"values from {low:.3g} to {high:.3g}: cut off below 0 and above 1")
     if height % rows or width % columns:
         notes.append(f"{height} x {width} is not a multiple of {rows} x {columns}: interpolated")
         picture = resize(picture, size, anti_aliasing=encoding.kind == "raw")
@@ -98,6 +96,9 @@ def _read_grey(source: Path, encoding: InputEncoding) -> np.ndarray:
     try:
         light_field = read_light_field(source, views=1)
         views = light_field.filled[encoding.view_mesh(*light_field.shape[:2])]
+        shown = views.any(axis=tuple(range(2, views.ndim)))
+        if light_field.weights is not None and not shown.all():
+            raise InputError("a view that the network's input contains is missing, or black.")
         picture = views.mean(axis=(0, 1), dtype=np.float64)  # excluded ones, too, as in training
     except InputError as error:
         if str(source) in str(error):

@@ -346,15 +346,15 @@ def draw_patches(
         ]
         return max(places, key=lambda place: targets[place].std())
 
-    def draw(rng: np.random.Generator) -> list[list[tuple]]:
-        return [
+    def draw(rng: np.random.Generator) -> Callable:
+        places = [
             [place(rng) for _ in range(recipe.batch_size)] for _ in range(recipe.steps_per_epoch)
         ]
+        return lambda step: tuple(
+            np.stack([x[one] for one in places[step]]) for x in (inputs, targets)
+        )
 
-    def cut(places: list[tuple]) -> tuple[np.ndarray, ...]:
-        return tuple(np.stack([x[place] for place in places]) for x in (inputs, targets))
-
-    return Batches(recipe.steps_per_epoch, seed, draw, cut)
+    return Batches(recipe.steps_per_epoch, seed, draw)
 
 
 def load_system(path: str | Path) -> NetworkSystem:

@@ -109,6 +109,10 @@ def test_light_fields_are_seen_as_in_training(run_folder, rng, tmp_path):
             found = read_input(tmp_path / name, SIZE, encoding)
             np.testing.assert_allclose(found.image, expected, atol=2e-5)
             assert found.notes == []
+    missing = light_field.views * np.eye(3, dtype=np.float32)[..., None, None]
+    np.savez(tmp_path / "missing.npz", views=missing, weights=np.eye(3))
+    with pytest.raises(InputError, match="missing.npz: a view .* is missing, or black"):
+        read_input(tmp_path / "missing.npz", SIZE)
 
 
 def test_colours_become_luminance(tmp_path):
