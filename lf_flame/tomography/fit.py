@@ -181,7 +181,8 @@ class Fit:
             if self.start is not None:
                 uneven, shared = self.start.uneven, self.start.shared
             else:
-                uneven = noise_by_pixel(views, project(self.operator, problem.unpenalised()))
+                seen = project(self.operator, problem.unpenalised())
+                uneven = noise_by_pixel(views, seen, self.valid is None or self.valid)
                 shared = known.shared if known else self._correlation(problem, views, uneven)
         noise = measured if options.noise is None else float(options.noise)
         if known is not None:

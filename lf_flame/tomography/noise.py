@@ -53,18 +53,20 @@ def inner(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.einsum("...s,...s->...", one, other).sum(dtype=np.float64))
 
 
-def noise_by_pixel(views: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Variance of each pixel's noise relative to its mean, float32, shape (v, u, t, s).
+def noise_by_pixel(views: np.ndarray, seen: np.ndarray, known: np.ndarray | bool) -> np.ndarray:
+    """Variance of each pixel's noise relative to that of known rays, float32, shape (v, u, t, s).
 
     The variance of a sensor's pixel increases in proportion to its light (the photon transfer
     curve; EMVA standard 1288). Other effects, such as a division by a white image, vary slowly over
-    the field. `seen` is the light field of the unpenalised fit.
+    the field. `seen` is the light field of the unpenalised fit. Rays that are not known have light
+    of a fit, which shows no noise: they get that of as much light, scaled as in known rays nearby.
     """
-    power = np.square(views - seen, dtype=np.float32)
+    power = np.where(known, np.square(views - seen, dtype=np.float32), np.float32(0))
     if not power.any():
         return np.ones_like(power)
     light = np.clip(seen, 0, None)
-    by_light = _photon_transfer(power, light)
+    by_light = _photon_transfer(power, light, known)
+    power = np.where(known, power, by_light)
     place, wanted = (
         ndimage.uniform_filter(one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest")
         for one in (power, by_light)
@@ -72,15 +74,16 @@ def noise_by_pixel(views: np.ndarray, seen: np.ndarray) -> np.ndarray:
     # A running sum may end slightly below 0 where there is no noise.
     least = 1e-6 * float(wanted.max())
     by_light *= (np.clip(place, 0, None) / np.maximum(wanted, least)).astype(np.float32)
-    return by_light / by_light.mean(dtype=np.float64)
+    return by_light / float(by_light.mean(dtype=np.float64, where=known))
 
 
-def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
+def _photon_transfer(power: np.ndarray, light: np.ndarray, known: np.ndarray | bool) -> np.ndarray:
     """Fit squared noise with a constant plus a multiple of the light, both 0 or above; float32."""
-    mean_power, mean_light = (float(one.mean(dtype=np.float64)) for one in (power, light))
+    mean_power = float(power.mean(dtype=np.float64, where=known))
+    mean_light = float(light.mean(dtype=np.float64, where=known))
     bright = light - np.float32(mean_light)
-    spread = inner(bright, bright)
-    slope = inner(bright, power) / spread if spread else 0.0
+    spread = inner(np.where(known, bright, np.float32(0)), bright)
+    slope = inner(bright, power) / spread if spread else 0.0  # power is 0 in unknown rays
     steepest = mean_power / mean_light if mean_light else 0.0
     slope = min(max(slope, 0.0), steepest)
     line = np.float32(mean_power) + np.float32(slope) * bright
@@ -139,7 +142,7 @@ def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> floa
 
 
 def _neighboured(used_views: np.ndarray, lag: tuple[int, int]) -> float:
-    """Share of the used_views views with a used_views neighbour a step apart; the rim has fewer."""
+    """Share of the views in use with a neighbour in use a step apart; the rim has fewer."""
     both = np.pad(used_views, 1) & np.roll(np.pad(used_views, 1), lag, (0, 1))
     return float(both.sum()) / max(float(used_views.sum()), 1.0)
 

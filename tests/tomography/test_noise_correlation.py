@@ -1,4 +1,4 @@
-"""Noise that neighbouring views share, as after decoding, in error bars."""
+"""Noise by pixel, and as neighbouring views share it after decoding, in error bars."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,25 @@ from scipy.ndimage import convolve1d
 
 from experiments.emission.truth import Lens, Sheet, record
 from lf_flame import LightField
-from lf_flame.tomography import (
-    FrustumGrid,
-    reconstruct,
-)
-from lf_flame.tomography.noise import correlation_factor
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.noise import correlation_factor, noise_by_pixel
 
 KERNEL = np.array([0.25, 1.0, 0.25])
+
+
+def test_saturated_rays_have_the_noise_of_their_light():
+    """Photon noise; unknown rays, the brightest, have light of the fit and show none."""
+    y, x = np.mgrid[-1:1:60j, -1:1:80j]
+    light = np.broadcast_to(np.exp(-6 * (x**2 + y**2)), (5, 5, 60, 80)).astype(np.float32)
+    variance = 1e-4 * light + 1e-7
+    noise = np.sqrt(variance) * np.random.default_rng(0).standard_normal(light.shape)
+    valid = light < 0.6
+    views = np.where(valid, light + noise, light).astype(np.float32)
+    uneven = noise_by_pixel(views, light, valid)
+    assert uneven.dtype == np.float32
+    found = uneven * np.square(views - light)[valid].mean()
+    for rays in (valid, ~valid, valid & (light > 0.5)):
+        assert found[rays].mean() == pytest.approx(variance[rays].mean(), rel=0.05)
 
 
 def shared_noise(rng, shape):

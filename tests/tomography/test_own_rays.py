@@ -183,4 +183,6 @@ def test_saturated_rays_do_not_change_the_emission_that_others_see():
     assert error(found, partly) < 0.2 * error(plain, partly)
     assert error(found, shut) < 0.06 < 0.15 < error(plain, shut)
     np.testing.assert_allclose(found.noise, whole.noise, rtol=0.02)
+    # Draws for error bars have the noise of a sensor in rays that are unknown, too.
+    assert found.fit.uneven[~valid].mean() == pytest.approx(1, abs=0.1)
     assert found.strength <= whole.strength < plain.strength  # not chosen for the clipped light
