@@ -215,9 +215,11 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         )
     grey = light_field if job.calibration is None else light_field.grey()
     axis = find_axis(grey, lens, None if columns >= 3 else axis_depth)
-    across = axis.across_mm if axis_mm is None else axis_mm
     depth = axis.depth_mm if axis_depth is None else axis_depth
-    radius = axis.radius_mm if radius is None else radius
+    # The central view sees the axis at the same pixel at any depth, which is not the same mm.
+    scale = lens.field_mm(depth)[1] / lens.field_mm(axis.depth_mm)[1]
+    across = axis.across_mm * scale if axis_mm is None else axis_mm
+    radius = axis.radius_mm * scale if radius is None else radius
     views = "central" if central else "all"
     job.find(light_field, AxisymmetricGrid(lens, across, depth, radius, block, views, burner))
 

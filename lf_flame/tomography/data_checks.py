@@ -238,7 +238,9 @@ def axis_checks(
     least = 0.1 * grid.pixel_mm
     pupil = grid.camera.views * grid.camera.view_step_mm
     half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)
-    edge = axis.radius_mm / MARGIN
+    # In mm at the stated depth, where the central view sees the axis and the edge.
+    scale = grid.camera.field_mm(grid.depth_mm)[1] / grid.camera.field_mm(axis.depth_mm)[1]
+    across, edge = axis.across_mm * scale, axis.radius_mm * scale / MARGIN
     lit = project(geometry.operator, np.ones(grid.shape))
     outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
     shown = "the light field shows it at"
@@ -248,8 +250,8 @@ def axis_checks(
          f"leans by {axis.depth_lean_deg:.0f} degrees in depth"),
         (axis.wander_mm, least, axis.wander_error_mm,
          f"is not straight: it moves by up to {axis.wander_mm:.2g} mm across with height"),
-        (grid.axis_mm - axis.across_mm, least, axis.across_error_mm,
-         f"was stated {grid.axis_mm:.3f} mm across, {shown} {axis.across_mm:.3f} mm"),
+        (grid.axis_mm - across, least, axis.across_error_mm * scale,
+         f"was stated {grid.axis_mm:.3f} mm across, {shown} {across:.3f} mm"),
         # A wrong depth displaces the axis in the outermost views by the parallax.
         (grid.depth_mm - axis.depth_mm, least / half_angle, axis.depth_error_mm,
          f"was stated at a depth of {grid.depth_mm:.2f} mm, {shown} {axis.depth_mm:.2f} mm"),

@@ -98,3 +98,11 @@ def test_a_ball_is_found_with_its_axis(call, ball, tmp_path, drawn):
         axis = [float(row["emission_per_mm"]) for row in csv.DictReader(file)]
     assert axis == [row["emission_per_mm"] for row in rows if row["radius_mm"] == 0]
     assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
+    # At a stated depth the central view sees axis and radius at the same pixels.
+    said = call("abel", ball, "--axis-depth", 40, "--central", "--bootstrap", 0, "--overwrite")
+    away = json.loads((tmp_path / "found" / "emission.json").read_text())
+    scale = LENS.field_mm(40.0)[1] / LENS.field_mm(record["axis_depth_mm"])[1]
+    for name in ("axis_mm", "radius_mm"):
+        assert away[name] == pytest.approx(record[name] * scale, rel=1e-6)
+    assert "was stated at a depth of 40.00 mm" in said
+    assert "mm across, the light field shows" not in said
