@@ -14,17 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 from scipy import sparse
 
+from lf_flame._common.arrays import as_numbers
 from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.projection_operator import (
-    GridOperator,
-    as_raw,
-    as_views,
-    layer_bands,
-)
+from lf_flame.tomography.projection_operator import GridOperator, as_raw, as_views, layer_bands
 
 MOST_THICKNESS = 2.0
 """Largest total optical thickness along a ray of the central view. A seventh of the light from
@@ -188,20 +184,16 @@ def spread_thickness(
 
     Cells outside the central view get the value of its nearest pixel.
     """
-    given = np.asarray(thickness)
+    given = as_numbers(thickness, "The optical thickness")
     shapes: tuple[tuple[int, ...], ...]
     if isinstance(grid, AxisymmetricGrid):
         shapes, names = (grid.shape,), f"numbers for {grid.shape[0]} x {grid.shape[1]} nodes"
     else:
         planes, (rows, columns) = grid.shape[0], grid.pixels
         shapes = (), (planes,), (planes, rows, columns)
-        names = f"a number, or numbers for {planes} planes or for {planes} planes of {rows} x "
-        names += f"{columns} pixels"
-    if given.dtype.kind not in "iuf" or given.shape not in shapes:
-        raise InputError(
-            f"The optical thickness must be {names}, got shape {given.shape} of type {given.dtype}."
-        )
-    given = given.astype(np.float64)
+        names = f"a number, or numbers for {planes} planes or their {rows} x {columns} pixels"
+    if given.shape not in shapes:
+        raise InputError(f"The optical thickness must be {names}, got shape {given.shape}.")
     if not np.isfinite(given).all() or given.min() < 0:
         raise InputError(
             f"The optical thickness must be finite, 0 or above, got values from {given.min()} to "

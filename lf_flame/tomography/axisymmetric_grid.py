@@ -94,6 +94,8 @@ class AxisymmetricGrid:
     def __post_init__(self):
         if self.which not in WHICH_VIEWS:
             raise InputError(f"which must be one of {WHICH_VIEWS}, got {self.which!r}.")
+        if not self.finer >= 1 or self.finer % 1:
+            raise InputError(f"finer must be a whole number, 1 or more, got {self.finer!r}.")
         if not np.isfinite([self.axis_mm, self.depth_mm, self.radius_mm]).all():
             raise InputError(
                 f"Axis, depth and radius must be finite, got {self.axis_mm}, {self.depth_mm}, "
@@ -118,14 +120,11 @@ class AxisymmetricGrid:
                 f"burner_mm must be within the field, {-top:.3g} to {top - 4 * self.pixel_mm:.3g} "
                 f"mm from the optical axis, got {self.burner_mm}."
             )
-        if (
-            np.prod(self.shape) > MOST_NODES * self.finer**2
-            or len(self.slab_depths_mm) > MOST_PLANES
-        ):
+        (heights, radii), slabs = self.shape, len(self.slab_depths_mm)
+        if heights * radii > MOST_NODES * self.finer**2 or slabs > MOST_PLANES:
             raise InputError(
-                f"{self.shape[0]} heights x {self.shape[1]} radii in {len(self.slab_depths_mm)} "
-                f"slabs are more than {MOST_NODES} nodes or {MOST_PLANES} slabs: take larger "
-                f"blocks, or a smaller radius."
+                f"{heights} heights x {radii} radii in {slabs} slabs are more than {MOST_NODES} "
+                f"nodes or {MOST_PLANES} slabs: take larger blocks, or a smaller radius."
             )
 
     @cached_property

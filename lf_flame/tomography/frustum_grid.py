@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import as_numbers
 from lf_flame.errors import InputError
 from lf_flame.optics.lens import Lens
+from lf_flame.refocus._arguments import as_block
 from lf_flame.scenes.scene import Layer, Scene
 
 MOST_PLANES = 200
@@ -83,18 +85,16 @@ class FrustumGrid:
         self.camera.check_depths(depths)
         object.__setattr__(self, "depths_mm", tuple(depths.tolist()))
         object.__setattr__(self, "slopes", np.asarray(self.camera.depth_to_slope(depths)))
-        lenslets = self.camera.lenslets
-        if self.block < 1 or any(count % self.block for count in lenslets):
-            raise InputError(
-                f"block must be 1 or more lenslets and divide the {lenslets[0]} x {lenslets[1]} "
-                f"lenslets, got {self.block}."
-            )
+        as_block((self.block, self.block), self.camera.lenslets)
         _check_ideal(self.camera)
         object.__setattr__(self, "used_views", self._find_used_views())
 
     def _find_used_views(self) -> np.ndarray | None:
         whole = self.camera.whole_views()
-        used_views = whole if self.used_views is None else whole & np.asarray(self.used_views, bool)
+        stated = whole if self.used_views is None else as_numbers(self.used_views, "used_views")
+        if stated.shape != whole.shape:
+            raise InputError(f"used_views must be of shape {whole.shape}, got {stated.shape}.")
+        used_views = whole & stated.astype(bool)
         used_views = used_views & used_views[::-1, ::-1]
         spans = [int(used_views.any(axis=axis).sum()) for axis in (1, 0)]
         if min(spans) < min(FEWEST, self.camera.views):
@@ -197,7 +197,7 @@ class FrustumGrid:
 
 
 def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:
-    depths = np.atleast_1d(np.asarray(depths_mm, float))
+    depths = np.atleast_1d(as_numbers(depths_mm, "depths_mm"))
     if depths.ndim != 1 or not 1 <= depths.size <= MOST_PLANES or not np.isfinite(depths).all():
         raise InputError(
             f"depths_mm must be 1 to {MOST_PLANES} finite depths in mm, got {depths_mm}."

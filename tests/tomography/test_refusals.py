@@ -89,8 +89,12 @@ REFUSED = [
         ({"depths_mm": [5.0, 5.0]}, "no two equal"),
         ({"depths_mm": [5.0, 0.0, 3.0]}, "increase or decrease"),
         ({"depths_mm": [-400.0]}, "main lens"),
-        ({"depths_mm": [0.0], "block": 5}, "divide the 54 x 60"),
-        ({"depths_mm": [0.0], "block": 0}, "block"),
+        ({"depths_mm": ["a"]}, r"depths_mm must be real numbers, got \['a'\]"),
+        ({"depths_mm": [0.0], "block": 5}, "Blocks of 5 x 5 .* do not divide .* 54 x 60"),
+        ({"depths_mm": [0.0], "block": 0}, "Blocks of 0 x 0"),
+        ({"depths_mm": [0.0], "block": 2.0}, r"whole numbers, got \(2.0, 2.0\)"),
+        ({"depths_mm": [0.0], "used_views": np.ones((3, 3))}, r"of shape \(7, 7\), got \(3, 3\)"),
+        ({"depths_mm": [0.0], "used_views": [[1], [1, 1]]}, "used_views must be real numbers"),
     ),
     *(
         (lambda change=change: FrustumGrid(replace(CAMERA, **change), [0.0]), next(iter(change)))
@@ -124,7 +128,8 @@ REFUSED = [
         ({"optical_thickness": [1.0, 0.5, 0.6]}, "at most 2 in total, got 2.1"),
         ({"optical_thickness": [0.1, 0.1]}, "numbers for 3 planes"),
         ({"optical_thickness": np.zeros((3, 54, 59))}, "54 x 60 pixels, got shape"),
-        ({"optical_thickness": "0.5"}, "must be a number"),
+        ({"optical_thickness": "0.5"}, "thickness must be real numbers, got '0.5'"),
+        ({"optical_thickness": [[0.1], [0.1, 0.2]]}, "thickness must be real numbers"),
     ),
     (
         lambda: reconstruct(EVEN, FrustumGrid(replace(CAMERA, lenslets=(54, 66)), [0.0])),
@@ -151,6 +156,8 @@ REFUSED = [
     *each(
         partial(replace, ROUND),
         ({"which": "some"}, "which must be one of"),
+        ({"finer": 0}, "finer must be a whole number, 1 or more, got 0"),
+        ({"finer": 1.5}, "finer must be a whole number"),
         ({"axis_mm": NAN}, "must be finite"),
         ({"axis_mm": 9.0}, "must lie within the field"),
         ({"radius_mm": 0.3}, "at least four pixels"),
