@@ -242,8 +242,6 @@ def fit_once(network: keras.Model, batches: Batches) -> float:
     return network.fit(batches, **options).history["loss"][0]
 
 
-TASKS = (refocusing_cases, decoding_cases, rendering_cases, training_cases)
-
 COLUMNS = {
     "what": ("what", ""),
     "ours_ms": ("ours (ms)", ".4g"),
@@ -259,7 +257,7 @@ COLUMNS = {
 def measure(small: bool = False) -> dict:
     """Time all cases, or few small ones; returns the record, in ``rows`` the table."""
     started, rows = time.perf_counter(), []
-    for task in TASKS:
+    for task in (refocusing_cases, decoding_cases, rendering_cases, training_cases):
         for case in step_bar(task(small)):
             rows += measure_case(case, small)
     threads = numba.get_num_threads()

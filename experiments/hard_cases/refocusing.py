@@ -11,8 +11,6 @@ SLOPES = np.linspace(-2, 2, 81)
 MIDDLE = (12, 36, 12, 36)
 """Region of a planted pattern that the edges do not reach."""
 
-BOTH = (shift_and_sum, fourier_refocus)
-
 
 def planted(slope: float, n: int = 48) -> np.ndarray:
     """Draw a smooth pattern between 0 and 1 about 1/2, displaced from view to view by the slope."""
@@ -56,7 +54,7 @@ def bright_views() -> Values:
     exact, obvious, ours = [], [], []
     for brightness in (1e-30, 1e30, 3e38):
         views = (one.astype(float) * brightness).astype(np.float32)
-        for refocus in BOTH:
+        for refocus in (shift_and_sum, fourier_refocus):
             exact.append(views.mean(axis=(0, 1), dtype=float))
             obvious.append(views.sum(axis=(0, 1), dtype=np.float32) / 10_000)
             ours.append(refocus(views, 0.0))

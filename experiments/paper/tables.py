@@ -19,6 +19,7 @@ from experiments.inputs import read_history
 from experiments.paper.figures import learning_figure
 from experiments.report import markdown, write_report
 from lf_flame._common.input_files import read_record, read_toml
+from lf_flame.datasets.config import config_from_json
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import standard_deviation
 
@@ -82,8 +83,12 @@ class Result:
     @property
     def recipe(self) -> tuple:
         """Everything that two runs share whose scores may be pooled."""
+        # Earlier records lack options that had their defaults, and have two that change nothing.
         data = self.record.get("dataset", {}).get("config")
-        return self.folder.resolve().parent, self.weights, *map(self.record.get, RECIPE), data
+        data = data and config_from_json(data, self.folder)
+        others = dict.fromkeys(("checkpoint_s", "without_imagenet"))
+        shared = {**self.record, "recipe": self.record["recipe"] | others}
+        return self.folder.resolve().parent, self.weights, *map(shared.get, RECIPE), data
 
     @property
     def committed(self) -> bool:
