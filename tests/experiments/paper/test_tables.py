@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from builders import shapes
 
 from experiments.linear import RIDGE, STRENGTHS, Ridge
 from experiments.paper import evaluation
@@ -25,6 +26,7 @@ from lf_flame.datasets.store import split_indices
 from lf_flame.learning.scores import score
 
 PRINTED = read_paper_values("table1")
+DATA = shapes(12, views=3, sides_mm=(9.0, 9.0))
 
 
 @cache
@@ -170,7 +172,7 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
     "changed",
     [
         {"epochs": 8},
-        {"dataset": {"config": {"seed": 2}}},
+        {"dataset": {"config": DATA}},
         {"backbone_weights": "random (seed 2), conv4"},
     ],
     ids=str,
@@ -178,6 +180,14 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
 def test_runs_of_other_recipes_are_not_pooled(tmp_path, changed):
     a, c = make_results(tmp_path / "a"), make_results(tmp_path / "c", 3)
     assert pools(a, make_results(tmp_path / "b", 2, **changed), c) == [["a", "c"], ["b"]]
+
+
+def test_runs_of_earlier_programs_are_pooled(tmp_path):
+    """Their records lack options that came later, and have two that change nothing."""
+    earlier = {"recipe": {"batch_size": 2, "checkpoint_s": 60.0}, "dataset": {"config": DATA}}
+    today = DATA | {"camera": DATA["camera"] | {"layout": "rectangular"}}
+    a = make_results(tmp_path / "a", **earlier)
+    assert pools(a, make_results(tmp_path / "b", 2, dataset={"config": today})) == [["a", "b"]]
 
 
 def test_each_seed_of_one_place_counts_once(tmp_path):
