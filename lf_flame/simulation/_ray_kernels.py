@@ -22,6 +22,7 @@ from lf_flame.simulation._weight_kernels import (
     Pixel,
     Place,
     Ray,
+    aside,
     inside,
     on_array,
     passes,
@@ -31,25 +32,38 @@ from lf_flame.simulation._weight_kernels import (
 
 
 @njit
-def radiance(planes, transmission, rays, weights, pixel, ray):
-    """Radiance along one ray: the light of each plane, attenuated by the planes in front of it."""
+def radiance(planes, transmission, meet, rays, tables, lenslet, pixel, ray):
+    """Radiance along one ray: the light of each plane, attenuated by the planes in front of it.
+
+    meet: `hit`, whose tables are the weights, or `hit_shifted`, whose tables are the shifts.
+    """
     # A single plane, which nothing attenuates.
     if transmission is None:
-        at, down, right = hit(rays, weights, 0, pixel, ray)
-        return box_mean(planes.emission, planes.stride[0], at, down, right)
+        gain, at, down, right = meet(planes, rays, tables, lenslet, 0, pixel, ray)
+        return gain * box_mean(planes.emission, planes.stride[0], at, down, right)
     # Front to back: `clear` is the transmission of all planes passed so far, `before` that in
     # front of the plane, or of the sheet of which it is a strip.
     light, clear, before, sheet = 0.0, 1.0, 1.0, 0
     for p in range(planes.first.size):
-        at, down, right = hit(rays, weights, p, pixel, ray)
+        gain, at, down, right = meet(planes, rays, tables, lenslet, p, pixel, ray)
         if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
             before, sheet = clear, planes.sheet[p]
-        gain = before * strip_gain(planes, p, pixel)
+        gain *= before
         light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
         # A ray meets one strip of a sheet: the light that strips stop adds up.
         stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
         clear = max(clear - gain * stopped, 0.0)
     return light
+
+
+@njit
+def hit(planes, rays, weights, lenslet, p, pixel, ray):
+    """Meet plane p: factor of its light, the cell, and the weights of the next cells."""
+    row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
+    at = int(row + rays.columns[p, pixel.view_column, pixel.column, ray.column])
+    down = weights.down[p, pixel.view_row, pixel.row, ray.row]
+    right = weights.right[p, pixel.view_column, pixel.column, ray.column]
+    return strip_gain(planes, p, pixel), at, down, right
 
 
 @njit
@@ -60,59 +74,20 @@ def strip_gain(planes, p, pixel):
 
 
 @njit
-def alone(planes, transmission, pixel):
-    """Factor of all light of a pixel if there is one plane, which nothing attenuates."""
-    if transmission is None:
-        return strip_gain(planes, 0, pixel)
-    return 1.0
-
-
-@njit
-def hit(rays, weights, p, pixel, ray):
-    """Cell that a ray meets on plane p, and the weights of the next cells down and right."""
-    row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
-    at = int(row + rays.columns[p, pixel.view_column, pixel.column, ray.column])
-    down = weights.down[p, pixel.view_row, pixel.row, ray.row]
-    return at, down, weights.right[p, pixel.view_column, pixel.column, ray.column]
-
-
-@njit
-def radiance_shifted(planes, transmission, rays, shifts, lenslet, pixel, ray):
-    """Radiance along one ray through any lenslet; otherwise as `radiance`."""
-    if transmission is None:
-        at, down, right = hit_shifted(planes, rays, shifts, lenslet, 0, pixel, ray)
-        return box_mean(planes.emission, planes.stride[0], at, down, right)
-    light, clear, before, sheet = 0.0, 1.0, 1.0, 0
-    for p in range(planes.first.size):
-        at, down, right = hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray)
-        if planes.sheet[p] == 0 or planes.sheet[p] != sheet:
-            before, sheet = clear, planes.sheet[p]
-        gain = before * strip_gain(planes, p, pixel)
-        light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
-        # A ray meets one strip of a sheet: the light that strips stop adds up.
-        stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
-        clear = max(clear - gain * stopped, 0.0)
-    return light
-
-
-@njit
 def hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
-    """Cell that a ray through any lenslet meets on plane p, and the weights of the next cells."""
-    # The ray through the pixel's own lenslet, on an array that is not rotated;
+    """Meet plane p as `hit` does, through any lenslet."""
+    aside_y, aside_x = aside(shifts, lenslet, pixel)
+    # The ray through the pixel's own lenslet, where the sensor is read; its shift by the lenslet's
+    # displacement, and by the rotation of the lenslet's own square.
     row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
+    row += aside_y * shifts.plane_rows[p] + shifts.turned_rows[p, ray.column]
     column = rays.columns[p, pixel.view_column, pixel.column, ray.column]
-    # its shift by the rotation of the array,
-    row += shifts.rows[p, pixel.view_column, pixel.column]
-    column += shifts.columns[p, pixel.view_row, pixel.row]
-    # by the rotation of the lenslet's own square,
-    row += shifts.turned_rows[p, ray.column]
-    column += shifts.turned_columns[p, ray.row]
-    # and from the pixel's own lenslet to this one.
-    row += lenslet.down * shifts.pitch_rows[p]
-    column += lenslet.right * shifts.pitch_columns[p]
+    column += aside_x * shifts.plane_columns[p] + shifts.turned_columns[p, ray.row]
     y, down = cell(row, rays.heights[p], planes.height[p])
     x, right = cell(column, rays.widths[p], planes.width[p])
-    return planes.first[p] + y * planes.stride[p] + x, down, right
+    gain = planes.down[p, pixel.view_row, pixel.row] + aside_y * shifts.lean_rows[p]
+    gain *= planes.right[p, pixel.view_column, pixel.column] + aside_x * shifts.lean_columns[p]
+    return gain, planes.first[p] + y * planes.stride[p] + x, down, right
 
 
 @njit
@@ -151,8 +126,8 @@ def bundle(
             # Falloff and radiance are computed only for rays that pass.
             if weight != 0.0:
                 weight *= shade_ray(falloff, tilt, lenslet, pixel, ray)
-                light += weight * radiance_shifted(
-                    planes, planes.transmission, rays, shifts, lenslet, pixel, ray
+                light += weight * radiance(
+                    planes, planes.transmission, hit_shifted, rays, shifts, lenslet, pixel, ray
                 )
     return light
 
@@ -205,9 +180,8 @@ def trace_planes(k, planes, rays, weights, stop, second, falloff, seen, share, o
                     weight = passes(stop, second, None, own, pixel, ray)
                     weight *= shade_ray(falloff, None, own, pixel, ray)
                     light += weight * radiance(
-                        planes, planes.transmission, rays, weights, pixel, ray
+                        planes, planes.transmission, hit, rays, weights, own, pixel, ray
                     )
-            light *= alone(planes, planes.transmission, pixel)
             out[view_row, view_column, row, column] += light * share
 
 
@@ -264,7 +238,6 @@ def trace_lenslets(k, tables, seen, share, out):
             light = through_lenslets(
                 planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
             )
-            light *= alone(planes, planes.transmission, pixel)
             out[view_row, view_column, row, column] += light * share
 
 

@@ -208,7 +208,7 @@ def bundle_bands(
     centres = arrange(footprint.centres_mm, layout, axis)
     lenslet_mm = abs(footprint.lenslet_width_mm)
     pixel_mm: Width = abs(footprint.pixel_width_mm) * optics.defocus
-    factor = arrange(optics.strip_gain(plane, axis), layout, axis)
+    factor = arrange(optics.strip_gain(plane, axis)[0], layout, axis)
     if optics.square_micro_images:
         middle, share = (arrange(part, layout, axis) for part in optics.lit_parts(axis))
         centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)

@@ -116,16 +116,19 @@ class OpticalPass:
         """Bundles of all pixels on a layer."""
         return trace_footprint(self.camera, depth_mm, axis, *self._grid(axis))
 
-    def strip_gain(self, plane: Plane, axis: int) -> np.ndarray:
+    def strip_gain(self, plane: Plane, axis: int) -> tuple[np.ndarray, float]:
         """Factor of a strip's light in each pixel, shape (view, lenslet); 1 if it does not lean.
 
-        A ray of slope t meets a share ``1 + t lean`` of the sheet per share of the strips.
+        A ray of slope t meets a share ``1 + t lean`` of the sheet per share of the strips. Also
+        returns the change of the factor per mm by which a lenslet moves and its pixel does not.
         """
         if not plane.lean[axis]:
-            return np.ones((self.camera.views, self.camera.lenslets[axis]))
+            return np.ones((self.camera.views, self.camera.lenslets[axis])), 0.0
         step = 1e-3 * self.camera.focus_distance_mm
         near, far = (self.footprint(plane.depth_mm + side * step, axis) for side in (-1, 1))
-        return 1 - plane.lean[axis] * (far.centres_mm - near.centres_mm) / (2 * step)
+        per_slope = -plane.lean[axis] / (2 * step)
+        moved = far.shift_per_lenslet_shift - near.shift_per_lenslet_shift
+        return 1 + per_slope * (far.centres_mm - near.centres_mm), per_slope * moved
 
     def stop(self, distance_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a stop."""

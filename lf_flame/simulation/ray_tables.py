@@ -24,7 +24,7 @@ class PlaneTable(NamedTuple):
     stride: np.ndarray  # int64, (p,): its cells in a row, borders included
     height: np.ndarray  # int64, (p,): its rows without the border
     width: np.ndarray  # int64, (p,): its columns without the border
-    # Factors of a plane's light in each pixel: of strips of a sheet that leans, else 1.
+    # Factors of a plane's light through the pixels' own lenslets: of strips that lean, else 1.
     down: np.ndarray  # (p, a, c)
     right: np.ndarray  # (p, b, d)
     sheet: np.ndarray  # int64, (p,): sheet of which a plane is a strip, from 1 on; 0 for others
@@ -53,20 +53,20 @@ class WeightTable(NamedTuple):
 class ShiftTable(NamedTuple):
     """Shifts of bundles by lenslets that are not where the sensor is read."""
 
-    # By a rotated array, in cells of each plane: by the lenslet's position on the other axis.
-    rows: np.ndarray  # (p, b, d)
-    columns: np.ndarray  # (p, a, c)
-    # By the rotation of each lenslet's own square: by the ray's position on the other axis.
+    # Displacement of lenslets by a rotated array, by their position on the other axis, in mm.
+    rows: np.ndarray  # (b, d)
+    columns: np.ndarray  # (a, c)
+    pitch: float  # the lenslets', in mm
+    # For each mm, in cells of each plane, and of the factor of strips of a sheet that leans.
+    plane_rows: np.ndarray  # (p,)
+    plane_columns: np.ndarray  # (p,)
+    lean_rows: np.ndarray  # (p,)
+    lean_columns: np.ndarray  # (p,)
+    # By the rotation of each lenslet's own square: by the ray's position on the other axis. (On
+    # stops it is at most a ten thousandth of the stop.)
     turned_rows: np.ndarray  # (p, j)
     turned_columns: np.ndarray  # (p, i)
-    # For each lenslet pitch.
-    pitch_rows: np.ndarray  # (p,)
-    pitch_columns: np.ndarray  # (p,)
-    # On each stop, in mm. (There, a lenslet's own rotation is at most a ten thousandth of the
-    # stop.)
-    stop_rows: np.ndarray  # (k, b, d)
-    stop_columns: np.ndarray  # (k, a, c)
-    stop_pitch: np.ndarray  # (k,)
+    stops: np.ndarray  # (k,): in mm on each stop, for each mm
 
 
 class StopTable(NamedTuple):

@@ -243,7 +243,7 @@ def _lenslet_tables(planes, optics: OpticalPass, layout: Layout, y, x) -> tuple:
     tables = LensletTables(
         planes=_plane_table(planes, y.planes, x.planes, optics, layout),
         rays=RayTable(y.planes.positions, x.planes.positions, y.planes.boxes, x.planes.boxes),
-        shifts=_shift_table(y, x, optics, skews),
+        shifts=_shift_table(planes, y, x, optics, skews),
         stop=stop,
         second=second,
         micro_images=_micro_image_table(optics, layout, skews),
@@ -311,19 +311,21 @@ def _falloff_table(
     )
 
 
-def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass, skews) -> ShiftTable:
-    """Shifts by a rotated array, by the rotation of each lenslet's own square, and per pitch."""
-    tangent, pitch = optics.lenslet_tangent, optics.lenslet_pitch_mm
+def _shift_table(planes, y: RayGrid, x: RayGrid, optics: OpticalPass, skews) -> ShiftTable:
+    """Shifts by displaced lenslets, and by the rotation of each lenslet's own square."""
+    tangent = optics.lenslet_tangent
+    leans = [np.array([optics.strip_gain(p, axis)[1] for p in planes]) for axis in (0, 1)]
     return ShiftTable(
-        rows=y.planes.gains[:, None, None] * skews[0],
-        columns=x.planes.gains[:, None, None] * skews[1],
+        rows=skews[0],
+        columns=skews[1],
+        pitch=optics.lenslet_pitch_mm,
+        plane_rows=y.planes.gains,
+        plane_columns=x.planes.gains,
+        lean_rows=leans[0],
+        lean_columns=leans[1],
         turned_rows=tangent * y.planes.lenslet_cells[:, None] * x.tiling.along_lenslet,
         turned_columns=-tangent * x.planes.lenslet_cells[:, None] * y.tiling.along_lenslet,
-        pitch_rows=y.planes.gains * pitch,
-        pitch_columns=x.planes.gains * pitch,
-        stop_rows=y.stops.gains[:, None, None] * skews[0],
-        stop_columns=x.stops.gains[:, None, None] * skews[1],
-        stop_pitch=y.stops.gains * pitch,
+        stops=y.stops.gains,
     )
 
 
@@ -371,7 +373,7 @@ def _plane_table(
     ]
     transmission = _transmission(planes, edges)
     gains = [
-        np.stack([arrange(optics.strip_gain(plane, axis), layout, axis) for plane in planes])
+        np.stack([arrange(optics.strip_gain(plane, axis)[0], layout, axis) for plane in planes])
         for axis in (0, 1)
     ]
     return PlaneTable(

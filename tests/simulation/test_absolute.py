@@ -79,6 +79,9 @@ CASES = {
     "falloff, turned, stretched": Case(
         [BROAD], FALLOFF | STRETCHED | {"lenslet_rotation_rad": 0.01}, SHORT
     ),
+    "leaning, turned, stretched, wide": Case(
+        [glow(2.0, (2.4, 2.7), tilt_deg=(40, 0))], TURNED | STRETCHED | WIDE, TINY, 4e-3, 32, 1e-2
+    ),
     "turned, rim": Case([glow()], TURNED | RIM, TINY),
     "turned, stretched, wide": Case([glow()], TURNED | STRETCHED | WIDE),
 }
