@@ -25,10 +25,6 @@ def test_inverse_undoes_even_an_afocal_system():
     np.testing.assert_allclose(inverse(telescope) @ telescope, np.eye(2), atol=1e-13)
 
 
-def test_lens_of_infinite_focal_length_is_no_lens():
-    np.testing.assert_array_equal(thin_lens(np.inf), np.eye(2))
-
-
 @pytest.mark.parametrize("depth", [-150.0, 0.0, 12.5, 400.0])
 @pytest.mark.parametrize("focal", [150.0, 149.0, 160.0])
 def test_light_of_another_colour_goes_through_a_lens_of_another_power(depth, focal):

@@ -111,16 +111,6 @@ def test_boundless_light_saturates_and_stays_finite(rng):
     np.testing.assert_allclose(unbound, image, rtol=1e-5, atol=1e-5)
 
 
-def test_read_noise_leaves_the_shot_noise_as_it_was():
-    image, camera = flat_field(80.0), Sensor(1000.0, read_noise_e=4.0)
-    shot, read, both = (
-        expose(image, camera, kept, np.random.default_rng(7)).astype(float)
-        for kept in ({"shot_noise"}, {"read_noise"}, {"shot_noise", "read_noise"})
-    )
-    np.testing.assert_allclose(both - shot, read - image.astype(float), atol=1e-6)
-    assert abs(np.corrcoef(shot, both - shot)[0, 1]) < 5 / np.sqrt(PIXELS)
-
-
 def test_noise_does_not_depend_on_the_parts_it_is_drawn_in(monkeypatch):
     image = np.geomspace(1e-2, 1e8, 700, dtype=np.float32).reshape(7, 100)
     whole = expose(image, Sensor(1000.0, 1e12), ALL, np.random.default_rng(3))

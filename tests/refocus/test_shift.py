@@ -103,18 +103,6 @@ def test_views_of_weight_0_are_not_read(rng):
         shift_and_sum(views, 0.7)
 
 
-def test_whole_slope_equals_shifted_copies(rng):
-    views = rng.uniform(size=(3, 5, 20, 24)).astype(np.float32)
-    rolled = [
-        np.roll(views[v, u], (-2 * (v - 1), -2 * (u - 2)), axis=(0, 1))
-        for v in range(3)
-        for u in range(5)
-    ]
-    inside = (slice(2, -2), slice(4, -4))
-    found = shift_and_sum(views, 2.0)
-    np.testing.assert_allclose(found[inside], np.mean(rolled, axis=0)[inside], rtol=1e-6)
-
-
 def test_colour_is_refocused_channel_by_channel(rng):
     views = rng.uniform(size=(3, 3, 8, 9, 3)).astype(np.float32)
     for refocus in (shift_and_sum, fourier_refocus):

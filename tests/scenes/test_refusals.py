@@ -79,11 +79,3 @@ test_it_is_refused_in_a_sentence = refusals(
         ),
     ]
 )
-
-
-@pytest.mark.parametrize("read", [read_camera, read_scene])
-def test_an_aperture_of_half_its_distance_is_taken(read):
-    """The lenslets match 77.8 mm at 277.84 mm from the main lens."""
-    taken = file(read, PITCH, f"{PITCH}\naperture_diameter_mm = 299.0")()
-    camera = taken if read is read_camera else taken[1]
-    assert camera.aperture_diameter_mm == 299.0
