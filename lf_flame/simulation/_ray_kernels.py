@@ -22,7 +22,6 @@ from lf_flame.simulation._weight_kernels import (
     Pixel,
     Place,
     Ray,
-    aside,
     inside,
     on_array,
     passes,
@@ -76,17 +75,17 @@ def strip_gain(planes, p, pixel):
 @njit
 def hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
     """Meet plane p as `hit` does, through any lenslet."""
-    aside_y, aside_x = aside(shifts, lenslet, pixel)
     # The ray through the pixel's own lenslet, where the sensor is read; its shift by the lenslet's
     # displacement, and by the rotation of the lenslet's own square.
     row = rays.rows[p, pixel.view_row, pixel.row, ray.row]
-    row += aside_y * shifts.plane_rows[p] + shifts.turned_rows[p, ray.column]
+    row += lenslet.aside_y * shifts.plane_rows[p] + shifts.turned_rows[p, ray.column]
     column = rays.columns[p, pixel.view_column, pixel.column, ray.column]
-    column += aside_x * shifts.plane_columns[p] + shifts.turned_columns[p, ray.row]
+    column += lenslet.aside_x * shifts.plane_columns[p] + shifts.turned_columns[p, ray.row]
     y, down = cell(row, rays.heights[p], planes.height[p])
     x, right = cell(column, rays.widths[p], planes.width[p])
-    gain = planes.down[p, pixel.view_row, pixel.row] + aside_y * shifts.lean_rows[p]
-    gain *= planes.right[p, pixel.view_column, pixel.column] + aside_x * shifts.lean_columns[p]
+    gain = planes.down[p, pixel.view_row, pixel.row] + lenslet.aside_y * shifts.lean_rows[p]
+    leaning = lenslet.aside_x * shifts.lean_columns[p]
+    gain *= planes.right[p, pixel.view_column, pixel.column] + leaning
     return gain, planes.first[p] + y * planes.stride[p] + x, down, right
 
 
@@ -140,10 +139,14 @@ def through_lenslets(
     light = 0.0
     own = on_array(micro_images, pixel)
     reach, cosine, sine = micro_images.reach, micro_images.cosine, micro_images.sine
+    turned_y = shifts.rows[pixel.view_column, pixel.column]
+    turned_x = shifts.columns[pixel.view_row, pixel.row]
     # Rows and columns of the array, counted from the pixel's own lenslet.
     for k in range(math.ceil(own.down - reach), math.floor(own.down + reach) + 1):
         for h in range(math.ceil(own.right - reach), math.floor(own.right + reach) + 1):
-            lenslet = Lenslet(k * cosine + h * sine, h * cosine - k * sine)
+            down, right = k * cosine + h * sine, h * cosine - k * sine
+            aside_y, aside_x = turned_y + down * shifts.pitch, turned_x + right * shifts.pitch
+            lenslet = Lenslet(down, right, aside_y, aside_x)
             place = Place(own.down - k, own.right - h)
             # No ray of a pixel that lies inside the micro-image needs a test for its border.
             if whole(squares, place):
@@ -165,7 +168,7 @@ def trace_planes(k, planes, rays, weights, stop, second, falloff, seen, share, o
 
     share: share of a pixel's light in one ray.
     """
-    own, lines = Lenslet(0.0, 0.0), seen.lines
+    own, lines = Lenslet(0.0, 0.0, 0.0, 0.0), seen.lines
     # A piece is a line of pixels; lines that see nothing stay as they are.
     view_row, row = k // lines.shape[1], k % lines.shape[1]
     if not lines[view_row, row]:

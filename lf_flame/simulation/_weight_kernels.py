@@ -27,6 +27,8 @@ class Lenslet(NamedTuple):
 
     down: float
     right: float
+    aside_y: float  # displacement in mm from where the pixel's own lenslet is read
+    aside_x: float
 
 
 class Place(NamedTuple):
@@ -40,21 +42,13 @@ class Place(NamedTuple):
 
 
 @njit
-def aside(shifts, lenslet, pixel):
-    """Displacement of a lenslet from where the pixel's own one is read, along y and x, in mm."""
-    y = shifts.rows[pixel.view_column, pixel.column] + lenslet.down * shifts.pitch
-    return y, shifts.columns[pixel.view_row, pixel.row] + lenslet.right * shifts.pitch
-
-
-@njit
 def crossing(stop, shifts, k, lenslet, pixel, ray):
     """Position where a ray crosses round stop number k, in mm from the stop's centre."""
     y = stop.rows[pixel.view_row, pixel.row, ray.row]
     x = stop.columns[pixel.view_column, pixel.column, ray.column]
     if shifts is not None:
-        aside_y, aside_x = aside(shifts, lenslet, pixel)
-        y += aside_y * shifts.stops[k]
-        x += aside_x * shifts.stops[k]
+        y += lenslet.aside_y * shifts.stops[k]
+        x += lenslet.aside_x * shifts.stops[k]
     return y, x
 
 

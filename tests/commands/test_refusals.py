@@ -173,7 +173,7 @@ REFUSED = [
         ("--depth-mm 0 --colours colours.toml --optical-thickness 1", "which finds it"),
         ("--depth-mm 0 --optical-thickness thin", "must be a number or a TIFF file"),
         ("--depth-mm 0 --optical-thickness none.tif", "No such file"),
-        ("--depth-mm 0 --optical-thickness two.tif", "1 planes of 48 x 60 pixels, got shape"),
+        ("--depth-mm 0 --optical-thickness two.tif", "1 planes or their 48 x 60 pixels, got shape"),
         ("--depth-mm 0 --optical-thickness levels.tif", "floating-point numbers, got uint8"),
     ),
     ("reconstruct ball.npy --camera law.toml --depth-mm 40", "depths of its targets, got 40 mm"),
