@@ -101,7 +101,7 @@ def test_inputs_and_targets_are_those_of_the_light_field(config, name, monkeypat
 
 @pytest.mark.slow
 def test_views_that_a_stop_cuts_are_in_no_target_and_no_input(coarse_data, tmp_path):
-    path, stop = tmp_path / "round.toml", "views = 9\naperture_diameter_mm = 510.0"
+    path, stop = tmp_path / "round.toml", "views = 9\naperture_diameter_mm = 540.0"
     path.write_text(coarse_data[0].read_text().replace("views = 9", stop))
     scenes = TrainingSamples([str(path)], leaves=0, slopes=2)
     sample = scenes.draw(1, 0, square_of_views)
