@@ -202,14 +202,15 @@ def mixed_inside(bounds: SceneBounds, layer: Layer) -> float:
 
     As one plane the layer is entirely in front of that matter, or behind it.
     """
-    stopped, behind = {}, 0.0
+    stopped, behind = [], 0.0
+    mine = np.max(layer.opacity) - math.expm1(-layer.optical_thickness.max())
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
         if other is layer or apart <= (other.depth_extent_mm + layer.depth_extent_mm) / 2:
-            stopped[other] = np.max(other.opacity) - math.expm1(-other.optical_thickness.max())
+            stopped.append(np.max(other.opacity) - math.expm1(-other.optical_thickness.max()))
             behind += 0.0 if other is layer else float(other.texture.max())
-    own = min(sum(stopped.values()), 1.0) * float(layer.texture.max())
-    return own + stopped[layer] * behind
+    own = min(sum(stopped), 1.0) * float(layer.texture.max())
+    return own + mine * behind
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
