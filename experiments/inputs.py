@@ -121,7 +121,7 @@ def draw_scenario(
 
 def scene_settings(config: DatasetConfig) -> dict:
     """Return the settings of a data set that its scenes depend on, without depths and inputs."""
-    free = ("input", "shuffled_depths", "samples")
+    free = ("input", "shuffled_depths", "samples", "route")
     return {key: value for key, value in to_json(config).items() if key not in free}
 
 

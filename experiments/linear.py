@@ -62,8 +62,7 @@ def project(
     fixed offset plus k fixed pictures, each times its number. Among all such sets of pictures, the
     first k principal components of the training targets leave the smallest squared error on these
     targets (Eckart and Young 1936), and projecting a test target onto them gives its best numbers,
-    which no network knows. The PSNR of the projections therefore bounds linear decoders. The
-    sigmoid after the pictures may do a little better where much is black or saturated.
+    which no network knows. The PSNR of the projections therefore bounds linear decoders.
 
     Targets have the shape (n, plane, h, w). Bands are vertical parts of the image whose contents
     are independent of one another; each component then lies in one band. Without them, chance

@@ -56,8 +56,6 @@ axes[0].set(title="central view", xticks=[], yticks=[])
 heights = grid.heights_mm
 extent = (-grid.radii_mm[-1], grid.radii_mm[-1], heights.min(), heights.max())
 for axis_, half, title in zip(axes[1:], (truth, flame.emission), ("truth", "found"), strict=True):
-    if heights[0] < heights[-1]:
-        half = half[::-1]
     section = np.hstack([half[:, :0:-1], half])
     shown = axis_.imshow(section, cmap="inferno", vmin=0, vmax=1, extent=extent)
     axis_.set(title=f"section: {title}", xlabel="radius (mm)", ylabel="height (mm)")

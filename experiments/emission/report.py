@@ -34,7 +34,7 @@ PARTS = {
         "Refocused images are deconvolved with the strength, of six, of least true error, which no "
         "user could choose; SART and LSQR stop where the residual is the noise that `reconstruct` "
         "measured, or after 300 iterations. Errors are root-mean-square over all cells, relative "
-        "to the truth's root mean square. Sheets, disc, hollow and elliptic flame: 7 x 7 views of "
+        "to the truth's root mean square. Sheets, disc, square, hollow flame: 7 x 7 views of "
         "60 x 60 lenslets, mean of three draws of the noise, four planes 4 mm apart or nine 1 mm "
         "apart. Four flames: 15 x 15 views of 90 x 180 pixels. Noise is relative to the brightest "
         "pixel.",
@@ -107,11 +107,10 @@ def run(out: Path, parts: list[str], seed: int) -> Path:
     for part in parts:
         began, rng = time.perf_counter(), np.random.default_rng(seed)
         rows = {name: list(measure(rng)) for name, measure in PARTS[part].tables.items()}
-        made = {name: provenance.environment()[name] for name in ("command", "date")}
+        known = provenance.environment()
+        made = {name: known[name] for name in ("command", "date", "git_revision")}
         made |= {"seconds": round(time.perf_counter() - began), "tables": rows}
-        pictures = {}
-        if part == "planes":
-            pictures = {"slices": slices_figure(seed)}
+        pictures = {"slices": slices_figure(seed)} if part == "planes" else {}
         record = out / "emission.json"
         done = json.loads(record.read_text(encoding="utf-8"))["parts"] if record.is_file() else {}
         done[part] = made

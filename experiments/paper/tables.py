@@ -121,7 +121,11 @@ def read_baselines(folders: Sequence[Path], name: str) -> dict[str, list[dict]]:
     for folder in folders:
         path = folder / f"{name}_baselines.json"
         if path.exists():
-            return read_record(path)["baselines"]
+            found = read_record(path).get("baselines", {})
+            for rows in found.values():
+                if [row.get("depth_mm") for row in rows] != read_paper_values(name)["depth_mm"]:
+                    raise InputError(f"{path} is not of a data set with the paper's depths.")
+            return found
     return {}
 
 

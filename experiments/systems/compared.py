@@ -27,7 +27,7 @@ from lf_flame.formats import read_light_field
 from lf_flame.formats.images import white_level
 from lf_flame.learning.run_folders import load_run
 from lf_flame.lightfield import LightField
-from lf_flame.refocus._arguments import as_slopes
+from lf_flame.refocus._arguments import as_slopes, refuse_excluded
 from lf_flame.systems import formulas
 from lf_flame.systems.base import RefocusingSystem
 from lf_flame.systems.formulas import FourierSlice, ShiftAndSum
@@ -217,17 +217,15 @@ def _placed_scenes(config, scenario, slopes, count) -> Iterator[Scene]:
 
 
 def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
-    """Make the test set of a photographed light field, scaled to values up to 1.
-
-    An InputError says that its images are too small to be scored at these slopes.
-    """
+    """Make the test set of a photographed light field, scaled to values up to 1."""
     slopes, (rows, columns, height, width) = as_slopes(slopes), light_field.views.shape[:4]
+    refuse_excluded(light_field, formulas.every_view(rows, columns), f"The comparison on {name}")
     border = max(BORDER, int(np.ceil(np.abs(slopes).max() * (max(rows, columns) - 1) / 2)))
     if min(height, width) < 2 * border + WINDOW:
         raise InputError(
             f"To be compared on at these slopes {name} needs views of {2 * border + WINDOW} pixels "
             f"or more along each side, got {height} x {width}."
         )
-    views = light_field.views / np.float32(white_level(light_field.views))
+    views = light_field.filled / np.float32(white_level(light_field.filled))
     scene, planes = Scene(views, slopes, border=border), [f"slope {slope:g}" for slope in slopes]
     return TestSet(name, planes, lambda: iter([scene]), origin="a photograph")

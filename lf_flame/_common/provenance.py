@@ -2,6 +2,7 @@
 
 import os
 import platform
+import shlex
 import subprocess
 import sys
 from contextlib import suppress
@@ -25,7 +26,7 @@ def environment() -> dict:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
     return {
-        "command": " ".join([_program(), *sys.argv[1:]]).encode(errors="replace").decode(),
+        "command": f"{_program()} {shlex.join(sys.argv[1:])}".encode(errors="replace").decode(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "git_revision": _git_revision(),
         "versions": versions,

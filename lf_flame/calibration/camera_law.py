@@ -25,7 +25,7 @@ from scipy.ndimage import map_coordinates
 
 from lf_flame._common.arrays import Number, centred, number_or_array
 from lf_flame._common.config import build, strict
-from lf_flame._common.input_files import read_toml
+from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, ROW_SPACING, SHORTEST, PlenopticCamera
@@ -277,7 +277,7 @@ def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
     Parameters
     ----------
     path : str or Path
-        Calibration, camera or scene file (.toml), or the ``simulation.json`` of a simulation.
+        Calibration, camera or scene file (.toml), or the record of a calibration or simulation.
 
     Returns
     -------
@@ -290,7 +290,8 @@ def read_lens(path: str | Path) -> PlenopticCamera | CameraLaw:
     >>> read_lens("scene.toml").views
     9
     """
-    if Path(path).suffix != ".json" and TABLE in (values := read_toml(path)):
+    values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
+    if TABLE in values:
         return build(CameraLaw, values[TABLE], f"{path}: {TABLE}")
     return read_camera(path)
 

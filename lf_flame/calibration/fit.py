@@ -116,6 +116,10 @@ def fit_targets(
             "All targets must be pictures of one camera, got views of different numbers or sizes."
         )
     refuse_few_depths(depths_mm)
+    if len(depths_mm) != len(targets):
+        raise InputError(
+            f"Each target needs its depth, got {len(depths_mm)} depths for {len(targets)} targets."
+        )
     ((rows, columns, *lenslets),) = shapes
     if rows != columns:
         raise InputError(
@@ -165,11 +169,12 @@ def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
 
 def refuse_few_depths(depths_mm: ArrayLike) -> None:
     """Refuse fewer than three different depths, or depths that are not finite."""
-    different = len(np.unique(depths_mm))
-    if different < 3 or not np.all(np.isfinite(depths_mm)):
+    known = np.asarray(depths_mm, float)[np.isfinite(depths_mm)]
+    different = len(np.unique(known))
+    if different < 3 or known.size < np.size(depths_mm):
         raise InputError(
             f"A calibration needs targets at 3 or more different distances, better 5 or more over "
-            f"the whole range of use, got {different}."
+            f"the whole range of use, all of them numbers, got {different} of these."
         )
 
 

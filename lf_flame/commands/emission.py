@@ -156,7 +156,7 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     if bool(depths) == bool(planes):
         raise InputError("State the planes: either --depths FROM TO STEP or --depth-mm.")
     lens: Lens = read_lens(camera)
-    grid = FrustumGrid(lens, planes_between(*depths) if depths else planes, block)
+    grid = FrustumGrid(lens, planes_between(*depths) if depths else planes)
     if options["colours"] and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
@@ -167,7 +167,7 @@ def reconstruct(source, depths, planes, block, camera, optical_thickness, **opti
     job.facts |= {"optical_thickness": optical_thickness, "greatest_optical_thickness": greatest}
     job.reading = job.reading.for_camera(source, lens)
     light_field, read = job.reading.read_of_camera(source, lens)
-    job.find(light_field, grid if read is None else replace(grid, camera=read))
+    job.find(light_field, replace(grid, camera=read or lens, block=block))
 
 
 @command()
@@ -206,22 +206,22 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     job = _Job.checked(source, Path("abel"), options)
     job.reading = job.reading.for_camera(source, lens)
     light_field, read = job.reading.read_of_camera(source, lens)
-    lens = read or lens
-    columns = light_field.views.shape[1]
+    lens, columns = read or lens, light_field.views.shape[1]
     if columns < 3 and axis_depth is None:
         raise InputError(
             f"{source} contains {columns} view columns, which do not show the axis' depth: state "
             f"it, --axis-depth."
         )
-    grey = light_field if job.calibration is None else light_field.grey()
-    axis = find_axis(grey, lens, None if columns >= 3 else axis_depth)
-    depth = axis.depth_mm if axis_depth is None else axis_depth
-    # The central view sees the axis at the same pixel at any depth, which is not the same mm.
-    scale = lens.field_mm(depth)[1] / lens.field_mm(axis.depth_mm)[1]
-    across = axis.across_mm * scale if axis_mm is None else axis_mm
-    radius = axis.radius_mm * scale if radius is None else radius
+    if axis_mm is None or axis_depth is None or radius is None:
+        grey = light_field if job.calibration is None else light_field.grey()
+        axis = find_axis(grey, lens, None if columns >= 3 else axis_depth)
+        axis_depth = axis.depth_mm if axis_depth is None else axis_depth
+        # The central view sees the axis at the same pixel at any depth, which is not the same mm.
+        scale = lens.field_mm(axis_depth)[1] / lens.field_mm(axis.depth_mm)[1]
+        axis_mm = axis.across_mm * scale if axis_mm is None else axis_mm
+        radius = axis.radius_mm * scale if radius is None else radius
     views = "central" if central else "all"
-    job.find(light_field, AxisymmetricGrid(lens, across, depth, radius, block, views, burner))
+    job.find(light_field, AxisymmetricGrid(lens, axis_mm, axis_depth, radius, block, views, burner))
 
 
 def read_thickness(given: str) -> "float | np.ndarray":
@@ -326,6 +326,7 @@ class _Job:
             more = {"colour": name, "call": call, "greatest_optical_thickness": total}
             with output_folder(self.out / name, RECORD, overwrite=self.overwrite) as folder:
                 self._write(found, light, folder, self.soot | more, f"Warning: {name}")
+                folder.facts["warnings"] += soot.warnings
         print_notes("Warning", soot.warnings)
         if any(totals):
             both = zip(names, totals, strict=True)

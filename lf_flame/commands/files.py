@@ -99,7 +99,9 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     images divided by a white image, are written as floats in TIFF files, or by --gain.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import exclusive
+    from lf_flame.formats.writing import check_ending
 
+    check_ending(target)
     reading = Reading(**options)
     inputs = {path.resolve() for path in (source, *reading.files)}
     as_array = target.suffix.lower() in ARRAYS

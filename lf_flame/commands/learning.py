@@ -63,9 +63,10 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
     if route:
         settings = replace(settings, route=route)
     samples = settings.sample_count(preset)
-    if out.exists():
+    if (out / "zarr.json").exists():
         found = Dataset(out)
-        if found.config != settings or len(found) != samples:
+        # Further presets leave a data set as it is.
+        if replace(found.config, samples=settings.samples) != settings or len(found) != samples:
             raise InputError(
                 f"{out} contains a data set of another configuration or size; remove it or choose "
                 f"another folder."
@@ -162,7 +163,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path, overwrite: bool) -
     from lf_flame.learning.run_folders import open_run
 
     run = open_run(model)
-    encoding, size = run.config.input, run.config.input.image or run.config.image
+    encoding, size = run.config.input, run.config.image
     inputs = [read_input(image, size, encoding) for image in images]
     for seen in inputs:
         for note in seen.notes:
@@ -185,8 +186,8 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
     """Train a refocusing SYSTEM; resumes an interrupted run.
 
     SYSTEM is a key of [systems] in CONFIG. All learn from the same training samples: new random
-    light fields, with every object at its own depth, each at several slopes. The target is
-    shift-and-sum of all views.
+    light fields, whose objects are at other depths in each, and dead leaves, at several slopes. The
+    target is shift-and-sum of all views.
 
     \b
       aperturenet      ours: nine aligned views, each for a ninth of the aperture

@@ -77,6 +77,8 @@ class PlacedFile(click.ParamType):
         if self._optional and "\0" not in value and Path(value).exists():
             return Path(value), None
         path, at, text = value.rpartition("@")
+        if self._optional and not at:
+            self.fail(f"There is no {value!r}.", param, ctx)
         try:
             number = float(text)
         except ValueError:

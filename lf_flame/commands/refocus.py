@@ -174,6 +174,8 @@ class Focus:
             raise InputError("--map auto and --map FROM TO cannot both be given.")
         if lens is None and (self.depths or look.f_number is not None):
             raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
+        if look.interpolation == "sinc" and (self.maps or self.regions):
+            raise InputError("--interpolation sinc does not apply to --map and --region.")
         if not look.network:
             return
         # A network has its own aperture, and interpolates linearly.

@@ -129,7 +129,8 @@ def temperature(
             f"The colours in {folders[0]} are not of one run of lf-flame reconstruct or lf-flame "
             f"abel with --colours, which may have been interrupted: run it again."
         )
-    _check_order(every, colours.responses.names)
+    if calibration_file is not None:
+        _check_order(every, colours.responses.names)
     soot_exponent = _exponent(every[0], soot_exponent)
     # Colours of one run are drawn together.
     drawn = len(folders) == 1 and all(len(one.draws) for one in every)
@@ -145,7 +146,8 @@ def temperature(
     with output_folder(out, output.TEMPERATURE_RECORD, overwrite=overwrite) as folder:
         warnings = output.temperature_warnings(found, colours)
         notes = output.temperature_notes(found, every, colours, soot_exponent)
-        absolute = calibration_file is not None
+        # Without absorption the gains need not be absolute.
+        absolute = calibration_file is not None and all(one.record.absorbing for one in every)
         last = every[-1].emission
         output.write_temperature(found, last, every[0].places, folder, absolute=absolute)
         folder.facts |= {

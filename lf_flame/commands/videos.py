@@ -231,7 +231,7 @@ def _process(
         reader, said = FrameReader(paths[0], reading.stated), FrameWarnings()
         found = reader.notes
     reading.orders.append(reader.order)
-    notes = [*filter(None, [reader.coded]), *(notes if rate else [])]
+    notes = [*filter(None, [reader.coded]), *notes]
     print_notes("Note", notes)
     on_camera = [] if lens is None else note_on_pixels(lens, reader.shape)
     for line in (*found, *on_camera):

@@ -77,12 +77,12 @@ class DatasetConfig:
 
     def __post_init__(self):
         lenslets = self.camera.lenslets
-        for size in (self.image, self.input.image or self.image):
-            if min(size) < 1 or any(n % m for n, m in zip(lenslets, size, strict=True)):
-                raise InputError(
-                    f"image must divide the camera's lenslets {lenslets} into whole numbers, "
-                    f"got {size}."
-                )
+        sides = zip(lenslets, self.image, strict=True)
+        if min(self.image) < 1 or any(n % m for n, m in sides):
+            raise InputError(
+                f"image must divide the camera's lenslets {lenslets} into whole numbers, got "
+                f"{self.image}."
+            )
         if self.camera.views < self.input.views_per_side:
             raise InputError(
                 f"input {self.input.kind!r} needs {self.input.views_per_side} views along each "
@@ -171,6 +171,8 @@ def read_config(path: str | Path) -> DatasetConfig:
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
     """Rebuild a configuration from the JSON values stored with a data set."""
+    if isinstance(values.get("input"), dict):
+        values["input"].pop("image", None)  # null, in older data sets
     template = TEMPLATES.get(str(values.get("kind")))
     if template is not None and "template" in values:
         # First alone, by its kind, so that messages about it fit that kind.

@@ -38,9 +38,6 @@ class InputEncoding:
         averaging, by nearest neighbours or bilinear interpolation, bit for bit. "views": three
         views of the central row, leftmost, central and rightmost, in three channels. "grid": views
         from all over the main lens side by side, in one channel.
-    image : (int, int), optional
-        Height and width of the image, or of each view if there are several. Default: those of the
-        network's output.
     grid : int
         Number of views of a "grid" along each axis.
 
@@ -55,7 +52,6 @@ class InputEncoding:
     """
 
     kind: Literal["raw", "central", "views", "grid"] = "raw"
-    image: tuple[int, int] | None = None
     grid: int = 3
 
     def __post_init__(self):
@@ -69,7 +65,7 @@ class InputEncoding:
 
     def shape(self, output: tuple[int, int]) -> tuple[int, int, int]:
         """Height, width and channels of the input of a network with outputs of this size."""
-        height, width = self.image or output
+        height, width = output
         if self.kind == "grid":
             return self.grid * height, self.grid * width, 1
         return height, width, CHANNELS if self.kind == "views" else 1
@@ -103,11 +99,11 @@ class InputEncoding:
         ndarray of float32, shape ``self.shape(output)``
             Network input from 0 to 1.
         """
-        size, views = self.image or output, light_field.views
+        views = light_field.views
         if self.kind == "raw":
             # A pixel is a mean over whole micro-images, also over views that have weight 0.
-            return area_average(views.mean(axis=(0, 1), dtype=np.float64), size)[..., None]
-        return self._arrange(views[self.view_mesh(*views.shape[:2])], size)
+            return area_average(views.mean(axis=(0, 1), dtype=np.float64), output)[..., None]
+        return self._arrange(views[self.view_mesh(*views.shape[:2])], output)
 
     def project(self, projector: Projector, output: tuple[int, int]) -> np.ndarray:
         """Encode a scene as `encode` would encode its light field, without forming it.
@@ -124,14 +120,14 @@ class InputEncoding:
         ndarray of float32, shape ``self.shape(output)``
             Network input from 0 to 1.
         """
-        size, camera = self.image or output, projector.camera
-        block = block_of(camera.lenslets, size)
+        camera = projector.camera
+        block = block_of(camera.lenslets, output)
         if self.kind == "raw":
             return np.clip(projector.refocus(0.0, block=block)[0], 0, 1)[..., None]
         down, across = self.view_mesh(camera.views, camera.views)
         indices = self.view_indices(camera.views, camera.views)
         views = projector.align_views(0.0, indices, (1, 1) if self.kind == "central" else block)[0]
-        return self._arrange(views.reshape(down.size, across.size, *views.shape[1:]), size)
+        return self._arrange(views.reshape(down.size, across.size, *views.shape[1:]), output)
 
     def _arrange(self, views: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """Resize views [v, u, t, s], and arrange them in channels or side by side."""

@@ -154,7 +154,8 @@ def _open_begun(part: Path, config: DatasetConfig, samples: int) -> tuple[Attrib
         )
     file = ZarrFile(part)
     begun = build(Attributes, file.attributes, file.metadata)
-    if begun.config != to_json(config) or check_file(file, config) != samples:
+    alike = {**begun.config, "samples": None} == {**to_json(config), "samples": None}
+    if not alike or check_file(file, config) != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; remove it or "
             f"choose another folder."

@@ -78,8 +78,9 @@ def process_frames(
 ) -> Progress:
     """Process the frames of a video into a Zarr group, or finish one that was interrupted.
 
-    A frame that is missing, damaged, or of another size than the first becomes NaN in all arrays,
-    and the array ``state`` says so. The result is the same for any number of workers.
+    A frame that is missing, damaged, or of another size than the first becomes NaN in all arrays
+    (0 in those of integers), and the array ``state`` says so. The result is the same for any number
+    of workers.
 
     Parameters
     ----------

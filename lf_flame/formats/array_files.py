@@ -43,7 +43,7 @@ class Hdf5File(FileOfArrays):
     that the library would load as programs. Only arrays that lie in the file itself, plain or
     compressed by DEFLATE, are listed, with their groups (``scene/views``); the library never sees
     any other. MATLAB stores axes in reverse; headers and arrays have the order of axes that it
-    shows. `numbers` are the attributes by which files of HCI describe their cameras.
+    shows.
     """
 
     def __init__(self, path: str | Path):
@@ -51,11 +51,6 @@ class Hdf5File(FileOfArrays):
         self.path, self.headers, self._reversed = Path(path), {}, is_matlab_hdf5(path)
         with readable(path), self._h5py.File(path, "r") as file:
             file.visititems(self._note)  # follows hard links only, to each object once
-            names = ("dH", "focalLength", "shift")
-            found = {name: np.ravel(file.attrs.get(name, ())) for name in names}
-        # Other programs store texts under such names.
-        numeric = {name: x for name, x in found.items() if x.size and x.dtype.kind in "iuf"}
-        self.numbers = {name: float(x[0]) for name, x in numeric.items()}
         self.names = list(self.headers)
 
     def _note(self, name: str, one: Any) -> None:

@@ -23,9 +23,9 @@ HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
 ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX)
 """File endings of arrays."""
 
-VIEWS, TOOLBOX, DEPTH, RECORD = "views", "LF", "GT_DEPTH", "record"
-"""Names of views in files of this package, and in those of HCI and LFToolbox; of the depths in
-those of HCI; and of the record in a ``.npz`` file, JSON in bytes."""
+VIEWS, TOOLBOX, RECORD = "views", "LF", "record"
+"""Names of views in files of this package, and in those of HCI and LFToolbox; and of the record in
+a ``.npz`` file, JSON in bytes."""
 
 KNOWN_AXES = {
     2: ("ts",),
@@ -40,8 +40,7 @@ raw array), then those of other programs. In HDF5 files that MATLAB writes they 
 class Pixels(NamedTuple):
     """Pixels of all views as a file stores them, and their axes as in `read_light_field`.
 
-    `searched` says that the parallax shows the order of views, and `slopes` the range of the
-    scene's slopes, 5th and 95th percentile, if the file has it.
+    `searched` says that the parallax shows the order of views.
     """
 
     values: np.ndarray
@@ -49,7 +48,6 @@ class Pixels(NamedTuple):
     weights: np.ndarray | None = None
     valid: np.ndarray | None = None
     searched: bool = False
-    slopes: tuple[float, float] | None = None
 
 
 def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndarray:
@@ -115,8 +113,7 @@ def read_array(path: str | Path, *, axes: str | None = None, array: str | None =
     The array is the one named ``views`` or ``LF``, or the only one, or the only one of 4 or 5 axes.
     Arrays of MATLAB have the axes that MATLAB shows. In NumPy and Zarr files arrays ``weights`` and
     ``valid`` are those of the light field. An array ``LF`` of four channels in a ``.mat`` file is
-    one of LFToolbox, whose last channel is a weight. The order is searched for in files of the old
-    HCI benchmark.
+    one of LFToolbox, whose last channel is a weight.
     """
     file = _open(path)
     name = _choose_array(file, axes, array)
@@ -125,14 +122,10 @@ def read_array(path: str | Path, *, axes: str | None = None, array: str | None =
     (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
     beside = set(file.names) - {name} if isinstance(file, ArrayFile | ZarrFile) else set()
     weights, valid = (file.read([x])[0] if x in beside else None for x in ("weights", "valid"))
-    is_of_hci, slopes = False, None
-    if name == TOOLBOX and axes is None:
-        if Path(path).suffix.lower() == MATLAB_SUFFIX:
-            held, weights, valid = _without_weight(held)
-        elif isinstance(file, Hdf5File) and len(file.numbers) == 3:
-            is_of_hci, slopes = True, _slopes_of_hci(file)
+    if name == TOOLBOX and axes is None and Path(path).suffix.lower() == MATLAB_SUFFIX:
+        held, weights, valid = _without_weight(held)
     axes = _default_axes(held.shape, path) if axes is None else axes.lower()
-    return Pixels(held, axes, weights, valid, is_of_hci, slopes)
+    return Pixels(held, axes, weights, valid)
 
 
 def _open(path: str | Path) -> FileOfArrays:
@@ -190,26 +183,6 @@ def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, n
     weights /= max(weights.max(), np.finfo(float).tiny)
     valid = (array[..., 3] > 0) | (weights == 0)[..., None, None]
     return array[..., :3], weights, valid
-
-
-def _slopes_of_hci(file: Hdf5File) -> tuple[float, float] | None:
-    """Range of the slopes from the depths in a file of the old HCI benchmark; None without depths.
-
-    In these HDF5 files (Wanner, Meister, Goldluecke 2013) a point at depth z moves to the left by
-    the disparity ``dH focalLength / z - shift`` from one view to the next on the right, and its
-    slope is minus that. One of the two axes of views is stored in reverse, which no
-    parallax shows but the depths do. Without depths, columns run from left to right.
-    """
-    if DEPTH not in file.names:
-        return None
-    (depth,) = file.read([DEPTH], copies=3 * FLOAT / file.header(DEPTH).dtype.itemsize + 1)
-    depth, numbers = depth[..., ::4, ::4], file.numbers
-    depth = depth[depth > 0]
-    if not depth.size:
-        return None
-    slopes = numbers["shift"] - numbers["dH"] * numbers["focalLength"] / depth
-    low, high = np.percentile(slopes, (5, 95)).tolist()
-    return low, high
 
 
 def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:

@@ -87,8 +87,8 @@ def read_light_field(
         of views to decode, for a raw image.
     order : str, optional
         Meaning of the two numbers of views, such as ``row,-col``; see `scan_view_folder`. Default:
-        for folders, pages, arrays with an axis n, mosaics and HDF5 files of the HCI data set, the
-        order that the parallax between views shows; otherwise the stored order.
+        for folders, pages, arrays with an axis n, and mosaics, the order that the parallax between
+        views shows; otherwise the stored order.
     grid : (int, int) or str, optional
         Number of rows and columns of views that are numbered one by one, or of which some are
         missing, such as (1, 9) or ``9x9``: in a folder, pages or an array with an axis n. Default:
@@ -173,8 +173,6 @@ class Found:
 def find_light_field(path: str | Path, **options: Any) -> Found:
     """Read a light field; arguments and errors are those of `read_light_field`."""
     path, options = Path(path), {name: x for name, x in options.items() if x is not None}
-    if not path.exists():
-        raise InputError(f"There is no light field {path}: no such file or folder.")
     kind, read, takes = kind_of(path, options)
     for name in options:
         if name not in takes.split():
@@ -201,6 +199,8 @@ def find_light_field(path: str | Path, **options: Any) -> Found:
 
 def kind_of(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Found], str]:
     """Name of the kind of a file, its reader, and the options that apply to it."""
+    if not path.exists():
+        raise InputError(f"There is no light field {path}: no such file or folder.")
     suffix = path.suffix.lower()
     if is_lytro(path):
         return "a raw picture of a Lytro camera", _read_raw, "white lenslets views dark"
@@ -289,7 +289,6 @@ def _read_pixels(
         stored = stored if of_views else cut_views(stored, views, path)
         is_searched = order is None and pixels.searched
         found = find_order(stored) if is_searched else stated_order(order)
-        found = found.with_sign_of(pixels.slopes)
     beside = {"weights": pixels.weights, "valid": pixels.valid}
     given = {name: arranged(x, found.order) for name, x in beside.items() if x is not None}
     light_field = LightField(arranged(stored, found.order), **given)

@@ -52,7 +52,7 @@ def write_light_field(
     >>> formats.read_light_field("light_field.npz")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
-    path = Path(path)
+    check_ending(path := Path(path))
     suffix, place = path.suffix.lower(), path.resolve()
     arrays = {VIEWS: light_field.views, "weights": light_field.weights, "valid": light_field.valid}
     given = {name: array for name, array in arrays.items() if array is not None}
@@ -69,15 +69,20 @@ def write_light_field(
         raw = LightField.trusted(light_field.filled).to_raw()
         write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)
     elif suffix == ".npy":
-        with atomic_write(path) as aside:
-            np.save(aside, light_field.filled, allow_pickle=False)
-    elif suffix == ".npz":
+        with atomic_write(path) as aside, aside.open("wb") as file:
+            np.save(file, light_field.filled, allow_pickle=False)
+    else:
         given[RECORD] = np.frombuffer(json.dumps(record).encode(), np.uint8)
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(file, allow_pickle=False, **given)
-    else:
+
+
+def check_ending(path: Path) -> None:
+    """Refuse a file that selects no format."""
+    if path.suffix.lower() not in ("", ".png", ".tif", ".tiff", ".npy", ".npz", ".zarr"):
         raise InputError(
-            f"A light field is written to a folder, .png, .tif, .npy, .npz or .zarr, got {path}."
+            f"A light field is written to a folder (a name without a point), .png, .tif, .npy, "
+            f".npz or .zarr, got {path}."
         )
 
 

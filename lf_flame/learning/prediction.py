@@ -15,6 +15,7 @@ from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
+from lf_flame.formats.reading import kind_of
 from lf_flame.learning.run_folders import TrainedRun
 from lf_flame.lightfield import LightField
 
@@ -94,11 +95,12 @@ def read_input(
 def _read_grey(source: Path, encoding: InputEncoding) -> np.ndarray:
     """Read the mean view of a light field, or its central one; an image is taken for one view."""
     try:
-        light_field = read_light_field(source, views=1)
+        takes_views = not source.exists() or "views" in kind_of(source, {})[2].split()
+        light_field = read_light_field(source, views=1 if takes_views else None)
         views = light_field.filled[encoding.view_mesh(*light_field.shape[:2])]
         shown = views.any(axis=tuple(range(2, views.ndim)))
         if light_field.weights is not None and not shown.all():
-            raise InputError("a view that the network's input contains is missing, or black.")
+            raise InputError("a view of the network's input is missing, or black; give raw images.")
         picture = views.mean(axis=(0, 1), dtype=np.float64)  # excluded ones, too, as in training
     except InputError as error:
         if str(source) in str(error):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,11 @@ WIDEST_APERTURE = 4
 
 ROW_SPACING = {"rectangular": 1.0, "hexagonal": math.sqrt(0.75)}
 """Distance of the rows of an array, in pitches, by layout."""
+
+
+def _is_within(low: float, value: Any, high: float) -> bool:
+    numbers = int | float | np.integer | np.floating
+    return isinstance(value, numbers) and bool(low <= value <= high)
 
 
 @strict
@@ -144,7 +149,7 @@ class PlenopticCamera(Lens):
         if f_number is not None:
             if self.aperture_diameter_mm is not None:
                 raise InputError("f_number and aperture_diameter_mm cannot both be given.")
-            if not 0.1 <= f_number <= 1e4:
+            if not _is_within(0.1, f_number, 1e4):
                 raise InputError(f"f_number must lie between 0.1 and 10000, got {f_number}.")
             object.__setattr__(self, "aperture_diameter_mm", self.main_lens_focal_mm / f_number)
         lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
@@ -152,10 +157,10 @@ class PlenopticCamera(Lens):
         lengths += ["rim_diameter_mm", "wavelength_nm", "exit_pupil_mm"]
         for name in lengths:
             value = getattr(self, name)
-            if value is not None and not SHORTEST <= value <= LONGEST:
+            if value is not None and not _is_within(SHORTEST, value, LONGEST):
                 raise InputError(
                     f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
-                    f"{SHORTEST:g} to {LONGEST:g}, got {value}."
+                    f"{SHORTEST:g} to {LONGEST:g}, got {value!r}."
                 )
         for name, low, high in (
             ("rim_distance_mm", 0.0, LONGEST),
@@ -163,7 +168,7 @@ class PlenopticCamera(Lens):
             ("lenslet_rotation_rad", -0.1, 0.1),
             ("lenslet_pitch_error", -0.1, 0.1),
         ):
-            if not low <= getattr(self, name) <= high:
+            if not _is_within(low, getattr(self, name), high):
                 raise InputError(
                     f"{name} must lie between {low:g} and {high:g}, got {getattr(self, name)}."
                 )
@@ -181,10 +186,11 @@ class PlenopticCamera(Lens):
                 f"{self.exit_pupil_mm}."
             )
         counts = (self.views, *np.atleast_1d(self.lenslets).tolist())
-        if len(counts) != 3 or not all(1 <= n <= MOST_PER_AXIS and n % 1 == 0 for n in counts):
+        whole = [_is_within(1, n, MOST_PER_AXIS) and n % 1 == 0 for n in counts]
+        if len(counts) != 3 or not all(whole):
             raise InputError(
                 f"views must be one whole number and lenslets two, of 1 to {MOST_PER_AXIS} each, "
-                f"got views={self.views}, lenslets={self.lenslets}."
+                f"got views={self.views!r}, lenslets={self.lenslets!r}."
             )
         object.__setattr__(self, "views", int(self.views))
         object.__setattr__(self, "lenslets", tuple(map(int, counts[1:])))

@@ -20,7 +20,7 @@ def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
         ("aperture, f-number matched", f"{camera.aperture_mm:.2f} mm"),
         ("aperture", _aperture(camera)),
         *_imperfections(camera),
-        ("view step on the main lens", f"{camera.view_step_mm:.3f} mm"),
+        ("view step in the aperture", f"{camera.view_step_mm:.3f} mm"),
         ("lenslets (rows x columns)", f"{camera.lenslets[0]} x {camera.lenslets[1]}"),
         ("views", f"{camera.views} x {camera.views}"),
         ("pixels from lenslet to lenslet", f"{camera.micro_image_pitch_mm / camera.pixel_mm:.3f}"),
@@ -67,7 +67,7 @@ def _aperture(camera: PlenopticCamera) -> str:
     width = camera.aperture_diameter_mm or camera.aperture_mm
     return (
         f"{shape}, {width:.2f} mm, f/{camera.main_lens_focal_mm / width:.2f} "
-        f"(at work f/{camera.image_distance_mm / width:.2f})"
+        f"(at work f/{camera.exit_distance_mm / camera.on_exit_pupil(width):.2f})"
     )
 
 

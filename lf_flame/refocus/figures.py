@@ -9,15 +9,16 @@ from matplotlib.ticker import MaxNLocator
 
 from lf_flame._common.figures import subplots
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 
 
-def with_depth(text: str, slope: float, camera: PlenopticCamera | None) -> str:
+def with_depth(text: str, slope: float, camera: Lens | None) -> str:
     """Add the depth in mm to a slope's text, if the camera is known and has such a layer."""
     depth = None if camera is None else camera.slope_to_real_depth(slope)
     return text if depth is None or not np.isfinite(depth) else f"{text} ({depth + 0.0:+.4g} mm)"
 
 
-def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
+def _slope_axis(axis, camera: Lens | None) -> str:
     """Write depths below an axis's slopes, if the camera is known; returns the label."""
     if camera is None:
         return "slope (lenslets per view step)"
@@ -25,7 +26,8 @@ def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
     axis.set_major_formatter(
         lambda slope, _: with_depth(f"{slope:g}", slope, camera).replace(" (", "\n(")
     )
-    return "slope, lenslets per view step (depth from the focal plane)"
+    zero = "focal plane" if isinstance(camera, PlenopticCamera) else "calibration's zero"
+    return f"slope, lenslets per view step (depth from the {zero})"
 
 
 def search_figure(searches, camera=None):
@@ -35,7 +37,7 @@ def search_figure(searches, camera=None):
     ----------
     searches : list of SlopeSearch
         Searches; those without a peak are drawn without a mark.
-    camera : PlenopticCamera, optional
+    camera : PlenopticCamera or CameraLaw, optional
         Camera for depths in mm next to the slopes.
 
     Returns
@@ -78,7 +80,7 @@ def slope_map_figure(focus_map, camera=None):
     Parameters
     ----------
     focus_map : lf_flame.refocus.FocusMap
-    camera : PlenopticCamera, optional
+    camera : PlenopticCamera or CameraLaw, optional
         Camera for depths in mm next to the slopes.
 
     Returns

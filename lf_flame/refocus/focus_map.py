@@ -293,7 +293,7 @@ def _reduced(views: np.ndarray) -> tuple[np.ndarray, int]:
     Incomplete blocks at the ends are left out. Also returns the lenslets along a block's side, by
     which slopes are smaller.
     """
-    block = max(1, round(max(views.shape[2:]) / SIDE))
+    block = max(1, min(round(max(views.shape[2:]) / SIDE), *views.shape[2:]))
     v, u, t, s = views.shape
     t, s = t // block, s // block
     cut = views[:, :, : t * block, : s * block].reshape(v, u, t, block, s, block)

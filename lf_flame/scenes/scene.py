@@ -240,17 +240,17 @@ class Scene:
     front_to_back: tuple[Layer, ...] = field(init=False)
 
     def __init__(self, layers: Sequence[Layer]):
-        layers = tuple(layers)
+        given, layers = layers, () if isinstance(layers, Layer) else tuple(layers)
         if not layers or not all(isinstance(layer, Layer) for layer in layers):
-            raise InputError(f"A scene needs layers, one or more, got {list(map(type, layers))}.")
+            raise InputError(f"A scene needs a list of layers, one or more, got {given!r:.100}.")
         ordered = sorted(layers, key=lambda layer: (layer.depth_mm, layer.opaque))
         vars(self).update(layers=layers, front_to_back=tuple(ordered))
         for (i, one), (j, other) in combinations(enumerate(self.layers, 1), 2):
             meet = one.opaque and other.opaque and one.depth_mm == other.depth_mm
             if meet and all(_overlap(one, other, axis) for axis in (0, 1)):
                 raise InputError(
-                    f"Layers {i} and {j} are both opaque and overlap at depth "
-                    f"{one.depth_mm} mm; one of them must be in front."
+                    f"Layers {i} and {j} are both opaque, and their extents overlap at depth "
+                    f"{one.depth_mm} mm: one of them must be in front, by 0.001 mm for example."
                 )
 
     def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> Scene:

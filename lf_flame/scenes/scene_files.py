@@ -169,7 +169,7 @@ def _check_aperture(camera: PlenopticCamera, path: str | Path) -> None:
 def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Radiance of an image's pixels, and their coverage: transparent 0."""
     image = np.atleast_3d(to_unit(read_pixels(path), path)).astype(np.float64)
-    if image.ndim > 3:
+    if image.ndim > 3 or image.shape[2] > 4:  # pages, for example
         raise InputError(f"{path} must be one image, got an array of shape {image.shape}.")
     if image.shape[2] not in (2, 4):
         return image.mean(axis=2), np.ones(image.shape[:2])

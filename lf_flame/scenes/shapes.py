@@ -5,7 +5,7 @@ import numpy as np
 from lf_flame.errors import InputError
 
 SUPERSAMPLING = 8
-"""Number of points per cell and axis that sample its coverage; an edge cell is right to 1/64."""
+"""Number of points per cell and axis that sample its coverage; an edge cell is right to 1/16."""
 
 SHAPES = {
     "rectangle": None,

@@ -15,7 +15,7 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
-from lf_flame.optics.ray_bundle import trace_footprint, trace_stop
+from lf_flame.optics.ray_bundle import trace_stop
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.diffraction import (
@@ -27,7 +27,7 @@ from lf_flame.simulation.diffraction import (
 from lf_flame.simulation.integration import gather
 from lf_flame.simulation.optical_pass import OpticalPass, as_views, optical_passes
 from lf_flame.simulation.planning.plan import EffectPlan, plan_effects
-from lf_flame.simulation.slabs import Plane, slice_scene
+from lf_flame.simulation.slabs import Plane, check_field, slice_scene
 
 CROSSING = ("f_number_mismatch", "lenslet_rotation", "lenslet_pitch_error", "lenslet_diffraction")
 """Effects by which light leaves its own lenslet, which hexagonal arrays do not simulate."""
@@ -129,7 +129,7 @@ def render_plan(
     if seen is not camera:
         raw = blur_on_sensor(LightField.trusted(views).to_raw(), seen, camera)
         views = as_views(raw, camera)
-    weights = whole_views(camera, list(passes[0].stops))
+    weights = whole_views(camera, list(passes[0].stops), passes[0].round_aperture)
     return _record(views, camera, plan, seed, layout, weights)
 
 
@@ -151,15 +151,19 @@ def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> l
     Raises
     ------
     InputError
-        If a layer lies outside the field.
+        If a layer lies outside the field, or the plan is for another number of layers.
     """
+    if len(plan.slabs) != len(scene.layers):
+        raise InputError(
+            f"A plan for {len(plan.slabs)} layers does not fit a scene of {len(scene.layers)}."
+        )
     planes = slice_scene(
         scene,
         dict(zip(scene.layers, plan.slabs, strict=True)),
         absorption="self_absorption" in plan.kept,
         attenuating=set(plan.traced),
     )
-    _check_field(scene, camera)
+    check_field(scene, camera)
     if _diffracts(camera, plan, "main_lens") and not _attenuates(planes):
         planes = blur_planes(planes, camera)
     return planes
@@ -172,21 +176,6 @@ def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
 def _attenuates(planes: list[Plane]) -> bool:
     """Whether any plane occludes or attenuates light from behind."""
     return any(plane.transmission is not None for plane in planes)
-
-
-def _check_field(scene: Scene, camera: PlenopticCamera) -> None:
-    """Refuse layers that no pixel sees."""
-    for layer in scene.layers:
-        for axis in (0, 1):
-            footprint = trace_footprint(camera, layer.depth_mm, axis)
-            edges, reach = layer.cell_edges_mm[axis], footprint.half_width_mm
-            low, high = footprint.centres_mm.min() - reach, footprint.centres_mm.max() + reach
-            if edges[-1] <= low or edges[0] >= high:
-                raise InputError(
-                    f"The layer at depth {layer.depth_mm} mm lies outside the field: in "
-                    f"{'yx'[axis]} it spans {edges[0]:.4g} to {edges[-1]:.4g} mm, "
-                    f"and the camera sees {low:.4g} to {high:.4g} mm there."
-                )
 
 
 def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> LightField:
@@ -203,12 +192,14 @@ def _record(views, camera, plan: EffectPlan, seed, layout: str, weights) -> Ligh
     return LightField.trusted(views, plan, weights)
 
 
-def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray | None:
+def whole_views(
+    camera: PlenopticCamera, stops: list[tuple[float, float]], round_aperture: bool
+) -> np.ndarray | None:
     """Weights of views behind stops: 1 for uncut ones of one lenslet, 0 for others.
 
     A view is used if its part of each stop lies entirely inside, seen through the centre of the
     array, and if no light of a neighbouring lenslet reaches it. If no view is whole, those that see
-    most of the aperture are used.
+    most of the aperture are used. round_aperture: whether the first stop is the aperture.
 
     Returns float32 of shape (v, u), or None if all are used.
     """
@@ -224,18 +215,17 @@ def whole_views(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np
         y, x = places[0][:, None, :, None], places[1][None, :, None, :]
         inside = np.hypot(y, x) <= radius_mm * (1 + 1e-9)
         shares = np.minimum(shares, inside.mean(axis=(2, 3)))
-    used = (shares == 1) & _own_light(camera, stops)
+    used = shares == 1
+    if round_aperture:
+        used &= _own_light(camera, stops[0][1])
     if not used.any():
         used = shares == shares.max()
     return None if used.all() else used.astype(np.float32)
 
 
-def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.ndarray:
+def _own_light(camera: PlenopticCamera, radius_mm: float) -> np.ndarray:
     """Whether no light of a neighbouring lenslet reaches a view, through an aperture too wide."""
     own = np.ones((camera.views, camera.views), bool)
-    aperture = [radius for distance, radius in stops if distance == camera.aperture_before_lens_mm]
-    if not aperture:
-        return own
     from_middle = np.arange(camera.views) - (camera.views - 1) / 2
     # Centres and half the width of the views' parts of the aperture, on one side by symmetry.
     at, half = np.abs(from_middle) * camera.view_step_mm, camera.view_step_mm / 2
@@ -245,5 +235,5 @@ def _own_light(camera: PlenopticCamera, stops: list[tuple[float, float]]) -> np.
         neighbours = ((0.0, 1.0), (ROW_SPACING["hexagonal"], 0.5))
     for down, right in neighbours:
         y, x = (np.maximum(np.abs(by * period - at) - half, 0.0) for by in (down, right))
-        own &= np.hypot(y[:, None], x) >= aperture[0] * (1 - 1e-9)
+        own &= np.hypot(y[:, None], x) >= radius_mm * (1 - 1e-9)
     return own

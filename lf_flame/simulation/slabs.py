@@ -7,6 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 
 BISECTIONS = 60
@@ -41,6 +44,21 @@ class Plane:
     layer: Layer
     lean: tuple[float, float] = (0.0, 0.0)
     sheet: int = 0
+
+
+def check_field(scene: Scene, camera: PlenopticCamera) -> None:
+    """Refuse layers that no pixel sees."""
+    for layer in scene.layers:
+        for axis in (0, 1):
+            footprint = trace_footprint(camera, layer.depth_mm, axis)
+            edges, reach = layer.cell_edges_mm[axis], footprint.half_width_mm
+            low, high = footprint.centres_mm.min() - reach, footprint.centres_mm.max() + reach
+            if edges[-1] <= low or edges[0] >= high:
+                raise InputError(
+                    f"The layer at depth {layer.depth_mm} mm lies outside the field: in "
+                    f"{'yx'[axis]} it spans {edges[0]:.4g} to {edges[-1]:.4g} mm, "
+                    f"and the camera sees {low:.4g} to {high:.4g} mm there."
+                )
 
 
 def slice_scene(

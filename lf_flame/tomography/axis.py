@@ -239,12 +239,11 @@ class _Bands:
             return found | {"depth_error_mm": math.inf, "depth_lean_error_deg": math.inf}
         spread = np.sum(self.at**2)
         slopes, error = self.middles @ self.at / spread, self.error / np.sqrt(spread)
-        per_slope = abs(float(camera.slope_to_depth(slope + 1e-4) - camera.slope_to_depth(slope)))
-        per_slope /= 1e-4
+        per_slope = float(camera.slope_to_depth(slope + 1e-4) - camera.slope_to_depth(slope)) / 1e-4
         line, covariance = _fit_line(self.heights, slopes, error)
-        found["depth_error_mm"] = per_slope * float(1 / np.sqrt(np.sum(error**-2)))
+        found["depth_error_mm"] = abs(per_slope) * float(1 / np.sqrt(np.sum(error**-2)))
         found["depth_lean_deg"] = float(np.degrees(np.arctan(line[0] * per_slope / side)))
-        tangent = float(np.sqrt(covariance)) * per_slope / side
+        tangent = float(np.sqrt(covariance)) * abs(per_slope) / side
         found["depth_lean_error_deg"] = float(np.degrees(np.arctan(tangent)))
         return found
 

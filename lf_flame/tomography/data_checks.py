@@ -234,7 +234,10 @@ def axis_checks(
     """
     grid = geometry.grid
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
-    axis = find_axis(light_field, grid.camera, depth)
+    try:
+        axis = find_axis(light_field, grid.camera, depth)
+    except InputError as error:  # of views whose weights differ, for example, which can be fitted
+        return [Check("axis", 2.0, 1.0, f"The axis is not checked: {error}")]
     least = 0.1 * grid.pixel_mm
     pupil = grid.camera.views * grid.camera.view_step_mm
     half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)

@@ -15,7 +15,7 @@ from pydantic import Field
 from lf_flame._common.atomic_files import OutputFolder, atomic_write, output_folder
 from lf_flame._common.config import build, to_json
 from lf_flame._common.images import read_pixels
-from lf_flame._common.input_files import read_record
+from lf_flame._common.input_files import printable, read_record
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
@@ -212,9 +212,11 @@ class EmissionFolder:
     def __init__(self, folder: str | Path):
         self.folder = folder = Path(folder)
         if not (folder / RECORD).exists():
+            colours = sorted(printable(path.parent.name) for path in folder.glob(f"*/{RECORD}"))
+            there = f"only in {', '.join(colours[:5])}; give one of these" if colours else "none"
             raise InputError(
-                f"{folder} is not a folder of `lf-flame reconstruct` or `lf-flame abel`: there is "
-                f"no {RECORD} in it."
+                f"{folder} is not a folder of `lf-flame reconstruct` or `lf-flame abel`, which "
+                f"contains {RECORD}: there is {there}."
             )
         self.record = record = build(_Record, read_record(folder / RECORD), folder / RECORD)
         self.is_section = record.geometry == "section"

@@ -276,8 +276,7 @@ class ReconstructionPlan:
         """
         check_bootstrap(bootstrap)
         rng = np.random.default_rng(rng)
-        even = self.grid.camera.corrected(light_field)
-        grid, views, valid = _fitted_views(even, self.grid)
+        grid, views, valid = _fitted_views(self.grid.camera.corrected(light_field), self.grid)
         checks = left_out(grid, valid)
         geometry = self._prepare(grid)
         before = None if start is None else _checked_start(start, grid)
@@ -301,8 +300,7 @@ class ReconstructionPlan:
         if isinstance(geometry, PlaneGeometry):
             checks = depth_checks(geometry.grid, emission) + checks
         else:
-            dark = replace(even, views=even.views - np.float32(level.mean))
-            checks += axis_checks(dark, geometry, known)
+            checks += axis_checks(light_field, geometry, known)
         stated = self._options.noise is not None
         whole = known if excess is None else known + excess
         checks += data_checks(
@@ -387,7 +385,7 @@ def _average_blocks(light_field: LightField, camera: Lens, block: int) -> np.nda
     views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
-        hint = "; in colour, its colours need a calibration (--colours)" if views.ndim == 5 else ""
+        hint = "; in colour, `LightField.grey` or `reconstruct_soot`" if views.ndim == 5 else ""
         raise InputError(
             f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
             f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."

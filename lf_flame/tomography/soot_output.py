@@ -21,6 +21,7 @@ from lf_flame.tomography.pyrometry import (
     Temperatures,
     soot_temperature,
 )
+from lf_flame.tomography.spectra import MOST_EXPONENT
 
 COLOURS_RECORD, TEMPERATURE_RECORD = "calibrate-colours.json", "temperature.json"
 SIGMA_FILE = "temperature_sigma.tif"
@@ -153,6 +154,8 @@ def _uncertainties(
 ) -> list[str]:
     """Report what the exponent and the gains' errors do to thin soot of the median temperature."""
     other, median = soot_exponent + UNSURE_EXPONENT, float(np.nanmedian(found.kelvin))
+    if other > MOST_EXPONENT:
+        other = soot_exponent - UNSURE_EXPONENT
     light = calibration.gains * calibration.responses.soot(median, soot_exponent)
     errors = np.clip(calibration.relative_errors, 1e-9, 0.3) * light
     changed, alike = (

@@ -49,7 +49,8 @@ def check_shown(light_field: LightField) -> None:
         raise InputError(f"A picture has 1 or 3 channels, but this light field {channels}.")
     if size > MOST_BYTES:
         raise InputError(
-            f"A page has room for {MOST_BYTES:,} pixels, but this light field has {size:,}; "
+            f"A page has room for {MOST_BYTES:,} values (pixels times channels), but this "
+            f"light field has {size:,}; "
             f"`lf-flame refocus` takes it."
         )
 

@@ -44,4 +44,4 @@ def test_only_programs_of_the_packages_own_repository_make_a_revision(git, tmp_p
 def test_a_module_is_named_as_it_is_called(monkeypatch, spec, named):
     monkeypatch.setitem(sys.modules, "__main__", SimpleNamespace(__spec__=spec))
     monkeypatch.setattr(sys, "argv", ["/some/tool.py", "--out", "here\udce9"])  # not in UTF-8
-    assert provenance.environment()["command"] == f"{named} --out here?"
+    assert provenance.environment()["command"] == f"{named} --out 'here?'"

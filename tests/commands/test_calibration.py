@@ -59,6 +59,7 @@ def test_files_and_table_of_a_calibration(boards):
     camera = read_camera(out / "camera.toml")
     assert camera.main_lens_focal_mm == pytest.approx(50, rel=0.01)
     assert camera.focus_distance_mm == pytest.approx(400, rel=0.01)
+    assert read_lens(out / "calibration.json") == law
     record = json.loads((out / "calibration.json").read_text())
     assert record["files"] == ["calibration.png", "calibration.toml", "camera.toml"]
     assert [one["depth_mm"] for one in record["targets"]] == list(DEPTHS)

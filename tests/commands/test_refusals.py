@@ -163,7 +163,7 @@ REFUSED = [
         ("--noise 0.1", "--noise needs the step emission"),
         ("--level 0.3", "--level needs the step height"),
     ),
-    ("profiles empty", "or `lf-flame abel`: there is no emission.json"),
+    ("profiles empty", "abel`, which contains emission.json: there is none"),
     ("profiles green", "has written its profiles: axial.csv and radial.csv"),
     *each(
         "reconstruct ball.npy --camera camera.toml --out out",
@@ -184,7 +184,7 @@ REFUSED = [
         ("--slope 1e9", "from -24 to 24, beyond which views"),
         ("--sweep nan 1", "finite"),
         ("--slope 0.5 --sweep 1 1", "two slopes, got 1.0 twice"),
-        ("--map -1 1 --interpolation sinc", "linear, nearest, cubic, got 'sinc'"),
+        ("--map -1 1 --interpolation sinc", "sinc does not apply to --map"),
         ("--views 5", "--views does not apply to views, which is read as a folder of views"),
         ("--slope 0.5 --map 1 1", "lower slope first, got 1.0 and 1.0"),
         ("--map=auto --map -1 1", "cannot both be given"),

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,7 +83,8 @@ def test_an_interrupted_run_resumes_to_the_same_bytes(tiny, tmp_path, samples_of
         Dataset(tmp_path / "a.zarr")
     left = tmp_path / "a.zarr.part" / "input" / "c" / "0" / f"0.{'0' * 32}.partial"
     left.write_bytes(b"half")  # as Zarr leaves it of a write that was cut off
-    make_dataset(tiny, 20, tmp_path / "a.zarr")
+    more = {**tiny.samples, "large": 99}  # a further preset changes nothing
+    make_dataset(replace(tiny, samples=more), 20, tmp_path / "a.zarr")
     assert asked == [2, 1]
     monkeypatch.undo()
     make_dataset(tiny, 20, tmp_path / "b.zarr")

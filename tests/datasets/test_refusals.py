@@ -42,7 +42,6 @@ test_a_mistake_is_one_sentence = refusals([
     (changed("route", value="straight"), "route: input should be 'rays', 'exact' or 'direct'"),
     (changed("camera", "main_lens_focal_mm", value=-150), "here: camera: main_lens.*-150"),
     (changed("image", value=[7, 16]), r"image must divide .* got \(7, 16\)"),
-    (changed("input", value={"image": [7, 16]}), r"image must divide .* got \(7, 16\)"),
     (changed("input", value={"kind": "grid", "grid": 4}), "4 views along each axis, .* has 3"),
     (changed("samples", "smoke", value=0), "samples from 1 to 1000000"),
     (changed("template", "size", value=1.5), "template: size must be below 1"),

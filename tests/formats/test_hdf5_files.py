@@ -1,4 +1,4 @@
-"""HDF5 and MATLAB files: axes, weights and truth, and what such files may not do."""
+"""HDF5 and MATLAB files: axes and weights, and what such files may not do."""
 
 import os
 import struct
@@ -10,12 +10,9 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from lf_flame import InputError, read_light_field
 from lf_flame._common.input_files import LIMIT
-from lf_flame.formats.reading import find_light_field
-from lf_flame.refocus import find_sharpest_slope
 
 SHAPE = (3, 4, 20, 25)
 
@@ -142,67 +139,6 @@ def test_the_array_is_named_where_there_are_several(tmp_path):
     np.testing.assert_array_equal(turned.views, left.transpose(2, 3, 0, 1) / np.float32(255))
 
 
-FACTS = {"dH": 0.08, "dV": 0.08, "focalLength": 150.0, "shift": 1.7}
-DEPTHS = (4.5, 6.5)
-
-
-def scene(rng, views=(5, 5), size=(60, 90)):
-    """Two planes side by side, seen by parallel cameras: v down, u to the right.
-
-    A point is at s - disparity (u - middle), as a near thing moves to the left.
-    """
-    disparity = [FACTS["dH"] * FACTS["focalLength"] / z - FACTS["shift"] for z in DEPTHS]
-    texture = gaussian_filter(rng.normal(size=[n + 40 for n in size]), 1.5)
-    texture = (texture - texture.min()) / np.ptp(texture)
-    t, s = np.mgrid[: size[0], : size[1]] + 20.0
-    left = np.arange(size[1]) < size[1] // 2
-    field = np.empty((*views, *size))
-    for v, u in np.ndindex(views):
-        moved = [
-            map_coordinates(texture, (t + d * (v - 2), s + d * (u - 2)), order=3) for d in disparity
-        ]
-        field[v, u] = np.where(left, *moved)
-    depth = np.broadcast_to(np.where(left, *DEPTHS), field.shape).astype(np.float32)
-    return np.rint(255 * field.clip(0, 1)).astype(np.uint8), depth
-
-
-def write_hci(path, views, depth=None, facts=FACTS):
-    with h5py.File(path, "w") as file:
-        file.attrs.update({name: np.array([value]) for name, value in facts.items()})
-        file.attrs["camArrangement"] = "PERSPECTIVE"
-        file["LF"] = np.repeat(views[..., None], 3, axis=-1)
-        if depth is not None:
-            file.create_dataset("GT_DEPTH", data=depth, compression="gzip")
-    return path
-
-
-@pytest.mark.parametrize("flipped", [0, 1])
-def test_hci_files_give_the_slopes_of_their_depths(tmp_path, rng, flipped):
-    """Where columns are stored the other way round, the parallax alone gives the opposite sign."""
-    views, depth = scene(rng)
-    stored, depths = (np.flip(x, flipped) for x in (views, depth))
-    path = write_hci(tmp_path / "a.h5", stored, depths)
-    found = read_light_field(path)
-    np.testing.assert_array_equal(found.views[..., 0], views / np.float32(255))
-    order = find_light_field(path).order
-    assert order.order == ("-row,col", "row,-col")[flipped]
-    for part, z in ((np.s_[5:-5, 5:38], DEPTHS[0]), (np.s_[5:-5, 52:85], DEPTHS[1])):
-        slope = FACTS["shift"] - FACTS["dH"] * FACTS["focalLength"] / z
-        seen = find_sharpest_slope(found.views[(..., *part, 0)], np.arange(-2, 2.01, 0.1))
-        assert seen.slope == pytest.approx(slope, abs=0.03)
-    stated = read_light_field(path, order="row,-col").views
-    np.testing.assert_array_equal(stated[..., 1], stored[:, ::-1] / np.float32(255))
-
-
-def test_hci_files_without_depths_are_turned_by_the_parallax(tmp_path, rng):
-    views, depth = scene(rng)
-    path = write_hci(tmp_path / "a.h5", views[::-1])
-    np.testing.assert_array_equal(read_light_field(path).views[..., 2], views / np.float32(255))
-    with h5py.File(path, "a") as file:  # as no file of HCI has, but others
-        file.attrs["focalLength"] = "35 mm"
-    np.testing.assert_array_equal(read_light_field(path).views[..., 2] * 255, views[::-1])
-
-
 def test_nothing_but_the_file_itself_is_opened(tmp_path):
     """A pipe in the place of another file: whoever opens it waits for ever."""
     os.mkfifo(tmp_path / "pipe.h5")
@@ -285,11 +221,12 @@ def write_small(path, rng):
     elif path.name == "73.mat":
         write_mat73(path, {"LF": array}, compression="gzip")
     else:
-        write_hci(path, array, np.ones(array.shape, np.float32))
+        with h5py.File(path, "w") as file:
+            file.create_dataset("LF", data=array, compression="gzip")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["5.mat", "5plain.mat", "73.mat", "hci.h5"])
+@pytest.mark.parametrize("name", ["5.mat", "5plain.mat", "73.mat", "a.h5"])
 def test_damaged_files_are_refused_in_a_sentence(tmp_path, rng, name):
     path = tmp_path / name
     write_small(path, rng)

@@ -140,6 +140,8 @@ def test_weights_and_what_is_known_come_back_from_npz(tmp_path):
     less = read_light_field(tmp_path / "a.npz", dark=tmp_path / "a.npz")
     np.testing.assert_array_equal(less.valid, valid)
     write_light_field(LightField(views), tmp_path / "c.npz")
+    write_light_field(LightField(views), tmp_path / "D.NPY")
+    np.testing.assert_array_equal(np.load(tmp_path / "D.NPY"), views.astype(np.float32))
     plain = read_light_field(tmp_path / "c.npz")
     assert plain.weights is None
     assert plain.valid is None

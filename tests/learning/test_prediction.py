@@ -100,12 +100,13 @@ def test_light_fields_are_seen_as_in_training(run_folder, rng, tmp_path):
     light_field = LightField(rng.uniform(size=(3, 3, 120, 192)).astype(np.float32))
     np.savez(tmp_path / "views.npz", views=light_field.views, weights=np.eye(3))
     write_light_field(light_field, tmp_path / "raw.png", 16)
+    write_light_field(light_field, tmp_path / "folder", 16)
     np.save(tmp_path / "raw.npy", light_field.photograph)
     np.save(tmp_path / "central.npy", light_field.views[1, 1])
     for kind in ("raw", "central"):
         encoding = InputEncoding(kind)
         expected = encoding.encode(light_field, SIZE)[..., 0]
-        for name in ("views.npz", "raw.png", f"{kind}.npy"):
+        for name in ("views.npz", "raw.png", "folder", f"{kind}.npy"):
             found = read_input(tmp_path / name, SIZE, encoding)
             np.testing.assert_allclose(found.image, expected, atol=2e-5)
             assert found.notes == []

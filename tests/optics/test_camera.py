@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, InputError, PlenopticCamera
+from lf_flame.optics.camera_report import camera_report
 
 
 def test_paper_numbers():
@@ -117,6 +118,7 @@ def test_an_exit_pupil_changes_slopes_as_published(pupil):
     np.testing.assert_allclose(camera.depth_to_slope(depths), expected, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(camera.slope_to_depth(expected)[:4], depths[:4], atol=1e-10)
     np.testing.assert_allclose(camera.slope_to_alpha(expected), (pupil + behind) / pupil, rtol=1e-9)
+    assert "(at work f/3.57)" in camera_report(camera, [0.0])  # as the lenslets, 0.4 / 0.112
 
 
 @pytest.mark.parametrize("pupil", [200.0, 600.0])

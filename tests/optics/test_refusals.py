@@ -22,6 +22,8 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"focus_distance_mm": 140.0}, "must exceed main_lens_focal_mm.*got 140"),
             ({"views": 0}, "views must be one whole number"),
             ({"views": 15.5}, "views must be one whole number"),
+            ({"views": "9"}, "views must be one whole number .* got views='9'"),
+            ({"main_lens_focal_mm": "150"}, "main_lens_focal_mm must be a positive.*'150'"),
             ({"lenslets": (270.5, 10)}, "lenslets two"),
             ({"lenslets": 270}, "lenslets two"),
             ({"views": 10**20}, "of 1 to 100000 each"),

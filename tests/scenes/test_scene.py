@@ -130,7 +130,7 @@ def card(width, x, depth=3.0, **options):
 def test_two_cards_at_one_depth_may_touch_but_not_overlap():
     """Edges at 0.3 = 0.1 + 0.2 and 0.7 - 0.4, which differ by a rounding."""
     assert len(Scene([card(0.2, 0.2), card(0.8, 0.7)]).layers) == 2
-    with pytest.raises(InputError, match="Layers 1 and 3 are both opaque and overlap at depth 3"):
+    with pytest.raises(InputError, match="Layers 1 and 3 .* extents overlap at depth 3"):
         Scene([card(0.2, 0.2), card(0.5, 4.0), card(0.8, 0.7 - 1e-6)])
     Scene([card(0.2, 0.2), card(0.8, 0.5, depth=3.1)])
     Scene([card(0.2, 0.2), card(0.8, 0.5, opaque=False)])

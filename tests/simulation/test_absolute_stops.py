@@ -122,6 +122,15 @@ def test_a_rim_lets_the_area_of_its_circle_pass(diameter, distance):
         assert image[pixel] == pytest.approx(share_through_rim(camera, pixel), abs=4e-4), pixel
 
 
+@pytest.mark.parametrize("radius", [0.56, 0.65])
+def test_a_rim_at_the_lens_takes_the_views_that_it_cuts(radius):
+    """Those whose squares of the aperture are not inside; it is no aperture that is too wide."""
+    camera = small(rim_diameter_mm=2 * radius * MATCHED, views=9)
+    weights = render(WHITE, camera, tolerance=1e-3).weights
+    ends = (np.abs(np.arange(9) - 4) + 0.5) / 9
+    np.testing.assert_array_equal(weights, np.hypot(*np.meshgrid(ends, ends)) <= radius)
+
+
 WIDE_FIELD = {"lenslets": (12, 120), "views": 5, "falloff_corrected": False}
 
 

@@ -9,10 +9,12 @@ from sentences import each, refusals
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects, render
 from lf_flame.simulation import assume
 from lf_flame.simulation.diffraction import tiled_sensor
+from lf_flame.simulation.rendering import render_plan
 
 CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
 SCENE = Scene([Layer([[1.0]], 0.0, (1.0, 1.0))])
 ASIDE = Scene([Layer([[1.0]], 0.0, (1.0, 1.0), (0.0, 90.0))])
+TWO = Scene(SCENE.layers + ASIDE.layers)
 BEHIND = Scene([Layer([[1.0]], -400.0, (1.0, 1.0))])
 SMALL_PIXELS = replace(CAMERA, wavelength_nm=650.0, pixel_pitch_mm=1e-6)
 
@@ -23,6 +25,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ((1e-3, {"blooming": True}), "Unknown effect 'blooming'; the known ones are defocus, "),
             ((1e-3, {"blooming": True, "fog": True}), "effect 'blooming', 'fog'; the"),
             ((1e-3, {"cos4": "yes"}), "cos4 must be forced by True or False, got 'yes'"),
+            ((1e-3, ["cos4"]), r"effects must map names to True or False, got \['cos4'\]"),
             ((1e-3, {"f_number_mismatch": True, "round_aperture": False}), "both are one round st"),
             ((0.0,), "tolerance must be above 0, got 0.0"),
             ((float("nan"),), "tolerance must be above 0"),
@@ -34,7 +37,8 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"rays": 4}, "must be"),
             ({"integrator": "rays", "rays": 0}, "must be"),
         ),
-        (partial(render, ASIDE, PAPER_CAMERA), "outside the field: in x it spans 89.5"),
+        (partial(plan_effects, ASIDE, PAPER_CAMERA), "outside the field: in x it spans 89.5"),
+        (lambda: render_plan(TWO, CAMERA, plan_effects(SCENE, CAMERA)), "1 layers .* scene of 2"),
         (partial(render, BEHIND, PAPER_CAMERA), "in front of the main lens.*-400"),
         (partial(tiled_sensor, SMALL_PIXELS), "use a larger pixel_pitch_mm or tolerance, or force"),
         *(

@@ -87,3 +87,17 @@ def test_a_ball_of_light_by_the_law_is_that_by_the_camera(law):
     weight = np.sqrt(radii)
     assert distance(found.emission * weight, truth * weight) < 0.01
     assert found.warnings == ()
+    masked = LightField(views, weights=np.arange(49).reshape(7, 7) != 25)
+    found = reconstruct_axisymmetric(masked, found.grid, bootstrap=0)
+    assert [w[:24] for w in found.warnings[-1:]] == ["The axis is not checked: "[:24]]
+
+
+@pytest.mark.slow
+def test_the_axis_is_checked_in_views_whose_distortion_is_undone_once(law):
+    """15 pixels from the centre, twice would be a third of a pixel off."""
+    known = replace(law, distortion=1e-4)
+    light_field = LightField(record_ball(LENS, 2.0, 1.9, 0.7))
+    axis = find_axis(light_field, known)
+    grid = AxisymmetricGrid(known, axis.across_mm, axis.depth_mm, 1.9)
+    found = reconstruct_axisymmetric(light_field, grid, bootstrap=0)
+    assert not [warning for warning in found.warnings if "was stated" in warning]

@@ -53,15 +53,6 @@ class ViewOrder:
             )
         return lines
 
-    def with_sign_of(self, true: tuple[float, float] | None) -> "ViewOrder":
-        """Order or its half-turn, by the scene's true `slopes`; unchanged without these."""
-        if true is None or self.slopes is None:
-            return self
-        low, high = self.slopes
-        ours, turned = (np.abs(np.subtract(x, true)).sum() for x in ((low, high), (-high, -low)))
-        order = half_turned(self.order) if turned < ours else self.order
-        return ViewOrder(order, f"{self.reason}, with the sign by the depths in the file")
-
 
 AS_STORED = ViewOrder(ORDERS[0], "as stored")
 

@@ -285,13 +285,14 @@ def plan_effects(
     >>> sorted(plan_effects(scene, PAPER_CAMERA).kept)
     ['defocus']
     """
+    if not isinstance(effects, Mapping | None):
+        raise InputError(f"effects must map names to True or False, got {effects!r:.100}.")
     forced = dict(effects or {})
     _check_request(tolerance, forced, integrator, rays)
     bounds = bound_scene(scene, camera)
     noise = OF_NOISE * _noise(bounds, forced)
     by_noise = tolerance is None and noise > TOLERANCE
-    if tolerance is None:
-        tolerance = max(noise, TOLERANCE)
+    tolerance = max(noise, TOLERANCE) if tolerance is None else tolerance
     bounds, planned = _decide(bounds, forced, LEFT_OUT_SHARE * tolerance, stated)
     traced = _traced(bounds, {one.name for one in planned if one.kept and one.bound > 0})
     if integrator == "exact" and traced:
@@ -299,9 +300,8 @@ def plan_effects(
             f"The exact integrator cannot simulate {', '.join(traced)} here; "
             f"use integrator='auto', or force them off."
         )
-    undivided = (1,) * len(scene.layers)
     plan = EffectPlan(
-        tolerance, planned, undivided, 1, traced, tolerance_by_noise=by_noise,
+        tolerance, planned, (1,) * len(scene.layers), 1, traced, tolerance_by_noise=by_noise,
         hexagonal=camera.layout == "hexagonal",
     )  # fmt: skip
     by_rays = integrator == "rays" or bool(traced)
@@ -358,8 +358,7 @@ def _check_request(tolerance, forced: Mapping[str, bool], integrator: str, rays)
         raise InputError(f"integrator must be auto, exact or rays, got {integrator!r}.")
     if rays is not None and (integrator != "rays" or rays < 1):
         raise InputError(
-            f"rays must be at least 1 and needs integrator='rays', "
-            f"got rays={rays}, integrator={integrator!r}."
+            f"rays must be at least 1 and needs integrator='rays', got {rays}, {integrator!r}."
         )
 
 

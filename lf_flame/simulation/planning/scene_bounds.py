@@ -26,6 +26,7 @@ from lf_flame.simulation.optical_pass import (
     true_pitch_mm,
 )
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, has_matter
+from lf_flame.simulation.slabs import check_field
 
 
 class LightSteps(NamedTuple):
@@ -86,6 +87,7 @@ class SceneBounds:
 
 def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     """Bound the light of a scene in front of a camera."""
+    check_field(scene, camera)
     layers, pixels = scene.front_to_back, ChosenPixels(scene, camera)
     peak = pixels.peak()
     footprints = {
