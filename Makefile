@@ -78,7 +78,7 @@ train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
 UNFINISHED := $(if $(TRAINS),$(foreach run,shapes flames,$(if $(shell grep -s '"finished": true' \
                 $(RUNS)/$(run)/run.json),,$(RUNS)/$(run)/model.keras)))
 # So that values other than those of a finished run are refused.
-$(UNFINISHED) $(if $(BACKBONE)$(SEED)$(EPOCHS),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras): FORCE
+$(UNFINISHED) $(if $(strip $(if $(TRAINS),$(BACKBONE)$(SEED)$(EPOCHS))),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras): FORCE
 $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(VENV)/installed
 	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 

@@ -11,13 +11,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import lf_flame
 from lf_flame import plan_effects
 from lf_flame.scenes import read_scene
 
 # %%
 # This scene file states a round aperture, a sensor, an absorbing flame and an opaque disc.
-checkout = Path(lf_flame.__file__).parents[1]
+checkout = next(x for x in (Path.cwd(), *Path.cwd().parents) if (x / "data_gen").is_dir())
 scene, camera, _ = read_scene(checkout / "data_gen" / "scenes" / "effects.toml")
 plan = plan_effects(scene, camera, tolerance=0.005)
 print(plan)

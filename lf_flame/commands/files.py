@@ -34,8 +34,11 @@ ARRAYS = (".npy", ".npz", ".zarr")
 @option("--lenslets", "Image that shows the lenslets' centres.", PATH)
 @option("--dark", "Dark image, which is subtracted.", PATH)
 @option("--bayer", "Bayer pattern of the sensor.", metavar="rggb")
+@option("--names", "Pattern of the views' names in a folder, such as 'input_Cam*.png'.")
+@option("--grid", "Rows x columns of the views, such as 9x9.")
+@option("--order", "Meaning of the two numbers of a view, such as row,-col.")
 @camera_option("; adds facts in mm")
-def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> None:
+def info(source: Path, camera: Path | None, **options) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 
     SOURCE is anything that may contain a light field: a picture of a Lytro camera (.lfp, .lfr,
@@ -55,8 +58,9 @@ def info(source: Path, white, lenslets, dark, bayer, camera: Path | None) -> Non
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
     lens = open_lens(camera)
-    views = lens.views if lens and (white or lenslets) else None  # as `refocus` decodes it
-    found = describe(source, white=white, lenslets=lenslets, dark=dark, bayer=bayer, views=views)
+    is_raw = options["white"] or options["lenslets"]
+    options["views"] = lens.views if lens and is_raw else None  # as `refocus` decodes it
+    found = describe(source, **options)
     if lens is not None and camera is not None:
         if found.shape:
             lens.check_views(found.shape)
@@ -84,7 +88,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     """Write a light field of any kind in another form.
 
     \b
-      lf-flame convert raw.png views.npz --white white.png decode a plenoptic camera's image
+      lf-flame convert raw.png views.npz --white white.png  decode a raw image
       lf-flame convert raw.png views.npz --focused calibration.xml        of a Raytrix camera
       lf-flame convert picture.png views.npz --mosaic 8x8  views side by side
       lf-flame convert views lenslets.png                  for programs that read lenslet images

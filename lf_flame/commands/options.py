@@ -121,13 +121,12 @@ class Command(cloup.Command):
     def __init__(self, *args, help: str = "", **options):
         super().__init__(*args, help=help.partition("\f")[0], **options)
         self.whole_help = help.replace("\f\n", "")
-        if self.whole_help != help or any(self._rare()):
-            option = cloup.Option(
-                ["--help-all"], is_flag=True, expose_value=False, is_eager=True,
-                callback=self._show_all, help="Show rare options and details, too.",
-            )  # fmt: skip
-            self.params.append(option)
-            self.ungrouped_options.append(option)
+        option = cloup.Option(
+            ["--help-all"], is_flag=True, expose_value=False, is_eager=True,
+            callback=self._show_all, help="Show rare options and details, too.",
+        )  # fmt: skip
+        self.params.append(option)
+        self.ungrouped_options.append(option)
 
     def _rare(self) -> Iterable[cloup.Option]:
         return (x for x in self.params if isinstance(x, cloup.Option) and x.hidden and x.help)

@@ -284,8 +284,8 @@ def refocus(source, camera, out, overwrite, **options):
 
     The range of --map should exceed the slopes of the scene; auto finds such a range. Transparent
     objects, such as flames, have no single slope: lf-flame reconstruct finds their emission by
-    depth. --network refocuses by nine of the views; with --region it is a run of
-    `train-system volumetric`, which uses a cross of 17.
+    depth. --network refocuses by the few views that it was trained for; with
+    --region it is a run of `train-system volumetric`.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import output_folder, recorded_path
     from lf_flame.commands import refocus_output as output

@@ -135,6 +135,8 @@ def test_make_trains_the_papers_method_by_the_clock_and_goes_on(asked, tmp_path)
         assert trained("train-flame")[0] == again
         assert trained("results/paper/table2.csv")[0] == again
         assert ("flames", "paper") not in trained("costs")[0]  # measures what is there
+    # Weights other than those of a finished run are refused by `train`, not passed over.
+    assert trained("train-flame", "BACKBONE_WEIGHTS=random")[0] == [("flames", "paper")]
 
 
 @pytest.mark.slow
