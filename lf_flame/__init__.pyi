@@ -16,7 +16,6 @@ from .calibration import read_lens as read_lens
 from .errors import InputError as InputError
 from .formats import read_light_field as read_light_field
 from .formats import write_light_field as write_light_field
-from .formats import write_picture as write_picture
 from .lightfield import LightField as LightField
 from .optics.camera import PAPER_CAMERA as PAPER_CAMERA
 from .optics.camera import PlenopticCamera as PlenopticCamera

@@ -136,7 +136,11 @@ class LightField:
     valid: np.ndarray | None = None
 
     def __post_init__(self):
-        views = np.asarray(in_order(self.views))
+        views = in_order(self.views)
+        try:
+            views = np.asarray(views)
+        except ValueError:
+            raise InputError("All views must be numbers, and of one shape.") from None
         if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
             raise InputError(
                 f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
@@ -192,13 +196,14 @@ class LightField:
             If a side is not a multiple of `views`, or a pixel is not finite.
         """
         raw = np.asarray(raw)
-        if raw.ndim not in (2, 3) or views < 1 or any(n % views for n in raw.shape[:2]):
+        whole = views >= 1 and views % 1 == 0 and not any(n % views for n in raw.shape[:2])
+        if raw.ndim not in (2, 3) or not whole:
             raise InputError(
                 f"A raw lenslet image needs sides that are multiples of the {views} pixels under "
                 f"a lenslet, got an array of shape {raw.shape}."
             )
-        lenslets = [n // views for n in raw.shape[:2]]
-        cells = raw.reshape(lenslets[0], views, lenslets[1], views, *raw.shape[2:])
+        lenslets = [n // int(views) for n in raw.shape[:2]]
+        cells = raw.reshape(lenslets[0], -1, lenslets[1], int(views), *raw.shape[2:])
         return cls(np.moveaxis(cells, (1, 3), (0, 1)))
 
     def to_raw(self) -> np.ndarray:

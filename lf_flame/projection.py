@@ -136,10 +136,7 @@ class Projector:
         return self._project(slopes, (down[None], across[None]), interpolation, block)
 
     def align_views(
-        self,
-        slopes: ArrayLike,
-        view_indices: Sequence[tuple[int, int]],
-        block: Block = (1, 1),
+        self, slopes: ArrayLike, view_indices: Sequence[tuple[int, int]], block: Block = (1, 1)
     ) -> np.ndarray:
         """Shift selected views, as `lf_flame.refocus.align_views` shifts those of the light field.
 

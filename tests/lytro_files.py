@@ -91,7 +91,7 @@ def white_pair(model, facts, mosaic, serial="B5143909630"):
             "privateMetadata": {"camera": {"serialNumber": serial}},
             "metadata": facts,
             "imageRef": "unknown",
-        },
+        }
     }
     text = json.dumps({"master": {"picture": {"frameArray": [frame]}}})
     return text.encode(), pack(mosaic, SIDES[model][0])

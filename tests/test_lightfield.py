@@ -43,6 +43,8 @@ def test_odd_shaped_and_unfinite_raw_images_are_refused():
         LightField.from_raw(np.where(np.eye(30) * np.arange(30) == 7, np.nan, 1.0), views=15)
     with pytest.raises(InputError, match="real-valued"):
         LightField(np.ones((2, 2, 2, 2), complex))
+    with pytest.raises(InputError, match="and of one shape"):
+        LightField([[np.ones((2, 3)), np.ones((2, 2))]])
 
 
 @pytest.mark.slow

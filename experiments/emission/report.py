@@ -38,10 +38,7 @@ PARTS = {
         "60 x 60 lenslets, mean of three draws of the noise, four planes 4 mm apart or nine 1 mm "
         "apart. Four flames: 15 x 15 views of 90 x 180 pixels. Noise is relative to the brightest "
         "pixel.",
-        {
-            "Error": planes.known_planes,
-            "Flames at full size": planes.large_flames,
-        },
+        {"Error": planes.known_planes, "Flames at full size": planes.large_flames},
     ),
     "round": Part(
         "Axisymmetric flames",

@@ -57,11 +57,7 @@ class hard_case:  # a decorator
 
 CASES: list[hard_case] = []
 
-SUBJECTS = {
-    "optics": "Optics",
-    "light": "Simulated light",
-    "refocusing": "Refocusing",
-}
+SUBJECTS = {"optics": "Optics", "light": "Simulated light", "refocusing": "Refocusing"}
 """Modules of this folder with cases, in the table's order, and their topics."""
 
 

@@ -33,7 +33,7 @@ def draw_scene(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
     A ball is ``x, y, z, radius``, a box the lower and the upper corner; both continue with
     brightness, contrast of the pattern, its scale, and gloss. The table and the wall stand for the
-    last two boxes' material. Half of the things are bare and dark.
+    last two boxes' material. Six in ten things are bare and dark.
     """
     rng = np.random.default_rng(seed)
 

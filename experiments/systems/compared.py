@@ -5,7 +5,7 @@ scenes with their objects at other depths, the sixteen slopes of RefNet, and pho
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field
-from lf_flame.formats.images import white_level
+from lf_flame.formats.images import white_of
 from lf_flame.learning.run_folders import load_run
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_slopes, refuse_excluded
@@ -208,24 +208,29 @@ def _millimetres(depths: Sequence[float]) -> list[str]:
 
 def _own_scenes(config, indices, slopes) -> Iterator[Scene]:
     for index in indices:
-        yield Scene(render_sample(config, index)[0].views, slopes, config.block)
+        yield _scene(render_sample(config, index)[0], slopes, config.block)
 
 
 def _placed_scenes(config, scenario, slopes, count) -> Iterator[Scene]:
     for light_field in draw_scenario(config, scenario, count):
-        yield Scene(light_field.views, slopes, config.block)
+        yield _scene(light_field, slopes, config.block)
+
+
+def _scene(light_field: LightField, slopes: np.ndarray, block: tuple[int, int] = (1, 1), **border):
+    indices = formulas.every_view(*light_field.shape[:2])
+    refuse_excluded(light_field, indices, "A comparison")  # the reference is of all views
+    return Scene(light_field.filled, slopes, block, **border)
 
 
 def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
     """Make the test set of a photographed light field, scaled to values up to 1."""
     slopes, (rows, columns, height, width) = as_slopes(slopes), light_field.views.shape[:4]
-    refuse_excluded(light_field, formulas.every_view(rows, columns), f"The comparison on {name}")
     border = max(BORDER, int(np.ceil(np.abs(slopes).max() * (max(rows, columns) - 1) / 2)))
     if min(height, width) < 2 * border + WINDOW:
         raise InputError(
             f"To be compared on at these slopes {name} needs views of {2 * border + WINDOW} pixels "
             f"or more along each side, got {height} x {width}."
         )
-    views = light_field.filled / np.float32(white_level(light_field.filled))
-    scene, planes = Scene(views, slopes, border=border), [f"slope {slope:g}" for slope in slopes]
+    scaled = replace(light_field, views=light_field.views / np.float32(white_of(light_field)))
+    scene, planes = _scene(scaled, slopes, border=border), [f"slope {x:g}" for x in slopes]
     return TestSet(name, planes, lambda: iter([scene]), origin="a photograph")

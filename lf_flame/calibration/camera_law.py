@@ -332,7 +332,7 @@ def thin_lens(
             "reversed."
         )
     width = -law.slope_mm * law.scale * law.views  # of the pupil: B d is the step of a view
-    if not width > lenslet_mm:
+    if not 0 < lenslet_mm < width:
         raise InputError(
             f"No thin lens has this law with lenslets of {lenslet_mm:g} mm: its pupil would be "
             f"{width:.3g} mm wide."

@@ -117,9 +117,7 @@ def fit_targets(
         )
     refuse_few_depths(depths_mm)
     if len(depths_mm) != len(targets):
-        raise InputError(
-            f"Each target needs its depth, got {len(depths_mm)} depths for {len(targets)} targets."
-        )
+        raise InputError(f"Each target needs its depth, got {len(depths_mm)} for {len(targets)}.")
     ((rows, columns, *lenslets),) = shapes
     if rows != columns:
         raise InputError(

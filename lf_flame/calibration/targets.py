@@ -166,7 +166,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     counted = np.ones((v, u), bool) if weights is None else weights > 0
     if min(v, u) < 3 or counted.sum() < 5:
         raise InputError(
-            f"The slope of a target needs at least 3 x 3 views with weight, got {v} x {u}."
+            f"A target needs 3 x 3 views or more, 5 with weight, got {counted.sum()} of {v} x {u}."
         )
     offsets = np.stack(np.meshgrid(centred(v), centred(u), indexing="ij"), axis=-1)
     places = np.argwhere(counted)

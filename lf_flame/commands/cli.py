@@ -39,8 +39,7 @@ Details of each command: lf-flame COMMAND --help; all of its options: --help-all
 SECTIONS = [
     cloup.Section("Simulation", [files.camera, simulation.plan, simulation.simulate]),
     cloup.Section(
-        "Light fields",
-        [viewer.demo, files.info, viewer.view, refocus.refocus, files.convert],
+        "Light fields", [viewer.demo, files.info, viewer.view, refocus.refocus, files.convert]
     ),
     cloup.Section("Calibration", [calibration.calibrate, calibration.calibrate_colours]),
     cloup.Section(

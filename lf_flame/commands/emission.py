@@ -75,12 +75,7 @@ AXIS = cloup.option_group(
 def fit_options(rare: bool) -> tuple:
     """Options of the fit; `rare` says whether ``--help`` shows none of them."""
     return (
-        option(
-            "--noise",
-            "Noise of a pixel, 1 sigma (default: measured).",
-            ABOVE_0,
-            rare=rare,
-        ),
+        option("--noise", "Noise of a pixel, 1 sigma (default: measured).", ABOVE_0, rare=rare),
         option("--strength", "Weight of smoothness (default: chosen).", ABOVE_0, rare=rare),
         option(
             "--background",

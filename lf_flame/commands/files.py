@@ -58,8 +58,8 @@ def info(source: Path, camera: Path | None, **options) -> None:
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
     lens = open_lens(camera)
-    is_raw = options["white"] or options["lenslets"]
-    options["views"] = lens.views if lens and is_raw else None  # as `refocus` decodes it
+    if lens and (options["white"] or options["lenslets"]):  # as `refocus` decodes it
+        options["views"] = lens.views
     found = describe(source, **options)
     if lens is not None and camera is not None:
         if found.shape:
@@ -193,7 +193,8 @@ def camera(file, depths, periods, thickness_mm) -> None:
     if file is None:
         click.echo("The paper's camera; name a file for yours.\n")
     if isinstance(lens, PlenopticCamera):
-        click.echo(camera_report(lens, depths or (20.0, 10.0, 0.0, -10.0)))
+        room = min(lens.focus_distance_mm, lens.pupil_distance_mm) / 2
+        click.echo(camera_report(lens, depths or [z for z in (20, 10, 0, -10) if -z < room]))
     else:
         for name, fact in lens_facts(lens).items():
             click.echo(f"{name:<14}{fact}")

@@ -171,14 +171,16 @@ def write_slope_map(
 ) -> None:
     """Write ``all_in_focus`` and each pixel's slope, ``slope_map``, both as ``.tif`` and ``.png``.
 
-    With a camera, ``depth_map.tif`` contains the depth of each pixel in mm, infinite or NaN where
-    no layer at a finite depth has its slope. The share of certain pixels is printed.
+    ``slope_confidence.tif`` says how certain each slope is, from 0 to 1. With a camera,
+    ``depth_map.tif`` contains the depth of each pixel in mm, infinite or NaN where no layer at a
+    finite depth has its slope. The share of certain pixels is printed.
     """
     slopes = np.linspace(*ends, MAP_STEPS)
     found = all_in_focus(job.light_field, slopes, **job.options)
     write_image(out.path("all_in_focus.tif"), found.all_in_focus)
     write_image(out.path("all_in_focus.png"), job.preview(found.all_in_focus))
     write_image(out.path("slope_map.tif"), found.slope.astype(np.float32))
+    write_image(out.path("slope_confidence.tif"), found.confidence.astype(np.float32))
     figures.save(slope_map_figure(found, job.camera), out.path("slope_map.png"))
     out.facts["slope_map"] = list(ends)
     if job.camera is not None:

@@ -5,6 +5,8 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 
 import re
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -111,6 +113,7 @@ def flicker(
     from lf_flame.flame_video.flicker import LEAST_FRAMES
     from lf_flame.flame_video.frames import RECORD, find_frames, write_flicker
     from lf_flame.flame_video.processing import is_video
+    from lf_flame.flame_video.steps import Refocus
 
     reading, done = Reading(**options), len(sources) == 1 and is_video(sources[0])
     given = [slope, depth_mm, camera, pixel_mm, burner_row, *reading.given()]
@@ -136,10 +139,10 @@ def flicker(
         raise InputError(f"A frequency needs at least {LEAST_FRAMES} frames, got {named}.")
     source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
     out = out or Path("flicker") / result_name(source)
-    with (
-        output_folder(out, RECORD, overwrite=overwrite) as folder,
-        TemporaryDirectory() as beside,
-    ):
+    if not done:
+        refuse_among_frames(out, sources, ())
+        steps = tuple(replace(x, kept=False) if isinstance(x, Refocus) else x for x in steps)
+    with output_folder(out, RECORD, overwrite=overwrite) as folder, TemporaryDirectory() as beside:
         notes = []
         if done:
             found, warnings = write_flicker(sources[0], folder, frames_per_second=frames_per_second)
@@ -211,8 +214,7 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
             raise InputError(f"{one.opts[0]} needs the step {needed}.")
     chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
     paths = find_frames(sources, (reading.white, reading.dark))
-    if out.absolute().parent in {path.absolute().parent for path in paths}:
-        raise InputError(f"The result cannot be in the frames' own folder, {out.parent}.")
+    refuse_among_frames(out, sources, paths)
     made, _ = _process(paths, reading, lens, chosen, frames_per_second, out, crew)
     click.echo(f"{made.describe()}; in {printable(out)}")
 
@@ -227,8 +229,10 @@ def _process(
     paths = [path.absolute() for path in paths]
     rows, times, notes = find_times(paths, rate or 1.0)
     reading = reading.for_camera(paths[0], lens)
+    # Workers may run in other folders.
+    files = {name: x.absolute() for name, x in reading.stated.items() if isinstance(x, Path)}
     with progress.stage(f"Reading {printable(paths[0])}"):
-        reader, said = FrameReader(paths[0], reading.stated), FrameWarnings()
+        reader, said = FrameReader(paths[0], reading.stated | files), FrameWarnings()
         found = reader.notes
     reading.orders.append(reader.order)
     notes = [*filter(None, [reader.coded]), *notes]
@@ -243,6 +247,13 @@ def _process(
         )  # fmt: skip
     said.end()
     return made, notes
+
+
+def refuse_among_frames(out: Path, sources: Sequence[Path], frames: Sequence[Path]) -> None:
+    """Refuse a result beside the frames, or anywhere in a folder of which all files are frames."""
+    around = {path.resolve() for path in sources if path.is_dir()} & set(out.resolve().parents)
+    if around or out.absolute().parent in {path.absolute().parent for path in frames}:
+        raise InputError(f"The result cannot be in the frames' own folder, {out.parent}: --out.")
 
 
 class FrameWarnings:

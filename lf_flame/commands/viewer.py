@@ -6,6 +6,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 import math
 import webbrowser
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import click
@@ -72,7 +73,7 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
     beside = (options[name] for name in ("white", "lenslets", "dark"))
     _check_single_file(options["single_file"], (source, camera, *beside))
     reading = pick(Reading, options)
-    if (source / RECORD).is_file():
+    if (source / RECORD).is_file() or any(source.glob(f"*/{RECORD}")):  # or one for each colour
         for name, value in (reading.given() | {"slopes": slopes, "camera": camera}).items():
             if value is not None:
                 raise InputError(f"--{name} does not apply to planes of `lf-flame reconstruct`.")
@@ -158,7 +159,8 @@ def show(
     with ViewerServer(exhibit, port) as server:
         click.echo(f"{server.url}\nCtrl-C ends it.")
         if not no_browser:
-            webbrowser.open(server.url)
+            # A text browser ends only when it was answered.
+            Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
         try:
             server.serve_forever()
         except KeyboardInterrupt:

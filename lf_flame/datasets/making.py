@@ -77,6 +77,8 @@ def make_dataset(
     (3, 4, 24, 48)
     """
     path = Path(path)
+    if not path.name:
+        raise InputError(f"{path} cannot be made: name a new folder.")
     part = path.with_name(path.name + ".part")
     with exclusive(path):
         if path.exists() or path.is_symlink():  # a folder cannot replace a link

@@ -76,11 +76,7 @@ class FlameShape:
 
 
 def measure_flame(
-    image: ArrayLike,
-    *,
-    level: float = 0.5,
-    pixel_mm: float = 1.0,
-    burner_row: float | None = None,
+    image: ArrayLike, *, level: float = 0.5, pixel_mm: float = 1.0, burner_row: float | None = None
 ) -> FlameShape:
     """Measure the flame in an image.
 

@@ -146,6 +146,8 @@ def process_frames(
         # Another recording may have the same names.
         "folders": sorted(recorded_path(x, out) for x in {path.parent for path in paths if path}),
     }
+    if not out.name:
+        raise InputError(f"{out} cannot be made: name a new folder.")
     part = out.with_name(out.name + ".part")
     with exclusive(out):
         place = out if out.is_symlink() or out.exists() else part

@@ -71,6 +71,7 @@ class Refocus:
 
     slope: float
     depth_mm: float | None = None
+    kept: bool = True  # whether the image itself is a result
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Return the refocused image, ``refocus_10mm`` or ``refocus_0.5``, in colour if it is."""
@@ -84,6 +85,8 @@ class Refocus:
         context = copy_context()
         context.run(WARN.set, frame.warnings.append)  # those of frames are counted
         image = frame.image = context.run(shift_and_sum, light_field, [slope])[0]
+        if not self.kept:
+            return {}
         # As many digits as a decimal number keeps: two slopes never share a name.
         name = f"refocus_{slope:.15g}" if depth is None else f"refocus_{depth:.15g}mm"
         known = {"slope": slope, "depth_mm": depth}

@@ -1,9 +1,5 @@
 from .images import read_focal_stack as read_focal_stack
 from .images import write_focal_stack as write_focal_stack
-from .images import write_picture as write_picture
-from .lytro.picture import LytroMetadata as LytroMetadata
-from .lytro.picture import LytroPicture as LytroPicture
-from .lytro.picture import read_lytro as read_lytro
 from .raw.decode_plan import DecodePlan as DecodePlan
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import grid_from_pitch as grid_from_pitch

@@ -27,14 +27,8 @@ VIEWS, TOOLBOX, RECORD = "views", "LF", "record"
 """Names of views in files of this package, and in those of HCI and LFToolbox; and of the record in
 a ``.npz`` file, JSON in bytes."""
 
-KNOWN_AXES = {
-    2: ("ts",),
-    3: ("tsc", "nts", "tsn", "cts"),
-    4: ("vuts", "tsvu", "ntsc", "ncts", "cnts", "vtus"),
-    5: ("vutsc", "vucts", "cvuts", "tsvuc", "cstuv"),
-}
-"""Axes of arrays by their number: first those for which none need be stated (without views, of a
-raw array), then those of other programs. In HDF5 files that MATLAB writes they are backwards."""
+DEFAULT_AXES = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}
+"""Axes of arrays by their number, for which none need be stated; without views, of a raw array."""
 
 
 class Pixels(NamedTuple):
@@ -54,7 +48,7 @@ def cut_views(raw: np.ndarray, views: int | None, source: str | Path) -> np.ndar
     """Cut a raw lenslet array into views; if `views` does not fit, the error says what would."""
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
         common = gcd(*raw.shape[:2])
-        fit = [str(n) for n in range(2, min(common, 64) + 1) if common % n == 0]
+        fit = [str(n) for n in range(2, common + 1) if common % n == 0][:12]
         raise InputError(
             f"To read {source} as a lenslet image, state the number of pixels under a lenslet "
             f"(views), as in the camera's data sheet, which divides its {raw.shape[0]} x "
@@ -124,7 +118,9 @@ def read_array(path: str | Path, *, axes: str | None = None, array: str | None =
     weights, valid = (file.read([x])[0] if x in beside else None for x in ("weights", "valid"))
     if name == TOOLBOX and axes is None and Path(path).suffix.lower() == MATLAB_SUFFIX:
         held, weights, valid = _without_weight(held)
-    axes = _default_axes(held.shape, path) if axes is None else axes.lower()
+    if axes is None and name == VIEWS and held.ndim > 3 and record_of(Path(path)):
+        axes = "vutsc"  # as `write_light_field` writes them
+    axes = _default_axes(held.shape, path) if axes is None else axes.lower()[: held.ndim]
     return Pixels(held, axes, weights, valid)
 
 
@@ -186,36 +182,25 @@ def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, n
 
 
 def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
-    """Axes of an array for which none are stated; refuse a shape that looks like others."""
-    if len(shape) not in KNOWN_AXES or 0 in shape:
+    """Axes of an array for which none are stated; refuse a shape that is unlikely for them.
+
+    Likely are fewer views than pixels, and at most four channels; a square number of views next to
+    3 or 4 others is a running number next to colours.
+    """
+    axes = DEFAULT_AXES.get(len(shape))
+    if axes is None or 0 in shape:
         raise InputError(
             f"{path} must contain views[v, u, t, s] (with a last axis of channels or without), or "
             f"a raw lenslet array, got shape {shape}."
         )
-    axes, *others = KNOWN_AXES[len(shape)]
-    if Path(path).suffix.lower() in HDF5_SUFFIXES:
-        others = [axes[::-1], *others]
-    counts = {one: count for one in (axes, *others) if (count := _count_views(shape, one))}
-    is_spectral = not counts and len(axes) == 5 and _count_views(shape[:4], axes[:4])
-    if axes in counts or is_spectral:
-        return axes
-    best = min(counts, key=lambda one: counts[one], default="")
-    looks = f", but looks like {best}" if best else ""
-    raise InputError(
-        f"{path} contains an array of shape {shape}, which is unlikely to be {axes}{looks}: state "
-        f"its axes with `lf-flame convert --axes {best or 'AXES'}` (v, u or a running n: views; t, "
-        f"s: rows and columns of pixels; c: channels)."
-    )
-
-
-def _count_views(shape: tuple[int, ...], axes: str) -> int:
-    """Count views, if a shape fits axes: fewer views than pixels, and at most four channels.
-
-    A square number of views next to 3 or 4 others is a running number next to colours.
-    """
     size = dict(zip(axes, shape, strict=True))
     few, many = sorted((size.get("v", 1), size.get("u", 1)))
     is_coloured = few in (3, 4) and many >= 25 and isqrt(many) ** 2 == many
-    count = few * many * size.get("n", 1)
-    fits = size.get("c", 1) <= 4 and count < max(2, size["t"] * size["s"]) and not is_coloured
-    return count if fits else 0
+    is_many = few * many >= max(2, size["t"] * size["s"])
+    if is_coloured or is_many or size.get("c", 1) > 4:
+        raise InputError(
+            f"{path} contains an array of shape {shape}, which is unlikely to be {axes}: state its "
+            f"axes with `lf-flame convert --axes` (v, u or a running n: views; t, s: rows and "
+            f"columns of pixels; c: channels)."
+        )
+    return axes

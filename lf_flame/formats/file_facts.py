@@ -10,13 +10,7 @@ from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import cut_views, record_of
 from lf_flame.formats.focused.lenslets import is_raytrix, read_raytrix
-from lf_flame.formats.images import (
-    IMAGE_SUFFIXES,
-    is_lytro,
-    is_stack,
-    read_focal_stack,
-    read_image,
-)
+from lf_flame.formats.images import IMAGE_SUFFIXES, is_lytro, is_stack, read_focal_stack, read_image
 from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import holds_white_files, white_files
 from lf_flame.formats.raw.lenslet_search import estimate_grid

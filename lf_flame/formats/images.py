@@ -90,43 +90,6 @@ def to_preview(image: np.ndarray, white: float) -> np.ndarray:
     return to_levels(np.clip(image / np.float32(white), 0, 1), 8)
 
 
-def write_picture(path: str | Path, image: np.ndarray, *, white: float | None = None) -> None:
-    """Write radiance as a picture of 8 bits, as viewers show it.
-
-    Parameters
-    ----------
-    path : str or Path
-        File, ending in .png, .tif or .tiff.
-    image : ndarray, shape (h, w) or (h, w, 3)
-        Radiance, such as a refocused image; below 0 is black.
-    white : float, optional
-        Radiance shown as white, above 0. Default: 1, or the brightest pixel if it is above 1 or
-        below 0.1.
-
-    Raises
-    ------
-    InputError
-        If the ending, the shape or a value cannot be used.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> from lf_flame.formats import write_picture
-    >>> from lf_flame.formats.images import read_image
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_picture(f"{folder}/ramp.png", np.array([[0.0, 2.0, 4.0]]))
-    ...     (255 * read_image(f"{folder}/ramp.png")).round().tolist()
-    [[0.0, 128.0, 255.0]]
-    """
-    image = np.asarray(image, np.float32)
-    if image.size == 0 or not np.isfinite(image).all():
-        raise InputError("A picture must have pixels, and all of them finite.")
-    white = white_level(image) if white is None else white
-    if not 0 < white < np.inf:
-        raise InputError(f"white must be a finite radiance above 0, got {white}.")
-    write_image(path, to_preview(image, white))
-
-
 def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -> None:
     """Write levels, shape (h, w) or (h, w, 3), as PNG or TIFF by the ending; floats as TIFF.
 

@@ -238,6 +238,11 @@ def _read_raw(path: Path, **options: Any) -> Found:
             "A pixel of the views is as wide as rows of a hexagonal array are apart: a camera file "
             'must state layout = "hexagonal" (calibrate --hexagonal); a calibration holds as it is'
         )
+    elif abs(plan.grid.row_pitch / plan.grid.pitch - 1) > 0.01:
+        notes.append(
+            "Rows and columns of lenslets are not equally far apart: pixels of the views are not "
+            "square, and mm hold along the rows only"
+        )
     if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
         notes.append(
             "The rotation and the position of the array were not searched for: that needs a white "

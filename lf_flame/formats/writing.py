@@ -15,11 +15,7 @@ from lf_flame.lightfield import AXES, LightField
 
 
 def write_light_field(
-    light_field: LightField,
-    path: str | Path,
-    bits: int = 16,
-    *,
-    linear: bool = True,
+    light_field: LightField, path: str | Path, bits: int = 16, *, linear: bool = True
 ) -> None:
     """Write a light field in the format that the path's ending selects.
 
@@ -66,6 +62,9 @@ def write_light_field(
             else:
                 _write_views(light_field.filled, aside, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
+        v, u = light_field.shape[:2]
+        if v != u:
+            raise InputError(f"A lenslet image has N x N views, got {v} x {u}: write .npz.")
         raw = LightField.trusted(light_field.filled).to_raw()
         write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)
     elif suffix == ".npy":

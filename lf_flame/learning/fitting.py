@@ -327,6 +327,9 @@ def _refuse_other_run(run: Run, out: Path) -> None:
     """Refuse a folder of another run; a run may continue for more epochs, not for fewer."""
     path = out / "config.json"
     if not path.exists() and not (out / "checkpoint.npz").exists():
+        for name in ("model.keras", "run.json", "history.csv"):
+            if (out / name).exists():
+                raise InputError(f"{out} contains {name} of no run; choose another folder.")
         return
     if not path.exists():
         raise InputError(f"{out} contains a checkpoint without config.json; choose another folder.")

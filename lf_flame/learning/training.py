@@ -36,12 +36,7 @@ STEPS_PER_EXECUTION = 32
 
 
 def train(
-    config: TrainingConfig,
-    preset: str,
-    data: str | Path,
-    out: str | Path,
-    *,
-    minutes: float = 0.0,
+    config: TrainingConfig, preset: str, data: str | Path, out: str | Path, *, minutes: float = 0.0
 ) -> Path:
     """Train a network from light-field images to focal stacks, or resume an interrupted run.
 

@@ -93,7 +93,8 @@ def as_steps(slopes: ArrayLike) -> np.ndarray:
     """Slopes to search: three or more, increasing in equal steps."""
     slopes = as_slopes(slopes)
     steps = np.diff(slopes)
-    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=0):
+    rounding = 1e-6 * np.abs(slopes).max()  # of float32
+    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=rounding):
         raise InputError(
             f"slopes to search must be three or more in equal steps, got {shown(slopes)}."
         )
@@ -161,7 +162,10 @@ def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]
 
 def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:
     """Check rows and columns of views against the light field's number of views, [k, 2]."""
-    indices = np.asarray(view_indices)
+    try:
+        indices = np.asarray(view_indices)
+    except ValueError:  # of unequal lengths
+        indices = np.empty(0)
     if indices.ndim != 2 or indices.shape[1:] != (2,) or indices.dtype.kind not in "iu":
         raise InputError(f"Views are indexed by pairs of row and column, got {view_indices!r}.")
     for v, u in indices.tolist():

@@ -52,6 +52,8 @@ def aperture_weights(
     >>> aperture_weights((3, 3), 1.0, shape="square").tolist()
     [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     """
+    if np.shape(views) != (2,):
+        raise InputError(f"Views are two numbers, along v and u, got {views!r}.")
     as_numbers((*views, width, ring, *centre), "Views, width, ring and centre of an aperture")
     if min(views) < 1 or not 0 < width < np.inf:
         raise InputError(

@@ -23,12 +23,7 @@ from lf_flame.refocus._arguments import (
     for_slopes,
     refuse_not_finite,
 )
-from lf_flame.refocus.shift import (
-    INTERPOLATIONS,
-    check_interpolation,
-    shift_and_sum,
-    shift_taps,
-)
+from lf_flame.refocus.shift import INTERPOLATIONS, check_interpolation, shift_and_sum, shift_taps
 from lf_flame.refocus.unknown_pixels import ignoring_unknown
 
 SLOPES_AT_ONCE = 4

@@ -345,8 +345,9 @@ class _Curves:
         sizes = [(n, min(n, max(n // 3, 2))) for n in self._counts.shape]
         rows, columns = (slice((n - size) // 2, (n + size) // 2) for n, size in sizes)
         agreeing = self._gradients.measure(np.array([peak]), (rows, columns))[0][0, 0]
-        whole, few = _shared(top, self._counts), _shared(agreeing, self._counts[rows, columns])
-        spread = 1 - whole / few if few > 0 else 0.0
+        inner = self._counts[rows, columns]
+        whole, few = _shared(top, self._counts), _shared(agreeing, inner)
+        spread = 1 - whole / few if few > 0 and _effective(inner) > 1 else 0.0
         return min(max(lost, spread, 0.0) / MIXED, 1.0)
 
 

@@ -55,11 +55,7 @@ def even_levels(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def find_levels(
-    views: np.ndarray,
-    slope: np.ndarray,
-    rows: np.ndarray,
-    weights: np.ndarray,
-    known: np.ndarray,
+    views: np.ndarray, slope: np.ndarray, rows: np.ndarray, weights: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Find the factor, over the image, that makes each view as bright as the central one.
 
@@ -114,11 +110,7 @@ def _smooth_over_views(
 
 
 def _read(
-    view: np.ndarray,
-    places: Sequence[np.ndarray],
-    slope: np.ndarray,
-    down: float,
-    across: float,
+    view: np.ndarray, places: Sequence[np.ndarray], slope: np.ndarray, down: float, across: float
 ):
     """Read a view where it shows the points: light, powers of the coordinates, and if inside."""
     at = [place + slope * step for place, step in zip(places, (down, across), strict=True)]

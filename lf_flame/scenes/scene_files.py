@@ -45,7 +45,7 @@ class LayerEntry:
     def __post_init__(self):
         if (self.shape is None) == (self.image is None):
             raise InputError(
-                f"a layer needs a shape or an image, got shape={self.shape!r}, image={self.image!r}."
+                f"a layer needs a shape or an image, got shape={self.shape!r}, image={self.image!r}"
             )
         if (path := Path(self.image or "")).is_absolute() or ".." in path.parts:
             raise InputError(f"image must lie in the scene file's folder, got {self.image!r}.")

@@ -69,7 +69,7 @@ def hit(planes, rays, weights, lenslet, p, pixel, ray):
 def strip_gain(planes, p, pixel):
     """Factor of the light of a strip of a sheet that leans; 1 for other planes."""
     down = planes.down[p, pixel.view_row, pixel.row]
-    return down * planes.right[p, pixel.view_column, pixel.column]
+    return abs(down * planes.right[p, pixel.view_column, pixel.column])  # from either side
 
 
 @njit
@@ -86,7 +86,7 @@ def hit_shifted(planes, rays, shifts, lenslet, p, pixel, ray):
     gain = planes.down[p, pixel.view_row, pixel.row] + lenslet.aside_y * shifts.lean_rows[p]
     leaning = lenslet.aside_x * shifts.lean_columns[p]
     gain *= planes.right[p, pixel.view_column, pixel.column] + leaning
-    return gain, planes.first[p] + y * planes.stride[p] + x, down, right
+    return abs(gain), planes.first[p] + y * planes.stride[p] + x, down, right
 
 
 @njit

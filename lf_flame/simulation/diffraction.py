@@ -55,17 +55,19 @@ def leaves_gaps(camera: PlenopticCamera) -> bool:
     return camera.views * camera.pixel_mm < camera.micro_image_pitch_mm * (1 - SAME_PITCH)
 
 
-def tiled_sensor(camera: PlenopticCamera, parts: int = 1) -> PlenopticCamera:
+def tiled_sensor(
+    camera: PlenopticCamera, parts: int = 1, *, limited: bool = True
+) -> PlenopticCamera:
     """Camera whose pixels leave no gaps: tiles at most as wide as these parts of the pixels.
 
     Raises
     ------
     InputError
-        If too many tiles are needed.
+        If too many tiles are needed, and their number is limited.
     """
     ratio = camera.micro_image_pitch_mm / camera.pixel_mm * parts
     tiles = max(math.ceil(ratio * (1 - SAME_PITCH)), camera.views * parts)
-    if tiles**2 * math.prod(camera.lenslets) > MOST_TILES:
+    if limited and tiles**2 * math.prod(camera.lenslets) > MOST_TILES:
         raise InputError(
             f"Diffraction of lenslets needs the light under each in {tiles} x {tiles} tiles, which "
             f"is too many; use a larger pixel_pitch_mm or tolerance, or force lenslet_diffraction "
@@ -131,7 +133,7 @@ def _cubic(part: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _spread_mm(camera: PlenopticCamera) -> float:
-    return _wavelength_mm(camera) * camera.lenslet_focal_mm / camera.lenslet_pitch_mm
+    return _wavelength_mm(camera) * camera.lenslet_focal_mm / true_pitch_mm(camera)
 
 
 def _wavelength_mm(camera: PlenopticCamera) -> float:

@@ -214,7 +214,7 @@ def bundle_bands(
         centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)
         pixel_mm, factor = pixel_mm * share, factor * share
     start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm)
-    return start, weights * factor[..., None]
+    return start, weights * np.abs(factor)[..., None]
 
 
 def band_weights(

@@ -368,10 +368,17 @@ def share_cut(camera: PlenopticCamera, distance_mm: float, radius_mm: float) -> 
     """
     points, places = 48, []
     for axis in (0, 1):
-        footprint = trace_stop(camera, distance_mm, axis)
-        farthest = np.abs(footprint.centres_mm).max()
-        farthest += abs(footprint.shift_per_lenslet_shift) * aside_mm(camera)[axis]
-        half = footprint.half_width_mm
+        shift, focal_mm = camera.chromatic_shift / 2, camera.main_lens_focal_mm
+        ends = {focal_mm * (1 - shift), focal_mm * (1 + shift)}
+        seen = [trace_stop(camera, distance_mm, axis, focal) for focal in ends]
+        farthest, half = (
+            max(
+                np.abs(one.centres_mm).max()
+                + abs(one.shift_per_lenslet_shift) * aside_mm(camera)[axis]
+                for one in seen
+            ),
+            max(one.half_width_mm for one in seen),
+        )
         places.append(np.linspace(farthest - half, farthest + half, points))
     if np.hypot(places[0][-1], places[1][-1]) <= radius_mm:
         return 0.0
@@ -379,11 +386,45 @@ def share_cut(camera: PlenopticCamera, distance_mm: float, radius_mm: float) -> 
     return float(min(1.0, outside.mean() + 4 / points))
 
 
+def share_vignetted(camera: PlenopticCamera) -> float:
+    """Share of a pixel's light that the rim cuts; 1 is the light of its own lenslet.
+
+    Light through neighbouring lenslets passes the lens outside the bundles of a pixel's own: the
+    rim may cut all of it, unless it is wider than all rays between the aperture and the field.
+    """
+    distance_mm, radius_mm = camera.rim_distance_mm, (camera.rim_diameter_mm or math.inf) / 2
+    share, other = share_cut(camera, distance_mm, radius_mm), crosstalk(camera)
+    if not other:
+        return share
+    field_mm = (math.hypot(*camera.lenslets) / 2 + 1 + neighbours(camera)) * (
+        camera.lenslet_in_focus_mm * (1 + abs(camera.lenslet_pitch_error))
+    )
+    apart_mm = camera.focus_distance_mm - camera.aperture_before_lens_mm
+    beyond = abs(distance_mm - camera.aperture_before_lens_mm) / apart_mm
+    before = abs(camera.focus_distance_mm - distance_mm) / apart_mm
+    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) / 2
+    return share + (other if widest * before + field_mm * beyond > radius_mm else 0.0)
+
+
+def crosstalk(camera: PlenopticCamera) -> float:
+    """Light that comes through other lenslets, relative to that of a pixel that one lights.
+
+    Square micro-images and matched round ones do not overlap. A wider aperture lights a ring of
+    each neighbour; inside a square of side w an arc is at most 2 w long, and four may meet in it. A
+    single view sees the whole ring.
+    """
+    if camera.aperture_diameter_mm is None:
+        return 0.0
+    matched = camera.aperture_mm * (1 + camera.lenslet_pitch_error)
+    widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
+    excess = 4 * max(0.0, widest - matched) / 2 / camera.view_step_mm
+    if camera.views == 1:
+        excess = math.pi / 4 * max(0.0, widest**2 - matched**2) / camera.view_step_mm**2
+    return min(excess, (1 + 2 * neighbours(camera)) ** 2 - 1)
+
+
 def share_crossing(
-    camera: PlenopticCamera,
-    distance_mm: float,
-    radius_mm: float,
-    shifts_mm: tuple[float, float],
+    camera: PlenopticCamera, distance_mm: float, radius_mm: float, shifts_mm: tuple[float, float]
 ) -> float:
     """Change of a pixel's light, in bundles, as lenslets move by `shifts_mm` behind a stop.
 

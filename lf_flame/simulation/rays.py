@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from lf_flame._common import progress
-from lf_flame.optics.ray_bundle import Footprint
+from lf_flame.optics.ray_bundle import Footprint, lenslet_places_mm
 from lf_flame.simulation import _ray_kernels
 from lf_flame.simulation.optical_pass import Layout, OpticalPass, arrange
 from lf_flame.simulation.ray_tables import (
@@ -40,11 +40,7 @@ CELLS_AT_ONCE = 1 << 30
 
 
 def trace(
-    planes: list[Plane],
-    optics: OpticalPass,
-    layout: Layout,
-    rays: int,
-    out: np.ndarray,
+    planes: list[Plane], optics: OpticalPass, layout: Layout, rays: int, out: np.ndarray
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
 
@@ -75,11 +71,7 @@ def trace(
 
 
 def ray_grid(
-    planes: list[Plane],
-    optics: OpticalPass,
-    layout: Layout,
-    rays: int,
-    axis: int,
+    planes: list[Plane], optics: OpticalPass, layout: Layout, rays: int, axis: int
 ) -> RayGrid:
     """Lay the rays of all bundles over given planes along an axis, at least `rays` per pixel."""
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
@@ -199,11 +191,13 @@ def _meets(
 ) -> np.ndarray:
     """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
     reach = footprint.half_width_mm
-    if optics.every_lenslet:  # the light of a lenslet reaches no farther from the pixel
+    # The light of a lenslet reaches no farther from the pixel, whose own may be displaced.
+    if optics.every_lenslet:
         tangent = abs(optics.lenslet_tangent)
         micro_image = optics.camera.views * optics.camera.pixel_mm / 2
         moved = micro_image + optics.micro_image_reach_mm * (1 + tangent)
-        reach += moved * abs(footprint.shift_per_lenslet_shift)
+        moved += np.abs(lenslet_places_mm(optics.camera, axis)) * abs(optics.lenslet_scale - 1)
+        reach = reach + moved * abs(footprint.shift_per_lenslet_shift)
         reach += tangent * abs(footprint.lenslet_width_mm) / 2
     centres = footprint.centres_mm
     return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])

@@ -35,11 +35,14 @@ class RefocusingSystem(ABC):
         a smaller image every pixel would depend on the border.
     parameters : int
         Number of the network's parameters; 0 for a formula.
+    by_weights : bool
+        Whether it leaves out views of weight 0; otherwise it refuses them.
     """
 
     name: str
     smallest: int = 1
     parameters: int = 0
+    by_weights: bool = False
 
     @abstractmethod
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
@@ -91,7 +94,8 @@ class RefocusingSystem(ABC):
                 f"them by the largest."
             )
         self._check(views.shape, np.asarray(slopes, float), block)
-        refuse_excluded(light_field, self.view_indices(*views.shape[:2]), self.name)
+        if not self.by_weights:
+            refuse_excluded(light_field, self.view_indices(*views.shape[:2]), self.name)
 
     @abstractmethod
     def _refocus(self, views: Views, slopes: np.ndarray, block) -> np.ndarray:

@@ -89,6 +89,7 @@ class ShiftAndSum(RefocusingSystem):
         self, name: str = "shift-and-sum", selection: Callable[..., ViewIndices] | None = None
     ):
         self.name, self._selection = name, selection or every_view
+        self.by_weights = selection is None
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the views to use."""
@@ -111,7 +112,7 @@ class FourierSlice(RefocusingSystem):
     (2, 12, 15)
     """
 
-    name = "Fourier slice"
+    name, by_weights = "Fourier slice", True
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose all views."""

@@ -115,7 +115,7 @@ def _find(light_field: Views, region, slopes, weights) -> SlopeSearch:
     try:
         found = find_sharpest_slope(light_field, slopes, region=region, weights=weights)
     except InputError as error:
-        raise InputError(f"Region {' '.join(map(str, region))}: {error}") from None
+        raise InputError(f"Region {' '.join(map(str, np.ravel(region)))}: {error}") from None
     if found.confidence < CERTAIN:
         raise InputError(
             f"Region {' '.join(map(str, found.region))} has no certain slope (best "

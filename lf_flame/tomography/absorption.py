@@ -56,10 +56,7 @@ class AbsorbingOperator(GridOperator):
     """
 
     def __init__(
-        self,
-        grid: FrustumGrid | AxisymmetricGrid,
-        absorption: np.ndarray,
-        dtype: str = "float32",
+        self, grid: FrustumGrid | AxisymmetricGrid, absorption: np.ndarray, dtype: str = "float32"
     ):
         if absorption.shape != grid.shape or not np.all((absorption >= 0) & (absorption < np.inf)):
             raise InputError(

@@ -24,12 +24,7 @@ FEWEST = 3
 FEW_PLANES = 8
 """Largest number of planes that are treated as separate sheets; more planes sample a volume."""
 
-NOT_MODELLED = (
-    "rim_diameter_mm",
-    "chromatic_shift",
-    "lenslet_rotation_rad",
-    "lenslet_pitch_error",
-)
+NOT_MODELLED = ("rim_diameter_mm", "chromatic_shift", "lenslet_rotation_rad", "lenslet_pitch_error")
 """Properties of a camera with which views would be more than sums of shifted planes."""
 
 

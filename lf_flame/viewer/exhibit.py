@@ -13,13 +13,7 @@ from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus import (
-    FocusMap,
-    SlopeRange,
-    all_in_focus,
-    farthest_slope,
-    find_slope_range,
-)
+from lf_flame.refocus import FocusMap, SlopeRange, all_in_focus, farthest_slope, find_slope_range
 from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 from lf_flame.viewer.coded_views import (
     DARKEST,

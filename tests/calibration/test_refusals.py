@@ -87,7 +87,7 @@ test_it_is_refused_in_a_sentence = refusals(
         ),
         (picture(400.0, 22.0), "at least 3 x 3 corners in rows"),
         (picture(400.0, 6.5, dots=True), "check that it is a checkerboard"),
-        (picture(400.0, 5.0, slice(1)), "at least 3 x 3 views"),
+        (picture(400.0, 5.0, slice(1)), "needs 3 x 3 views or more"),
         (picture(430.0, 5.0, slice(None, None, -1)), "by row and column"),
         (picture(430.0, 5.0, turned=True), "by row and column"),
     ]

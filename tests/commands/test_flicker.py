@@ -10,12 +10,7 @@ from builders import camera_toml
 from programs import run
 from skimage.io import imread, imsave
 
-from lf_flame import (
-    PAPER_CAMERA,
-    Layer,
-    Scene,
-    render,
-)
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.flame_video.flame_shape import DOUBTS
 from lf_flame.scenes.flames import flame_texture
 

@@ -15,11 +15,7 @@ from skimage.io import imread
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.atomic_files import exclusive
 from lf_flame.commands import cli, refocus_output
-from lf_flame.formats import (
-    read_focal_stack,
-    read_light_field,
-    write_light_field,
-)
+from lf_flame.formats import read_focal_stack, read_light_field, write_light_field
 from lf_flame.formats.images import write_image
 from lf_flame.refocus import refocus, refocus_surface, round_aperture, shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves

@@ -88,11 +88,7 @@ def test_scenes(refuse, changes, words):
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ["camera", "{}"],
-        ["dataset", "{}", "--out", "o"],
-        ["refocus", "views.npy", "--camera", "{}"],
-    ],
+    [["camera", "{}"], ["dataset", "{}", "--out", "o"], ["refocus", "views.npy", "--camera", "{}"]],
     ids=lambda command: " ".join(command),
 )
 @pytest.mark.parametrize("name", ["pipe", "deep.toml", "large.toml"])

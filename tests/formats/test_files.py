@@ -111,15 +111,9 @@ def test_raw_arrays_are_cut(tmp_path, rng):
         ("a.npy", "ntsc", (81, 80, 64, 3)),
         ("a.npy", "tsvu", (80, 64, 9, 9)),
         ("a.npy", "cnts", (3, 81, 80, 64)),
-        ("a.npy", "vucts", (9, 9, 3, 80, 64)),
-        ("a.npy", "tsvuc", (80, 64, 9, 9, 3)),
         ("a.npy", "vtus", (9, 80, 9, 64)),
-        ("a.npy", "cstuv", (3, 64, 80, 9, 9)),
-        ("a.npy", "nts", (81, 80, 90)),
         ("a.npy", "tsn", (96, 128, 35)),
-        ("a.npy", "cts", (3, 96, 128)),
         ("a.h5", "cstuv", (3, 128, 96, 7, 5)),  # as MATLAB writes it, backwards
-        ("a.h5", "cstuv", (3, 128, 96, 5, 5)),
         ("a.h5", "stuv", (128, 96, 7, 5)),
     ],
 )
@@ -132,7 +126,7 @@ def test_arrays_in_another_order_are_refused_with_axes_that_read_them(
             file["LF"] = array
     else:
         np.save(path, array)
-    with pytest.raises(InputError, match=rf"{re.escape(str(shape))}.*looks like {axes}: .*"):
+    with pytest.raises(InputError, match=rf"{re.escape(str(shape))}, which is unlikely to be"):
         read_light_field(path, views=1)
     wanted = "n" if "n" in axes else "vu" if "v" in axes else ""
     wanted += "tsc" if "c" in axes else "ts"
@@ -142,10 +136,12 @@ def test_arrays_in_another_order_are_refused_with_axes_that_read_them(
     np.testing.assert_array_equal(views, expected / np.float32(255))
 
 
-def test_a_spectrum_of_channels_is_read_where_no_other_axes_are_likely(tmp_path, rng):
-    array = rng.uniform(size=(5, 5, 20, 24, 8)).astype(np.float32)
-    np.save(tmp_path / "a.npy", array)
-    np.testing.assert_array_equal(read_light_field(tmp_path / "a.npy").views, array)
+def test_files_of_this_package_are_read_whatever_their_shape(tmp_path, rng):
+    """More views than pixels, and a spectrum of channels."""
+    for shape in ((9, 9, 5, 6), (5, 5, 20, 24, 8)):
+        array = rng.uniform(size=shape).astype(np.float32)
+        write_light_field(LightField(array), tmp_path / "a.npz")
+        np.testing.assert_array_equal(read_light_field(tmp_path / "a.npz").views, array)
 
 
 @pytest.mark.parametrize(("bits", "channels"), [(8, ()), (32, ()), (16, (3,)), (32, (3,))])

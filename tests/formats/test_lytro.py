@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.formats import read_lytro
+from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import find_white
 
 MODELS = ("F01", "ILLUM")

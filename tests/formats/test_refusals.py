@@ -23,7 +23,6 @@ from lf_flame.formats import (
     decode_raw,
     estimate_grid,
     read_focal_stack,
-    read_lytro,
     read_raw,
     scan_view_folder,
     write_focal_stack,
@@ -32,10 +31,12 @@ from lf_flame.formats import (
 from lf_flame.formats.focused.lenslets import read_raytrix
 from lf_flame.formats.focused.views import FocusedPlan
 from lf_flame.formats.images import write_image
+from lf_flame.formats.lytro.picture import read_lytro
 from lf_flame.formats.lytro.white import find_white
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
 from lf_flame.refocus import all_in_focus
 from lf_flame.systems import ShiftAndSum
+from lf_flame.systems.formulas import square_of_views
 
 RNG = np.random.default_rng(1)
 NAN, INF = np.nan, np.inf
@@ -115,7 +116,7 @@ FOLDERS = [
     (of(square(2, "{}_{}.tif", dtype=np.int32)), "0_0.tif .* unsigned .* or floats, got int32"),
     (of(square(), white="0_0.png"), "white does not apply to ., which is read as a folder of vie"),
     (lambda: all_in_focus(of(HOLE)(), [-1.0, 0.0, 1.0]), "slope map, .* needs the view in row 1"),
-    (lambda: ShiftAndSum("nine views").refocus(of(HOLE)(), 0.5), "needs the view in row 1, col"),
+    (lambda: ShiftAndSum("nine", square_of_views).refocus(of(HOLE)(), 0.5), "the view in row 1"),
     (one("a.png", levels(60, 90), mosaic="7x3"), "7 x 3 views needs sides .* has 60 x 90 pixels"),
     (one("a.png", levels(60, 90), mosaic="8"), "mosaic must be rows x columns of .* got '8'"),
     (one("a.png", levels(60, 90), mosaic="3x3", grid="3x3"), "grid does not apply to a.png, .* mo"),
@@ -142,7 +143,7 @@ FILES = [
     ("a.npz", {"views": VIEWS, "weights": np.ones((2, 3))}, {}, "weights must"),
     ("a.npz", {"views": VIEWS, "valid": np.ones((2, 2, 3, 4))}, {}, "valid must"),
     ("a.npy", FIELD, {"grid": "3x2"}, "grid of 3 x 2 views does not fit a.npy, of 2 x 2"),
-    ("a.npy", np.ones((40, 50, 6, 7, 9)), {}, "unlikely to be vutsc: state its .* --axes AXES"),
+    ("a.npy", np.ones((40, 50, 6, 7, 9)), {}, "unlikely to be vutsc: state its .* --axes`"),
     ("a.npy", FIELD, {"axes": ""}, "axes must be one letter for each axis of .*, got "),
     ("a.npy", FIELD, {"axes": "xyzw"}, "axes must be one letter for each axis of .*, got "),
     ("a.png", LENSLETS, {}, r"28 x 42 .*\(2, 7, 14\), got None; to decode a raw image"),
@@ -223,10 +224,7 @@ RAW = [
         ((EVEN, SIX, 0), "from 1 to twice the 6 pixels .* got 0"),
         ((EVEN, SIX, 13), "from 1 to twice the 6 pixels .* got 13"),
         ((EVEN, SIX, 2.5), "from 1 to twice the 6 pixels .* got 2.5"),
-        (
-            (FLAT[:, :16], LensletGrid(7.5, 30, 10, 0, "hexagonal")),
-            "at least two whole lenslets",
-        ),
+        ((FLAT[:, :16], LensletGrid(7.5, 30, 10, 0, "hexagonal")), "at least two whole lenslets"),
     ),
     (
         of({"a.tif": EVEN, "b.tif": FLAT}, "a.tif", read_raw, lenslets="b.tif"),
@@ -270,10 +268,7 @@ CONTAINERS = [
     (WHOLE[:16], "no table of contents"),
     (WHOLE[:-40], "is truncated: its section at byte"),
     (WHOLE[: WHOLE.index(b"\x89LFM")], "no table of contents"),
-    (
-        WHOLE[:24] + struct.pack(">Q", 2**63) + WHOLE[32:],
-        "should have 9,223,372,036,854,775",
-    ),
+    (WHOLE[:24] + struct.pack(">Q", 2**63) + WHOLE[32:], "should have 9,223,372,036,854,775"),
     (WHOLE[:24] + struct.pack(">Q", len(WHOLE)) + WHOLE[32:], "is truncated"),
     (WHOLE[:16] + b"\0" + WHOLE[16:], "no section of a container begins"),
     (WHOLE[:32] + b"md5-" + WHOLE[36:], "has no SHA-1 for name"),
@@ -459,6 +454,7 @@ UNWRITTEN = [
         partial(write_image, Path("a.jpg"), levels(3, 3)),
         "written as .png, .tif or .tiff, got .*a.j",
     ),
+    (partial(write_light_field, LightField(SMALL[:1]), "a.png"), r"N x N views, got 1 x"),
     (partial(write_light_field, LightField(SMALL + 2), "out"), "values from 0 to 1, got .* to 2"),
     (partial(write_light_field, LightField(SMALL), "out", bits=12), "bits must be 8 or 16, got 12"),
     (partial(write_light_field, LightField(np.stack([SMALL] * 2, -1)), "out"), "3 channels, got 2"),

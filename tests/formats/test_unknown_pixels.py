@@ -8,12 +8,7 @@ from micro_images import waves
 
 from lf_flame import LightField
 from lf_flame.commands.cli import commands
-from lf_flame.formats import (
-    DecodePlan,
-    LensletGrid,
-    read_light_field,
-    write_light_field,
-)
+from lf_flame.formats import DecodePlan, LensletGrid, read_light_field, write_light_field
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
 

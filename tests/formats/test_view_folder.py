@@ -185,10 +185,7 @@ test_numbers_without_one_step_are_refused = refusals(
             partial(pictures(*(f"{9 * v + u:02}.png" for v, u in STAR)), grid="3x11"),
             "0, 4, 8, 10 ... 80, do not count 33 positions from 0",
         ),
-        (
-            partial(pictures("0_0.png", "0_1.png", "0_2.png"), grid="2x2"),
-            "do not count 2 pos",
-        ),
+        (partial(pictures("0_0.png", "0_1.png", "0_2.png"), grid="2x2"), "do not count 2 pos"),
         (partial(pictures("7.png", "8.png", "9.png"), grid="2x2"), "do not count 4 .* --first"),
         (partial(pictures(*(f"{10**30 + n}.png" for n in range(3))), grid="2x2"), "not count 4 po"),
         (

@@ -8,11 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lf_flame import PAPER_CAMERA, InputError
-from lf_flame.refocus.aperture import (
-    aperture_weights,
-    f_number_aperture,
-    round_aperture,
-)
+from lf_flame.refocus.aperture import aperture_weights, f_number_aperture, round_aperture
 
 
 @pytest.mark.slow

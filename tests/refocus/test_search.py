@@ -15,7 +15,13 @@ from experiments.paper.evaluation import slope_report
 from lf_flame import LightField
 from lf_flame._common.arrays import centred
 from lf_flame.datasets.config import read_config
-from lf_flame.refocus import all_in_focus, find_sharpest_slope, fourier_refocus, shift_and_sum
+from lf_flame.refocus import (
+    all_in_focus,
+    aperture_weights,
+    find_sharpest_slope,
+    fourier_refocus,
+    shift_and_sum,
+)  # fmt: skip
 from lf_flame.refocus.search import find_sharpest_slopes
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture
 
@@ -195,6 +201,9 @@ def test_confidence_is_low_where_two_slopes_are_sharp(how, apart, rng):
     found = find_sharpest_slope(views)
     assert (found.confidence < 0.2, found.doubt) == (True, "several slopes are sharp")
     assert find_sharpest_slope(near).confidence > 0.9
+    ring = aperture_weights((9, 9), 1.0, ring=0.5)  # without the middle third
+    noisy = near + rng.normal(scale=0.1 * near.std(), size=near.shape)
+    assert find_sharpest_slope(noisy, weights=ring).confidence > 0.8
 
 
 def test_a_texture_that_repeats_fits_several_slopes():

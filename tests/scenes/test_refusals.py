@@ -55,7 +55,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ({"centre_mm": (1e17, 0.0)}, "larger than the rounding of centre_mm"),
             ({"tilt_deg": (90, 0)}, "within 85 degrees"),
         ),
-        (partial(LayerEntry, 0.0, (1, 1), image="../a.png"), "in the scene file's folder, got '../a"),
+        (partial(LayerEntry, 0.0, (1, 1), image="../a.png"), "scene file's folder, got '../a"),
         (partial(Scene, []), r"layers, one or more, got \[\]"),
         (partial(Scene, [1]), r"layers, one or more, got \[1\]"),
         (lambda: Scene(layer()), "list of layers, one or more, got Layer"),

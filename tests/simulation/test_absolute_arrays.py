@@ -37,9 +37,7 @@ slow = pytest.mark.slow
         ([glow(0.0)], HEXAGONAL),
         # The tolerance is that of the root mean square: at the rim of a stop pixels miss it singly.
         pytest.param(
-            [glow()],
-            HEXAGONAL | {"exit_pupil_mm": 200.0, "aperture_diameter_mm": 50.0},
-            marks=slow,
+            [glow()], HEXAGONAL | {"exit_pupil_mm": 200.0, "aperture_diameter_mm": 50.0}, marks=slow
         ),
         pytest.param([glow()], HEXAGONAL | {"aperture_diameter_mm": 0.9 * MATCHED}, marks=slow),
         pytest.param([glow(10.0), CARD], HEXAGONAL, marks=slow),

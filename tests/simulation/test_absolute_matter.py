@@ -15,11 +15,7 @@ WIDE = (40.0, 40.0)
 
 
 def small(views=3, lenslets=(10, 12)):
-    return PlenopticCamera(
-        **OPTICS,
-        views=views,
-        lenslets=lenslets,
-    )
+    return PlenopticCamera(**OPTICS, views=views, lenslets=lenslets)
 
 
 def by_rays(scene, camera, rays=60, tolerance=1e-3, **options):

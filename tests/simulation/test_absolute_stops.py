@@ -22,10 +22,7 @@ MATCHED = I0 * PITCH / FOCAL
 
 def small(**changes):
     optics = {"views": 5, "lenslets": (7, 9)} | changes
-    return PlenopticCamera(
-        **OPTICS,
-        **optics,
-    )
+    return PlenopticCamera(**OPTICS, **optics)
 
 
 def white_image(camera, rays=40, **options):
@@ -176,11 +173,7 @@ def test_a_white_image_reads_back_the_array(fault, amount):
     """Signs and sizes, found by a program that knows nothing of the simulator."""
     views = 11
     camera = PlenopticCamera(
-        **OPTICS,
-        views=views,
-        lenslets=(42, 50),
-        aperture_diameter_mm=MATCHED,
-        **{fault: amount},
+        **OPTICS, views=views, lenslets=(42, 50), aperture_diameter_mm=MATCHED, **{fault: amount}
     )
     image = render(WHITE, camera, tolerance=1e-3, integrator="rays", rays=10)
     grid = estimate_grid(image.to_raw())

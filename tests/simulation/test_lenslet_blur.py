@@ -7,10 +7,7 @@ import pytest
 from scipy import special
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.simulation.diffraction import (
-    blur_on_sensor,
-    tiled_sensor,
-)
+from lf_flame.simulation.diffraction import blur_on_sensor, tiled_sensor
 
 ONLY_LENSLETS = {"lenslet_diffraction": True, "main_lens_diffraction": False}
 

@@ -7,11 +7,7 @@ import pytest
 from scipy import special
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
-from lf_flame.simulation.diffraction import (
-    blur_layer,
-    blur_whole_lenslets,
-    main_lens_share_leaving,
-)
+from lf_flame.simulation.diffraction import blur_layer, blur_whole_lenslets, main_lens_share_leaving
 
 CAMERA = replace(PAPER_CAMERA, views=3, lenslets=(16, 18), wavelength_nm=3000.0)
 ONLY = {"main_lens_diffraction": True, "lenslet_diffraction": False}

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.effects.tracer import flat_views
-from lf_flame import (
-    PAPER_CAMERA,
-    InputError,
-    Layer,
-    Scene,
-    render,
-)
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, render
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.simulation.planning.chosen_pixels import refine
 

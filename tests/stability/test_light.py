@@ -14,15 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lf_flame import (
-    PAPER_CAMERA,
-    InputError,
-    Layer,
-    Scene,
-    Sensor,
-    plan_effects,
-    render,
-)
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, Sensor, plan_effects, render
 
 UNIT32 = 2.0**-24
 """Unit roundoff of float32, in which images are stored."""

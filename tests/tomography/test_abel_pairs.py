@@ -45,10 +45,7 @@ def curve1(r):
 
 SMOOTH = ((gauss, "parallel"), (curve1, "f/4"))
 
-JUMPS = {
-    "step": (lambda r: disc(0.6, r), (0.6,)),
-    "ring": (ring, (0.4, 0.8)),
-}
+JUMPS = {"step": (lambda r: disc(0.6, r), (0.6,)), "ring": (ring, (0.4, 0.8))}
 """Pairs with the radii of their jumps, beside which no grid follows."""
 
 

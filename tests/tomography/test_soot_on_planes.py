@@ -15,10 +15,7 @@ pytestmark = pytest.mark.slow
 NM, NAMES = np.arange(380.0, 701.0, 20.0), ("red", "green", "blue")
 LENS = Lens(views=5, lenslets=(36, 36))
 # Depth, middle, width, optical thickness at 600 nm and temperature in the middle.
-SHEETS = [
-    (-5.0, (0.2, -0.2), (0.7, 0.6), 0.3, 1800.0),
-    (5.0, (0.0, 0.2), (0.6, 0.7), 0.2, 1850.0),
-]
+SHEETS = [(-5.0, (0.2, -0.2), (0.7, 0.6), 0.3, 1800.0), (5.0, (0.0, 0.2), (0.6, 0.7), 0.2, 1850.0)]
 GRID = FrustumGrid(PlenopticCamera(**LENS.numbers()), [sheet[0] for sheet in SHEETS])
 
 

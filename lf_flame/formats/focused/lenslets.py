@@ -5,8 +5,9 @@ neighbouring micro-images show the same detail, displaced. At the virtual depth 
 that picture from the lenslets over their distance from the sensor, the point Y of the picture is
 seen in the micro-image centred at m at the offset ``d = (Y - m) / v`` (Perwass and Wietzke 2012).
 A negative v is a picture in front of the lenslets. All are in pixels of the raw picture, and the
-centres m are those of micro-images, which lie a little wider apart than the lenslets: v is larger
-by the same ratio as in a camera with its main lens at infinity.
+centres m are those of micro-images, which lie wider apart than the lenslets by the factor 1 + g, g
+being the ratio of the lenslets' distances from sensor and main lens: the v that is found is that of
+the geometry times (1 + g) / (1 + g v), a few per cent less.
 """
 
 import cmath

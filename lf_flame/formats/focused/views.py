@@ -71,7 +71,7 @@ def _check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object
     Micro-images are dark between each other.
     """
     try:
-        seen = estimate_grid(image, layout=lenslets.grid.layout)
+        seen = estimate_grid(image)
     except InputError:
         return
     rows, columns = seen.indices(image.shape)

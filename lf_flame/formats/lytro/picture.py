@@ -61,20 +61,8 @@ def find(values: Any, types: tuple[type, ...], *paths: str) -> Any:
 class LytroMetadata:
     """Metadata of a frame; what the file does not state is None, or empty.
 
-    Attributes
-    ----------
-    shape : (int, int)
-        Number of rows and columns of the frame.
-    bits : int
-        Number of bits of a packed pixel, 10 or 12.
-    bayer : str
-        Colours of the upper left 2 x 2 pixels, row by row: rggb, bggr, grbg or gbrg.
-    black, white : ndarray of float64, shape (2, 2)
-        Levels of no light and of full scale of the upper left 2 x 2 pixels.
-    model, serial : str
-        Name and serial number of the camera.
-    zoom_step, focus_step : float or None
-        Positions of the lens's motors, by which white images are chosen.
+    `bayer` and the levels `black` (no light) and `white` (full scale) are those of the upper left
+    2 x 2 pixels. White images are chosen by the positions of the lens's motors.
     """
 
     shape: tuple[int, int]
@@ -161,16 +149,7 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
 class LytroPicture:
     """Picture of a Lytro camera: its packed pixels, and what the file says about it.
 
-    Attributes
-    ----------
-    metadata : LytroMetadata
-        Sensor, camera, and positions of the lens.
-    packed : bytes
-        Pixels as the camera packs them, of 10 (Illum) or 12 bits (F01).
-    source : str
-        Name of the file, for messages.
-    white_image : LytroPicture or None
-        White image that the file contains, if any.
+    `source` is the name of the file, for messages; `white_image` that in the file, if any.
     """
 
     metadata: LytroMetadata
@@ -211,44 +190,9 @@ class LytroPicture:
 
 
 def read_lytro(path: str | Path) -> LytroPicture:
-    """Read a raw picture of a Lytro camera, F01 or Illum.
+    """Read a raw picture of a Lytro camera: a container, whose sections must have their SHA-1.
 
-    Parameters
-    ----------
-    path : str or Path
-        Container (``.lfp``, ``.lfr``), whose sections are checked against their SHA-1; or packed
-        pixels (``.raw``) with their metadata beside them, in ``.json`` or ``.txt`` under the same
-        name.
-
-    Returns
-    -------
-    LytroPicture
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is damaged or truncated, contains no raw picture, or is packed
-        in another way than those of the two cameras.
-
-    Examples
-    --------
-    >>> import json
-    >>> from pathlib import Path
-    >>> from lf_flame.formats import read_lytro
-    >>> image = {
-    ...     "height": 2, "width": 4,
-    ...     "pixelPacking": {"bitsPerPixel": 10, "endianness": "little"},
-    ...     "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "gr"},
-    ...     "pixelFormat": {
-    ...         "black": dict.fromkeys(["r", "gr", "gb", "b"], 64),
-    ...         "white": dict.fromkeys(["r", "gr", "gb", "b"], 1023),
-    ...     },
-    ... }
-    >>> _ = Path("picture.json").write_text(json.dumps({"image": image}))
-    >>> _ = Path("picture.raw").write_bytes(bytes([16, 255, 0, 0, 0b1100, 0, 0, 0, 0, 0]))
-    >>> picture = read_lytro("picture.raw")
-    >>> picture.metadata.bayer, picture.mosaic[0].tolist(), picture.radiance[0, :2].tolist()
-    ('grbg', [64, 1023, 0, 0], [0.0, 1.0])
+    Or packed pixels, with their metadata beside them in ``.json`` or ``.txt``.
     """
     path = Path(path)
     if path.suffix.lower() not in CONTAINER_SUFFIXES:
@@ -274,6 +218,7 @@ def read_lytro(path: str | Path) -> LytroPicture:
 
 def _description(path: Path) -> dict[str, Any]:
     """Metadata of a ``.raw`` file, from the file of the same name beside it."""
+    check_regular(path)
     for ending in (".json", ".JSON", ".txt", ".TXT"):
         beside = path.with_suffix(ending)
         if beside.is_file():

@@ -231,6 +231,11 @@ class DecodePlan:
         # from farther inside is in its place, which makes slopes smaller.
         lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
         self.weights &= lit >= 0.85
+        if not self.weights.any():
+            raise InputError(
+                f"None of the {self.views} x {self.views} views is lit to 85 % in the white image: "
+                f"state more views, or leave them out."
+            )
         valid[~self.weights] = True
         self._valid, self._unknown = None if valid.all() else valid, np.flatnonzero(~valid)
         if self._grid.pitch >= 5 and self.weights.sum() < 9:

@@ -80,8 +80,9 @@ def read_raw(
     Parameters
     ----------
     path : str or Path
-        Raw image: grey, in colour, or a Bayer mosaic; or a raw picture of a Lytro camera, as in
-        `read_lytro`, decoded into views in the camera's colours.
+        Raw image: grey, in colour, or a Bayer mosaic; or a raw picture of a Lytro camera,
+        decoded into views in the camera's colours: a container (``.lfp``, ``.lfr``), or packed
+        pixels (``.raw``) with their metadata beside them, in ``.json`` or ``.txt``.
     white : str or Path, optional
         White image (flat field), in which the micro-images are found and by which the views are
         divided, as in `DecodePlan`. For a Lytro picture also the camera's folder of MOD_*.RAW and

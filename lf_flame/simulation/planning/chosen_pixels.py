@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.diffraction import (
@@ -184,7 +184,8 @@ class ChosenPixels:
     def time(self, kept: Collection[str], traced: Collection[str], counts: "Counts") -> float:
         """Time in seconds that the whole image takes, by that of pixels spread evenly over it.
 
-        It is that of two slabs of each layer in one colour; others take as long.
+        It is that of two slabs of each layer in one colour; others take as long. Diffraction is not
+        counted.
         """
         slabs = [min(count, 2) for count in counts.slabs]
         crossings = (counts.rays or 1) ** 2 * sum(slabs)
@@ -196,7 +197,8 @@ class ChosenPixels:
         self.render(kept, traced, slabs=slabs, rays=counts.rays, camera=seen, lines=lines)
         share = lines.rows.size * lines.columns.size / math.prod(lengths)
         share *= sum(slabs) / (sum(counts.slabs) * counts.colours)
-        return (time.perf_counter() - started) / share
+        boxes = 13 * ROW_SPACING["hexagonal"] if self.camera.layout == "hexagonal" else 1
+        return (time.perf_counter() - started) * boxes / share
 
     def diffracted(
         self, kept: Collection[str], traced: Collection[str], parts: int, rays: int | None
@@ -250,11 +252,13 @@ def find_counts(
     layers = pixels.scene.layers
     thick = [k for k, layer in enumerate(layers) if layer.depth_extent_mm and "thickness" in kept]
     chromatic, finding_rays = "chromatic" in kept, by_rays and rays is None
-    diffracts = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm and rays is None
-    number = len(thick) + chromatic + bool(diffracts) + finding_rays
+    of_lenslets = "lenslet_diffraction" in kept and pixels.camera.wavelength_nm is not None
+    diffracts = of_lenslets and rays is None
+    number = len(thick) + chromatic + diffracts + finding_rays
     share = (1 - LEFT_OUT_SHARE) * tolerance / max(number, 1)
     slabs, colours, weights = [1] * len(layers), 1, pixels.weights
-    parts = 4 if rays and leaves_gaps(pixels.camera) else 1  # next to the gaps light is uneven
+    # Next to gaps light is uneven.
+    parts = 4 if of_lenslets and rays and leaves_gaps(pixels.camera) else 1
     low = 2 * FEWEST_RAYS if finding_rays else rays
 
     @cache

@@ -25,24 +25,24 @@ from lf_flame.simulation.diffraction import (
     main_lens_spread_mm,
 )
 from lf_flame.simulation.optical_pass import (
+    crosstalk,
     neighbours,
     pitch_shifts_mm,
     rotation_shifts_mm,
     share_cut,
+    share_vignetted,
     squared_tangent,
 )
 from lf_flame.simulation.planning.scene_bounds import (
     SceneBounds,
     assuming,
     box_mm,
-    crosstalk,
     displaced,
     farthest_move_mm,
     focus_spread,
     lenslets_moved,
     measured_change,
     mixed_inside,
-    share_vignetted,
     smeared,
 )
 from lf_flame.simulation.slabs import self_absorbed
@@ -100,7 +100,10 @@ def _self_absorption(bounds: SceneBounds) -> Estimate:
     change, thickest = 0.0, max(float(layer.optical_thickness.max()) for layer in bounds.layers)
     for layer in bounds.layers:
         tau = layer.optical_thickness
-        change += float((layer.texture * (1 - self_absorbed(tau))).max())
+        lost = 1 - self_absorbed(tau)
+        if layer.thickness_mm:  # an oblique ray leaves through other cells
+            lost = lost.max()
+        change += float((layer.texture * lost).max())
         change += -math.expm1(-tau.max()) * bounds.behind[layer] if tau.any() else 0.0
     words = f"optical thickness up to {thickest:.3g}" if thickest else "no optical thickness"
     return Estimate(bounds.relative(bounds.overlap * change), words)
@@ -167,13 +170,13 @@ def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
     camera = bounds.camera
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: matched")
-    excess = (camera.aperture_diameter_mm - camera.aperture_mm) / 2
-    # An arc inside a patch of side w is at most 2 w long, and the whole circle, which a single view
-    # sees, pi w. (The middle one of three sees the circle only of an aperture so narrow that the
-    # share reaches its limit below.) Beyond the matched width each ring lights both its own and a
-    # neighbour's pixels.
-    length = math.pi if camera.views == 1 else 2.0
-    share = abs(excess) * length * (2 if excess > 0 else 1) / camera.view_step_mm
+    width, matched = camera.aperture_diameter_mm, camera.aperture_mm
+    # An arc inside a patch of side w is at most 2 w long. (The middle one of three views sees the
+    # whole circle only of an aperture so narrow that the share reaches its limit below.) Beyond the
+    # matched width each ring lights both its own and a neighbour's pixels. A single view sees all.
+    share = abs(width - matched) * (2 if width > matched else 1) / camera.view_step_mm
+    if camera.views == 1:
+        share = math.pi / 4 * abs(width**2 - matched**2) / camera.view_step_mm**2
     share = min(share, float((1 + 2 * neighbours(camera)) ** 2))
     words = f"{camera.aperture_diameter_mm:.4g} mm for {camera.aperture_mm:.4g} mm"
     return Estimate(bounds.relative(share * bounds.radiance), words)
@@ -248,7 +251,8 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     )
     measured = measured_change(bounds, "chromatic")
     words = f"focal length +-{band_mm / 2:.3g} mm{MEASURED if measured < moved else ''}"
-    return Estimate(bounds.relative(bounds.overlap * min(moved, measured)), words)
+    cut = share_vignetted(camera) * bounds.radiance  # the rim cuts colours differently
+    return Estimate(bounds.relative(bounds.overlap * min(moved, measured) + cut), words)
 
 
 def _shot_noise(bounds: SceneBounds) -> Estimate:

@@ -294,7 +294,10 @@ def plan_effects(
     by_noise = tolerance is None and noise > TOLERANCE
     tolerance = max(noise, TOLERANCE) if tolerance is None else tolerance
     bounds, planned = _decide(bounds, forced, LEFT_OUT_SHARE * tolerance, stated)
-    traced = _traced(bounds, {one.name for one in planned if one.kept and one.bound > 0})
+    acting = {one.name for one in planned if one.kept and one.bound > 0}
+    if "f_number_mismatch" in acting:  # which is that of the round stop
+        acting.add("round_aperture")
+    traced = _traced(bounds, acting)
     if integrator == "exact" and traced:
         raise InputError(
             f"The exact integrator cannot simulate {', '.join(traced)} here; "

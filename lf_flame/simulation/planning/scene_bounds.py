@@ -18,15 +18,15 @@ from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.diffraction import tiled_sensor
 from lf_flame.simulation.optical_pass import (
     beyond_mm,
+    crosstalk,
     misplaced_mm,
     neighbours,
     round_stops,
     share_crossing,
-    share_cut,
     true_pitch_mm,
 )
 from lf_flame.simulation.planning.chosen_pixels import ChosenPixels, has_matter
-from lf_flame.simulation.slabs import check_field
+from lf_flame.simulation.slabs import check_field, self_absorbed
 
 
 class LightSteps(NamedTuple):
@@ -124,7 +124,7 @@ def assuming(bounds: SceneBounds, camera: PlenopticCamera) -> SceneBounds:
 
 def _brightest_raw(camera: PlenopticCamera, radiance: float) -> float:
     # Diffraction brings light from between the pixels.
-    lit = camera if camera.wavelength_nm is None else tiled_sensor(camera)
+    lit = camera if camera.wavelength_nm is None else tiled_sensor(camera, limited=False)
     return radiance * (1 + crosstalk(lit))
 
 
@@ -160,8 +160,10 @@ def _light_behind(camera, layers, layer: Layer, footprints) -> float:
     found, front = 0.0, layer.depth_mm - layer.depth_extent_mm / 2
     if not has_matter(layer):
         return 0.0
-    for other in layers:
-        reaches_behind = other.depth_mm + other.depth_extent_mm / 2 > front
+    for k, other in enumerate(layers):
+        back = other.depth_mm + other.depth_extent_mm / 2
+        # At one depth, light meets the layers in their order.
+        reaches_behind = back > front or (back == front and k > layers.index(layer))
         if other is layer or not reaches_behind:
             continue
         if all(_crosses(camera, layer, other, footprints, axis) for axis in (0, 1)):
@@ -188,6 +190,9 @@ def _light_steps(layer: Layer, axis: int, behind: float) -> LightSteps:
         stopped = layer.opacity + -np.expm1(-layer.optical_thickness)
         whole = whole + stopped.max() * behind
         nearest += _largest_step(stopped, axis) * behind
+        nearest += (
+            _largest_step(1 - self_absorbed(layer.optical_thickness), axis) * layer.texture.max()
+        )
     edges = layer.cell_edges_mm[axis]
     return LightSteps(float(whole), nearest, float(edges[1] - edges[0]))
 
@@ -247,13 +252,14 @@ def smeared(
     The spread, in mm, is one of depth (a thick layer) or of focal length (chromatic shift). It is
     divided into eight parts; for each, the farthest move of the bundle within it is taken.
     """
-    box, total, here = box_mm(bounds, layer, axis), 0.0, bounds.footprints[layer, axis]
+    box, changes, here = box_mm(bounds, layer, axis), [], bounds.footprints[layer, axis]
     for part in (-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375, 0.5):
         depth = layer.depth_mm + part * depth_mm
         focal = bounds.camera.main_lens_focal_mm + part * focal_mm
         moved = farthest_move_mm(bounds.camera, here, axis, depth, focal)
-        total += displaced(bounds, layer, axis, moved, box) / 8
-    return total
+        changes.append(displaced(bounds, layer, axis, moved, box))
+    # The front of dense matter alone may stop all the light.
+    return max(changes) if depth_mm and has_matter(layer) else sum(changes) / 8
 
 
 def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float:
@@ -267,7 +273,11 @@ def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float
         for axis in (0, 1):
             footprint, box = bounds.footprints[layer, axis], box_mm(bounds, layer, axis)
             aside = min(shifts_mm[axis], pitch_mm)
-            gain = abs(footprint.shift_per_lenslet_shift)
+            seen = (
+                trace_footprint(camera, depth, axis, focal)
+                for depth, focal in focus_spread(camera, layer)
+            )
+            gain = max(abs(one.shift_per_lenslet_shift) for one in seen)
             stretch = shifts_mm[axis] / camera.lenslets[axis]  # change of the lenslet's own width
             shift = gain * aside + stretch * abs(footprint.lenslet_width_mm) / pitch_mm
             moved = displaced(bounds, layer, axis, shift, box)
@@ -326,37 +336,3 @@ def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) 
     # A pixel sees through neighbouring lenslets too if lenslets are moved or the aperture is wide.
     aside = moved + max(neighbours(camera), moved > 0) * true_pitch_mm(camera)
     return here.half_width_mm + max(wandering) + abs(here.shift_per_lenslet_shift) * aside
-
-
-def share_vignetted(camera: PlenopticCamera) -> float:
-    """Share of a pixel's light that the rim cuts; 1 is the light of its own lenslet.
-
-    Light through neighbouring lenslets passes the lens outside the bundles of a pixel's own: the
-    rim may cut all of it, unless it is wider than all rays between the aperture and the field.
-    """
-    distance_mm, radius_mm = camera.rim_distance_mm, (camera.rim_diameter_mm or math.inf) / 2
-    share, other = share_cut(camera, distance_mm, radius_mm), crosstalk(camera)
-    if not other:
-        return share
-    field_mm = (math.hypot(*camera.lenslets) / 2 + 1 + neighbours(camera)) * (
-        camera.lenslet_in_focus_mm * (1 + abs(camera.lenslet_pitch_error))
-    )
-    apart_mm = camera.focus_distance_mm - camera.aperture_before_lens_mm
-    beyond = abs(distance_mm - camera.aperture_before_lens_mm) / apart_mm
-    before = abs(camera.focus_distance_mm - distance_mm) / apart_mm
-    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) / 2
-    return share + (other if widest * before + field_mm * beyond > radius_mm else 0.0)
-
-
-def crosstalk(camera: PlenopticCamera) -> float:
-    """Light that comes through other lenslets, relative to that of a pixel that one lights.
-
-    Square micro-images and matched round ones do not overlap. A wider aperture lights a ring of
-    each neighbour; inside a square of side w an arc is at most 2 w long, and four may meet in it.
-    """
-    if camera.aperture_diameter_mm is None:
-        return 0.0
-    matched = camera.aperture_mm * (1 + camera.lenslet_pitch_error)
-    widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
-    excess = max(0.0, widest - matched) / 2
-    return min(4 * excess / camera.view_step_mm, (1 + 2 * neighbours(camera)) ** 2 - 1)

@@ -32,7 +32,8 @@ export class Controls {
     const least = 1 / Math.max(...views);
     const aperture = this.group("Aperture");
     this.choice(aperture, "Shape", "shape", { square: "square", round: "round" });
-    this.range(aperture, "Width", "width", least, 1, 0.01);
+    // Steps count from the lower end: 1 must be one of them.
+    this.range(aperture, "Width", "width", Math.floor(100 * least) / 100, 1, 0.01);
     this.range(aperture, "Covered middle", "ring", 0, 1, 0.01);
     const viewpoint = this.group("Viewpoint");
     views.forEach((n, axis) => {

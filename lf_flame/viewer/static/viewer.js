@@ -183,6 +183,8 @@ export class Viewer {
     for (const name of [".lf-image", ".lf-row", ".lf-column"]) {
       this.find(name).style.filter = coloured ? "url(#lf-inferno)" : "";
     }
+    const focused = coloured && state.overlay === "focus";
+    this.find(".lf-over").style.filter = focused ? "url(#lf-inferno)" : "";
     const map = state.overlay === "slope" && metadata.map;
     const scale = this.find(".lf-scale");
     scale.hidden = !map && !coloured;

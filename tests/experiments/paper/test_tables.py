@@ -170,11 +170,7 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
 
 @pytest.mark.parametrize(
     "changed",
-    [
-        {"epochs": 8},
-        {"dataset": {"config": DATA}},
-        {"backbone_weights": "random (seed 2), conv4"},
-    ],
+    [{"epochs": 8}, {"dataset": {"config": DATA}}, {"backbone_weights": "random (seed 2), conv4"}],
     ids=str,
 )
 def test_runs_of_other_recipes_are_not_pooled(tmp_path, changed):
