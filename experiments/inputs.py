@@ -126,14 +126,11 @@ def scene_settings(config: DatasetConfig) -> dict:
 
 
 def read_history(path: Path, epochs: int) -> pd.DataFrame:
-    """Read a run's ``history.csv``, which must end with the epochs 1 to `epochs`.
-
-    Older histories begin with epoch 0, the start. The seconds are counted from the start of the
-    run.
-    """
+    """Read a run's ``history.csv`` (older ones begin with epoch 0); the seconds are summed up."""
     with readable(path):
         kinds = {"epoch": int, "seconds": float, "val_psnr_db": float}
         rows = pd.read_csv(path, dtype=kinds)
+        rows = rows[rows["epoch"] <= epochs]  # a run that goes on has more
         if list(rows["epoch"])[-epochs:] != list(range(1, epochs + 1)):
             raise ValueError(f"it must end with the epochs 1 to {epochs}")
     return rows.assign(seconds=rows["seconds"].cumsum())

@@ -35,7 +35,7 @@ class Ridge:
         values, directions = np.linalg.eigh(self.centred @ self.centred.T)
         rotated = directions.T @ images
         del images
-        truth, scale = targets[parts["validation"]], values.mean()
+        truth, scale = targets[parts["validation"]], values.mean() or 1.0  # of equal pictures
         kernel = (_rows(inputs[parts["validation"]]) - self.mean_picture) @ self.centred.T
         losses = {}
         for strength in STRENGTHS:

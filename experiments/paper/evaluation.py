@@ -120,10 +120,7 @@ def evaluate_run(folder: Path, out: Path) -> None:
 
 
 def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
-    """Search the slopes of data-set templates; return the table, and write it into `out`.
-
-    The paper's Figures 5 and 6, the mean scenes before the camera, are written there too.
-    """
+    """Search the slopes of data-set templates; write the table, and Figures 5 and 6, into `out`."""
     paper = read_paper_values("slopes")
     printed = dict(zip(paper["depth_mm"], paper["slope"], strict=True))
     rows, records = [], []

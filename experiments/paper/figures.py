@@ -19,14 +19,14 @@ LENSLETS_ENLARGED = 12
 def setup_figure(config: DatasetConfig):
     """Draw Figure 5 or 6 of the paper: the mean scene's objects at their depths, and the camera.
 
-    An oblique view; light runs to the right. Planes are as large as the field at the focal plane.
-    Lengths along the axis have another scale than those across, behind the main lens none.
+    Planes are as large as the field at the focal plane. Behind the main lens nothing is to scale.
     """
     camera, (scene, _), depths = config.camera, config.draw(None), np.array(config.depths_mm)
     height, width = camera.field_mm(0.0)
     figure, axis = subplots(figsize=(12, 3.6), layout="constrained")
     step = 0.48 * width
-    focal, *places = 3 * step * (depths.max() - [0.0, *depths]) / max(np.ptp(depths), 1e-9)
+    places = np.array([0.0, *depths])
+    focal, *places = 3 * step * (places.max() - places) / max(np.ptp(places), 1e-9)
     lens, array, sensor = 4.6 * step, 5.7 * step, 6.2 * step
 
     def oblique(place: float):

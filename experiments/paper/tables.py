@@ -239,15 +239,21 @@ def _describe(pool: list[Result], paper: dict) -> str:
     epochs, seconds = record["epochs"], record["train_s"]
     machine = ", ".join([*record.get("devices", ()), record["machine"]])
     listed = sorted(pool, key=lambda result: result.record["seed"])
-    seeds = ", ".join(f"seed {one.record['seed']} ({one.run})" for one in listed)
+    seeds = "; ".join(
+        f"seed {one.record['seed']} ({one.run}), best epoch {one.record['best_epoch']:,}, "
+        f"{_duration(one.record['train_s'])}"
+        for one in listed
+    )
     text = (
-        f"{seeds}, weights {pool[0].weights}. Trained for {epochs:,} of the paper's {planned:,} "
-        f"epochs (best: {record['best_epoch']:,}), in {_duration(seconds)} on {machine}."
+        f"{seeds}; weights {pool[0].weights}. Trained for {epochs:,} of the paper's {planned:,} "
+        f"epochs on {machine}."
     )
     if epochs >= planned or record["preset"] != "paper":
         return text
     text += f" All {planned:,} take {_duration(seconds / epochs * planned)} there."
     more = " The same command resumes the training; MINUTES=0 trains to the last epoch."
+    if record.get("finished"):
+        more = f" EPOCHS={planned} resumes the training."
     return text if pool[0].committed else text + more
 
 

@@ -10,6 +10,7 @@ variant with the same one), VARIANT/, its run, and last VARIANT.json, its scores
 where it was stopped.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -228,6 +229,7 @@ def tabulate(scores: Sequence[tuple[Variant, dict | None]]) -> pd.DataFrame:
     """Tabulate scores, columns as in `COLUMNS`; a missing variant has no rows."""
     rows = [
         {"variant": variant.name, **(found if plane["system"] == "network" else {}), **plane}
+        | {"psnr_db": math.inf if plane["psnr_db"] is None else plane["psnr_db"]}
         for variant, found in scores
         for plane in (found or {"planes": []})["planes"]
     ]
@@ -251,15 +253,15 @@ def report_body(study: Study, rows: pd.DataFrame, record: dict, paper: dict) -> 
     weights = [one.get("backbone_weights") for one in record["results"].values()]
     weights = "; ".join(dict.fromkeys(name for name in weights if name))
     return [
-        f"PSNR (dB), that of the worst plane, SSIM: means over {len(paper['depth_mm'])} planes and "
+        f"PSNR (dB), that of the worst plane, SSIM: means of {rows.depth_mm.nunique()} planes and "
         f"the same {record['parts']['test']} test samples, learnt from {record['parts']['train']}. "
         f"Printed in the paper: {np.mean(paper['psnr_db']):.2f}, {min(paper['psnr_db']):.2f}, "
         f"{np.mean(paper['ssim']):.3f}. A dash: not yet done.",
         markdown(lines, missing="-"),
         "linear: ridge regression from the network's picture to the images, no network; a raw "
         "picture is the image at 0 mm. bound: the test images projected on the first "
-        f"{AVERAGES} principal components of the training images, the best that a decoder of "
-        f"{AVERAGES} fixed pictures can do. Backbone weights: {weights or 'none'}.",
+        f"{AVERAGES} principal components of the training images, an estimate of the best that a "
+        f"decoder of {AVERAGES} fixed pictures can do. Backbone weights: {weights or 'none'}.",
     ]
 
 

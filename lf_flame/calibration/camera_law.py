@@ -198,7 +198,8 @@ class CameraLaw(Lens):
         Views that are darker than half of the central one get weight 0.
         """
         if light_field.shape[:2] != (self.views, self.views):
-            return light_field  # refused where its views matter
+            is_single = light_field.shape[:2] == (1, 1)  # others are refused where it matters
+            return self.with_views(1).corrected(light_field) if is_single else light_field
         if self.fall_off is not None:
             levels = np.array(self.fall_off, np.float32)
             lit = levels >= 0.5

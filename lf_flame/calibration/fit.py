@@ -167,12 +167,11 @@ def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
 
 def refuse_few_depths(depths_mm: ArrayLike) -> None:
     """Refuse fewer than three different depths, or depths that are not finite."""
-    known = np.asarray(depths_mm, float)[np.isfinite(depths_mm)]
-    different = len(np.unique(known))
-    if different < 3 or known.size < np.size(depths_mm):
+    different = len(np.unique(np.asarray(depths_mm, float)[np.isfinite(depths_mm)]))
+    if different < 3 or not np.all(np.isfinite(depths_mm)):
         raise InputError(
-            f"A calibration needs targets at 3 or more different distances, better 5 or more over "
-            f"the whole range of use, all of them numbers, got {different} of these."
+            f"A calibration needs targets at 3 or more different distances, better 5 or more, all "
+            f"of them numbers, got {different}."
         )
 
 

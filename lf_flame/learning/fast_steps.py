@@ -71,5 +71,6 @@ def matrix_view(decoder: keras.Model) -> keras.Model:
     x = decoder.input
     for layer in decoder.layers[1:]:
         on_map = isinstance(layer, layers.Conv2D) and layer.activation is keras.activations.linear
-        x = MatrixConvolution(layer)(x) if on_map else layer(x)
+        is_small = on_map and x.shape[1] * x.shape[2] <= 512  # nine copies of the map are made
+        x = MatrixConvolution(layer)(x) if is_small else layer(x)
     return keras.Model(decoder.input, x, name="decoder_in_training")

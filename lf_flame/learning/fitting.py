@@ -51,9 +51,8 @@ class Epoch:
 class Batches(keras.utils.PyDataset):
     """Endless batches: `draw` makes those of epoch k from ``numpy.random.default_rng([seed, k])``.
 
-    It returns a function from a step of the epoch to its inputs and targets. Endless, because
-    TensorFlow waits when an iterator ends, often as long as the epoch took: the thread that tunes
-    its pipeline sleeps on.
+    It returns a function from a step to its inputs and targets. Endless, because TensorFlow waits
+    when an iterator ends, often as long as the epoch took: a thread of its pipeline sleeps on.
     """
 
     num_batches = None
@@ -105,17 +104,17 @@ class Run:
 
 
 def train_in_folder(run: Run, out: Path, started: float) -> Path:
-    """Train in a run folder, or resume there; `started`: `time.perf_counter` at the call.
+    """Train in a run folder, or resume there; returns its network ``model.keras``.
 
-    Returns the network ``model.keras``. An InputError refuses a folder with another run or a
-    damaged checkpoint, one where another process trains, and a loss that is NaN or infinite.
+    `started`: `time.perf_counter` at the call.
     """
     if not 0 <= run.minutes < math.inf:
         raise InputError(f"minutes must be 0 (to the end) or more, got {run.minutes}.")
     model = out / "model.keras"
     with exclusive(out):
         _refuse_other_run(run, out)
-        if _is_finished(run, out):
+        done = _epochs_of_network(out)
+        if done == run.epochs:
             progress.report(f"{out} contains this run, finished.")
             model.touch()  # make compares it with the configuration file
             return model
@@ -123,10 +122,11 @@ def train_in_folder(run: Run, out: Path, started: float) -> Path:
         for name in ("checkpoint.npz", "model.keras"):  # hundreds of megabytes each
             remove_leftovers(out / name)
         state = TrainingState(out / "checkpoint.npz")
-        if state.epochs_done > run.epochs:
+        if state.epochs_done < done or state.epochs_done > run.epochs:
             raise InputError(
-                f"{out} contains {state.epochs_done} epochs of this run, more than the "
-                f"{run.epochs} requested; choose another folder."
+                f"{out} contains {max(done, state.epochs_done)} epochs of this run, and the state "
+                f"of epoch {state.epochs_done}, from which {run.epochs} epochs cannot be reached "
+                f"without losing some; choose another folder."
             )
         if state.epochs_done < run.epochs:
             _fit(run, state, started)
@@ -249,9 +249,10 @@ class TrainingState:
         arrays = {f"state_{k:03d}": x for k, x in enumerate(state)}
         arrays |= {f"best_{k:03d}": x for k, x in enumerate(self.best)}
         arrays["about"] = np.frombuffer(about.encode(), np.uint8)
+        # First, so that no epoch of a checkpoint is missing there.
+        write_text(self.path.with_name("history.csv"), pd.DataFrame(rows).to_csv(index=False))
         with atomic_write(self.path) as aside:
             np.savez(aside, **arrays)  # type: ignore[arg-type]  # no array is named allow_pickle
-        write_text(self.path.with_name("history.csv"), pd.DataFrame(rows).to_csv(index=False))
 
     def _load(self) -> None:
         file = ArrayFile(self.path)
@@ -317,19 +318,18 @@ def _write_result(run: Run, state: TrainingState, out: Path, started: float) -> 
         write_json(out / "run.json", record)
 
 
-def _is_finished(run: Run, out: Path) -> bool:
-    """Whether the folder contains the network of all epochs."""
+def _epochs_of_network(out: Path) -> int:
+    """Count the epochs of the network in a folder, 0 without one."""
     there = (out / "run.json").exists() and (out / "model.keras").exists()
-    return there and load_run(out)["epochs"] == run.epochs
+    return load_run(out)["epochs"] if there else 0
 
 
 def _refuse_other_run(run: Run, out: Path) -> None:
     """Refuse a folder of another run; a run may continue for more epochs, not for fewer."""
     path = out / "config.json"
     if not path.exists() and not (out / "checkpoint.npz").exists():
-        for name in ("model.keras", "run.json", "history.csv"):
-            if (out / name).exists():
-                raise InputError(f"{out} contains {name} of no run; choose another folder.")
+        if (out / "model.keras").exists():
+            raise InputError(f"{out} contains a model.keras of no run; choose another folder.")
         return
     if not path.exists():
         raise InputError(f"{out} contains a checkpoint without config.json; choose another folder.")

@@ -4,6 +4,8 @@ import numpy as np
 import pandas as pd
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
+from lf_flame.errors import InputError
+
 FOREGROUND = 0.01
 """Value of the truth, relative to the peak 1, above which a pixel is foreground. Two thirds of the
 pixels are background, black in the truth and easily so in a prediction. Included, they dilute the
@@ -14,9 +16,10 @@ def ssim(truth: np.ndarray, image: np.ndarray) -> float:
     """Structural similarity as Wang et al. (2004) define it, for values in [0, 1].
 
     For colours (a third axis) it is the mean over the channels. The window is Gaussian with a
-    standard deviation of 1.5 pixels, K1 = 0.01, K2 = 0.03, with population covariance; the paper
-    does not state its constants (deviation 12).
+    standard deviation of 1.5 pixels, K1 = 0.01, K2 = 0.03, population covariance (deviation 12).
     """
+    if min(np.shape(truth)[:2]) < 11:
+        raise InputError(f"SSIM needs images of 11 x 11 pixels or more, got {np.shape(truth)}.")
     return structural_similarity(
         truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
         channel_axis=-1 if np.ndim(truth) == 3 else None,

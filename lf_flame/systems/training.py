@@ -308,7 +308,9 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         "preset": preset,
         "seed": config.seed,
         "training_samples": training_samples,
-        "sample_configs": [to_json(one) for one in config.training_samples.configs],
+        "sample_configs": [
+            to_json(one) | {"samples": None} for one in config.training_samples.configs
+        ],
         "recipe": asdict(recipe),
     }
     metadata = {"title": system.name, "parameters": system.parameters}

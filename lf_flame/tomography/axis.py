@@ -71,6 +71,7 @@ class FlameAxis:
     depth_error_mm: float = 0.0
     wander_mm: float = 0.0
     wander_error_mm: float = 0.0
+    lean_error_deg: float = 0.0
     depth_lean_deg: float = 0.0
     depth_lean_error_deg: float = 0.0
 
@@ -231,6 +232,7 @@ class _Bands:
         worst = int(np.argmax(rest / error))
         found = {
             "lean_deg": float(np.degrees(np.arctan(line[0]))),
+            "lean_error_deg": float(np.degrees(np.arctan(np.sqrt(covariance)))),
             "across_error_mm": side * float(1 / np.sqrt(np.sum(error**-2))),
             "wander_mm": side * float(rest[worst]),
             "wander_error_mm": side * float(error[worst]),

@@ -81,16 +81,16 @@ def depth_checks(grid: FrustumGrid, emission: np.ndarray) -> list[Check]:
     # Mean squared frequency of the light's own detail.
     rough = sum(float(np.sum(np.square(np.diff(emission, axis=axis)))) for axis in (1, 2))
     period = 2 * np.pi * finest / 2 * float(np.sqrt(power.sum() / rough)) if rough else finest
-    blur = depth_blur(grid.camera, max(period, finest))
+    blur = depth_blur(grid.seen_from, max(period, finest))
     apart = np.abs(np.subtract.outer(grid.depths_mm, grid.depths_mm))
     alike = products / np.sqrt(np.maximum(np.outer(power, power), 1e-30))
     behind = (apart > 0) & (apart < blur) & (alike >= ALIKE)
     least = float(apart[behind].min() if behind.any() else steps.min())
-    nearer = depth_blur(grid.camera, finest) > steps.min()
+    nearer = depth_blur(grid.seen_from, finest) > steps.min()
     sentence = (
         f"{NO_DEPTH}: its detail, of {period:.2g} mm, is blurred over {blur:.2g} mm in depth; "
         f"planes {least:.3g} mm apart resolve periods up to "
-        f"{least * angular_width(grid.camera):.2g} mm. The penalty shares the rest of the light "
+        f"{least * angular_width(grid.seen_from):.2g} mm. The penalty shares the rest of the light "
         f"among planes, and error bars do not include all of that."
     )
     return [Check("depth", blur / least if nearer or behind.any() else 0.0, 1.0, sentence)]
@@ -248,7 +248,7 @@ def axis_checks(
     outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
     shown = "the light field shows it at"
     places = [
-        (axis.lean_deg, 1.0, 0.0, f"leans by {axis.lean_deg:.1f} degrees"),
+        (axis.lean_deg, 1.0, axis.lean_error_deg, f"leans by {axis.lean_deg:.1f} degrees"),
         (axis.depth_lean_deg, 5.0, axis.depth_lean_error_deg,
          f"leans by {axis.depth_lean_deg:.0f} degrees in depth"),
         (axis.wander_mm, least, axis.wander_error_mm,

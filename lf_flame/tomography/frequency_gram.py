@@ -252,6 +252,6 @@ def depth_roughness(grid: FrustumGrid) -> np.ndarray:
     count, steps = len(grid.depths_mm), np.diff(grid.depths_mm)
     if count <= FEW_PLANES or np.ptp(steps) > 1e-6 * abs(steps[0]):
         return np.zeros((count, count))
-    length = DEPTH_LENGTH * depth_blur(grid.camera, finest_period(grid.camera, grid.block))
+    length = DEPTH_LENGTH * depth_blur(grid.seen_from, finest_period(grid.camera, grid.block))
     differences = np.diff(np.eye(count), 3, axis=0)
     return DEPTH_WEIGHT * (length / abs(steps[0])) ** 7 * (differences.T @ differences)

@@ -84,6 +84,13 @@ class FrustumGrid:
         _check_ideal(self.camera)
         object.__setattr__(self, "used_views", self._find_used_views())
 
+    @property
+    def seen_from(self) -> Lens:
+        """Camera of as many views as are fitted, along the axis of fewer."""
+        if self.used_views is None:
+            return self.camera
+        return self.camera.with_views(min(int(self.used_views.any(axis=k).sum()) for k in (0, 1)))
+
     def _find_used_views(self) -> np.ndarray | None:
         whole = self.camera.whole_views()
         stated = whole if self.used_views is None else as_numbers(self.used_views, "used_views")

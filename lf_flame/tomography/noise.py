@@ -253,7 +253,10 @@ def fit_background(
             noise = np.sqrt(np.mean(np.square(dark))) if dark.size else 0.0
             lit = seen & (means > level.mean + BRIGHT * noise)
             lit = ndimage.binary_dilation(lit, WIDENED)
-        empty = (project(operator, lit.astype(operator.dtype)) <= 0)[measured]
+        glow = project(operator, lit.astype(operator.dtype))
+        if not on_planes:  # columns beyond the radius, also below a burner
+            glow = np.broadcast_to(glow.max(axis=2, keepdims=True), glow.shape)
+        empty = (glow <= 0)[measured]
         if valid is not None:
             empty &= valid[measured]
         if np.mean(empty) < LEAST_EMPTY:

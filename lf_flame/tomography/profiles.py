@@ -27,13 +27,15 @@ class Profile:
     """Emission along a line, averaged across a strip; all arrays are float64, shape (n,).
 
     `places_mm` are heights upwards, or positions across, from the optical axis; `sigma` is the
-    standard error and `band` the half-width of the 95 % confidence band, None without draws.
+    standard error and `band` the half-width of the 95 % confidence band, None without draws. The
+    strip's middle is `at_mm` from the optical axis.
     """
 
     places_mm: np.ndarray
     values: np.ndarray
     sigma: np.ndarray | None
     band: np.ndarray | None = None
+    at_mm: float = 0.0
 
 
 def axial(
@@ -56,7 +58,7 @@ def axial(
     parts = _strip(places, across_mm, width_mm, cell_mm)
     values, drawn = image[::-1] @ parts, again[:, ::-1] @ parts
     if len(drawn) < 2:
-        return Profile(heights, values, None)
+        return Profile(heights, values, None, at_mm=across_mm)
     sigma = scatter(drawn, values)
     return Profile(heights, values, sigma, bar_times(len(drawn)) * sigma)
 
@@ -115,7 +117,8 @@ def write_profiles(
         rows = ([depth, *row] for depth, profile in both for row in _rows(profile))
         write_table(folder.path(f"{name}.csv"), columns, rows)
     figures.save(_profiles_figure(found, depths_mm), folder.path("profiles.png"))
-    folder.facts["depths_mm"] = depths_mm
+    folder.facts |= {"depths_mm": depths_mm, "across_mm": [one.at_mm for one in found["axial"]]}
+    folder.facts["height_mm"] = [one.at_mm for one in found["radial"]]
 
 
 def _rows(profile: Profile):

@@ -286,6 +286,7 @@ class ReconstructionPlan:
         if level.mean:
             views = views - np.float32(level.mean)
         found, excess = self._explain(fit, views, before, fits)
+        level = level._replace(error=level.error * found.shared)  # pixels are correlated
         # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
         # does not change.
         thin = views if excess is None else views - excess

@@ -128,6 +128,9 @@ def reconstruct_soot(
     lights = split_colours(light_field, calibration.responses.names)
     plan = ReconstructionPlan(grid, **options)
     found = [plan.reconstruct(light) for light in lights]
+    for name, one in zip(calibration.responses.names, found, strict=True):
+        if any(check.name == "light" and check.failed for check in one.checks):
+            raise InputError(f"The light field contains no light above its noise in {name}.")
     # With one strength for all colours, the effect of the penalty cancels in their ratios.
     strength = max(one.strength for one in found)
     thickness, settled = np.zeros((len(lights), *found[0].emission.shape)), True
@@ -236,6 +239,8 @@ def _thickness(
     typical = float(np.median(kelvin[known]))
     faint = ~np.isfinite(kelvin) | (bright < bright.max() / 20)
     kelvin = np.where(faint, typical, kelvin)
+    # A cell that noise makes cold would otherwise have all of the flame's thickness.
+    kelvin = np.clip(kelvin, kelvin[known].min(), kelvin[known].max())
     shape = (-1, *[1] * kelvin.ndim)
     black = calibration.gains.reshape(shape) * calibration.responses.black_body(kelvin)
     return np.maximum(light, 0) / black

@@ -179,9 +179,7 @@ def test_a_finished_run_stays_and_a_missing_network_is_written_again(whole, tmp_
     before = model.stat().st_ino
     train(small_run(5), tmp_path)
     assert model.stat().st_ino == before
-    with pytest.raises(
-        InputError, match="contains 5 epochs of this run, more than the 3 requested"
-    ):
+    with pytest.raises(InputError, match="contains 5 epochs .* from which 3 epochs cannot"):
         train(small_run(3), tmp_path)
     model.unlink()
     weights, _ = train(small_run(5), tmp_path)

@@ -159,9 +159,9 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
     cell = table[["psnr_db", "psnr_seed_sd", "ssim", "ssim_seed_sd"]].iloc[2]
     assert "{:.2f} ± {:.2f}, {:.3f} ± {:.3f}".format(*cell) in text
     assert ", all five stages, 3 seeds | 7 of 5,000 |" in " ".join(text.split())
-    assert ", 3 seeds: seed 1 (paper), seed 2 (paper-seed2), seed 3 (paper-seed3), weights" in text
+    assert ", 3 seeds: seed 1 (paper), best epoch 6, 3 seconds; seed 2 (paper-seed2), best" in text
     # 3 s for 7 epochs, of 5,000
-    assert "7 of the paper's 5,000 epochs (best: 6), in 3 seconds on machine 1. All 5,000 " in text
+    assert "7 of the paper's 5,000 epochs on machine 1. All 5,000 " in text
     assert " 5,000 take 35.7 minutes there. The same command resumes" in text
     first, second = text.split("## Table II.")
     assert "No finished run of this table: none." in first
