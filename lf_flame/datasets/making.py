@@ -23,7 +23,7 @@ from lf_flame._common.atomic_files import atomic_folder, exclusive, remove_lefto
 from lf_flame._common.config import build, to_json
 from lf_flame._common.workers import carry_out
 from lf_flame.datasets.config import DatasetConfig
-from lf_flame.datasets.sampling import SEARCHED, count_rays, search_slopes, simulate_sample
+from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.datasets.store import Attributes, check_file
 from lf_flame.errors import InputError
 from lf_flame.formats.array_files import ZarrFile
@@ -110,8 +110,9 @@ def _begin(part: Path, config: DatasetConfig, samples: int) -> None:
     """Search the targets' slopes, and make a group with empty arrays and all attributes."""
     rays = count_rays(config)
     slopes = [search.slope for search in search_slopes(config, rays, config.route == "rays")]
-    for depth, slope in zip(config.depths_mm, slopes, strict=True):
-        if abs(slope - config.camera.depth_to_slope(depth)) > SEARCHED:
+    expected = [config.camera.depth_to_slope(z) for z in config.depths_mm]
+    for depth, own, slope in zip(config.depths_mm, expected, slopes, strict=True):
+        if min(expected, key=lambda other: abs(other - slope)) != own:
             raise InputError(
                 f"The object at {depth:g} mm is sharpest at the slope {slope:.2f}, that of another "
                 f'in front of it or behind it; take route = "exact" or "direct".'
@@ -122,7 +123,7 @@ def _begin(part: Path, config: DatasetConfig, samples: int) -> None:
         _add_arrays(group, config, samples)
         group.update_attributes({  # in one write; `group.attrs.update` makes one for each
             "slopes": slopes,
-            "slopes_geometry": [config.camera.depth_to_slope(z) for z in config.depths_mm],
+            "slopes_geometry": expected,
             "depths_mm": config.depths_mm,
             "objects": [o.name for o in config.template.objects],
             "plan": config.plan.to_json(),

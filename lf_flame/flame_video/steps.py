@@ -71,7 +71,7 @@ class Refocus:
 
     slope: float
     depth_mm: float | None = None
-    kept: bool = True  # whether the image itself is a result
+    kept: bool = field(default=True, repr=False)  # whether the image itself is a result
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Return the refocused image, ``refocus_10mm`` or ``refocus_0.5``, in colour if it is."""

@@ -43,7 +43,9 @@ def test_a_picture_starts_no_program(tmp_path, ghostscript):
         (folder / f"view_{view}.png").write_bytes(EPS)
     picture = folder / "view_0.png"
     scene = tmp_path / "scene.toml"
-    scene.write_text(f'[[layers]]\nimage = "{picture}"\ndepth_mm = 1.0\nsize_mm = [1.0, 1.0]\n')
+    scene.write_text(
+        '[[layers]]\nimage = "views/view_0.png"\ndepth_mm = 1.0\nsize_mm = [1.0, 1.0]\n'
+    )
     for read, path in ((read_pixels, picture), (read_image, picture), (read_scene, scene),
                        (read_light_field, folder)):  # fmt: skip
         with pytest.raises(InputError, match=r"view_0\.png cannot be read"):

@@ -122,9 +122,9 @@ def test_colours_become_luminance(tmp_path):
     write_image(tmp_path / "colours.png", picture)
     found = read_input(tmp_path / "colours.png", SIZE).image
     np.testing.assert_allclose(found[0, [0, 30, 60]], [0.2126, 0.7152, 0.0722], atol=2e-4)
-    np.save(tmp_path / "six.npy", np.zeros((9, 9, *SIZE, 6), np.float32))
-    with pytest.raises(InputError, match="six.npy must be grey or have 3 channels, got 6"):
-        read_input(tmp_path / "six.npy", SIZE)
+    np.save(tmp_path / "four.npy", np.zeros((9, 9, *SIZE, 4), np.float32))
+    with pytest.raises(InputError, match="four.npy must be grey or have 3 channels, got 4"):
+        read_input(tmp_path / "four.npy", SIZE)
 
 
 @pytest.mark.parametrize("height", [33, 50, 91])
