@@ -253,7 +253,7 @@ def refuse_among_frames(out: Path, sources: Sequence[Path], frames: Sequence[Pat
     """Refuse a result beside the frames, or anywhere in a folder of which all files are frames."""
     around = {path.resolve() for path in sources if path.is_dir()} & set(out.resolve().parents)
     if around or out.absolute().parent in {path.absolute().parent for path in frames}:
-        raise InputError(f"The result cannot be in the frames' own folder, {out.parent}: --out.")
+        raise InputError(f"The result cannot be in the frames' own folder, got {out} (--out).")
 
 
 class FrameWarnings:

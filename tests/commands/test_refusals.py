@@ -137,6 +137,7 @@ REFUSED = [
         ("--depth-mm 3", "need each other"),
         ("--camera camera.toml", "need each other"),
         ("--out still", "exists; name another folder"),
+        ("--out still/out", "cannot be in the frames' own folder, got still/out"),
         ("--camera nine.toml --depth-mm 0", "contains 5 x 5 views, but --views (or else the cam"),
     ),
     ("flicker still", "State when the frames were taken"),
