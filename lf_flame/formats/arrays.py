@@ -119,8 +119,8 @@ def read_array(path: str | Path, *, axes: str | None = None, array: str | None =
     if name == TOOLBOX and axes is None and Path(path).suffix.lower() == MATLAB_SUFFIX:
         held, weights, valid = _without_weight(held)
     if axes is None and name == VIEWS and held.ndim > 3 and record_of(Path(path)):
-        axes = "vutsc"  # as `write_light_field` writes them
-    axes = _default_axes(held.shape, path) if axes is None else axes.lower()[: held.ndim]
+        axes = "vutsc"[: held.ndim]  # as `write_light_field` writes them
+    axes = _default_axes(held.shape, path) if axes is None else axes.lower()
     return Pixels(held, axes, weights, valid)
 
 

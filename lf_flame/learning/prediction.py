@@ -95,7 +95,7 @@ def read_input(
 def _read_grey(source: Path, encoding: InputEncoding) -> np.ndarray:
     """Read the mean view of a light field, or its central one; an image is taken for one view."""
     try:
-        takes_views = not source.exists() or "views" in kind_of(source, {})[2].split()
+        takes_views = "views" in kind_of(source, {})[2].split()
         light_field = read_light_field(source, views=1 if takes_views else None)
         views = light_field.filled[encoding.view_mesh(*light_field.shape[:2])]
         shown = views.any(axis=tuple(range(2, views.ndim)))

@@ -46,9 +46,9 @@ class FlameAxis:
         Depth in mm from the focal plane, or from the zero of a `CameraLaw`.
     radius_mm : float
         Radius that contains all light, with a margin.
-    lean_deg : float
-        Angle of the axis within the image, from upright; above 0 if it runs towards larger columns
-        with height.
+    lean_deg, lean_error_deg : float
+        Angle of the axis within the image, from upright, above 0 if it runs towards larger columns
+        with height; and its standard error.
     lopsided : float
         Root-mean-square difference of the left and right halves of the image focused on the axis,
         column by column, relative to the light of that image: 0 for an axisymmetric flame.

@@ -144,7 +144,7 @@ FILES = [
     ("a.npz", {"views": VIEWS, "valid": np.ones((2, 2, 3, 4))}, {}, "valid must"),
     ("a.npy", FIELD, {"grid": "3x2"}, "grid of 3 x 2 views does not fit a.npy, of 2 x 2"),
     ("a.npy", np.ones((40, 50, 6, 7, 9)), {}, "unlikely to be vutsc: state its .* --axes`"),
-    ("a.npy", FIELD, {"axes": ""}, "axes must be one letter for each axis of .*, got "),
+    ("a.npy", FIELD, {"axes": "vutsc"}, "axes must be one letter for each axis of .*, got "),
     ("a.npy", FIELD, {"axes": "xyzw"}, "axes must be one letter for each axis of .*, got "),
     ("a.png", LENSLETS, {}, r"28 x 42 .*\(2, 7, 14\), got None; to decode a raw image"),
     ("a.png", LENSLETS, {"views": 15}, r"28 x 42 pixels \(2, 7, 14\), got 15"),
