@@ -44,13 +44,6 @@ class FileOfArrays:
         raise NotImplementedError
 
 
-NUMPY_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
-"""Header reader for each format version; arrays of numbers need no other version."""
-
-
 class ArrayFile(FileOfArrays):
     """A ``.npy`` file, with one array named "", or a ``.npz`` file; the content decides."""
 
@@ -70,7 +63,8 @@ class ArrayFile(FileOfArrays):
             readable(self.path, "is not a NumPy file of plain arrays"),
             warnings.catch_warnings(action="ignore"),  # of headers that Python 2 may have written
         ):
-            shape, _, dtype = NUMPY_HEADERS[np.lib.format.read_magic(file)](file)
+            major, minor = np.lib.format.read_magic(file)  # 1.0 or 2.0 for numbers
+            shape, _, dtype = getattr(np.lib.format, f"read_array_header_{major}_{minor}")(file)
             if dtype.kind in "biufc":
                 return header_of(shape, dtype)
         what = name or "its content"

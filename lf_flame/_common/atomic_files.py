@@ -98,9 +98,8 @@ def write_json(path: str | Path, record: dict) -> None:
 def exclusive(output: str | Path) -> Iterator[None]:
     """Keep other processes from writing the same output during the block.
 
-    The lock is a file ``.NAME.lock`` beside the output, whose parent folders are made, and removed
-    if they are empty at the end. The system frees it when the process ends for any reason.
-    An output that another process is writing is refused.
+    The system frees the lock, a file ``.NAME.lock`` beside the output, however the process ends.
+    Parent folders are made, and removed if they stay empty. A second process is refused.
     """
     path = Path(output).resolve()
     if not path.name:

@@ -11,6 +11,7 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
+import imagecodecs
 import numpy as np
 import tifffile
 from PIL import Image, ImageFile
@@ -20,10 +21,6 @@ from lf_flame._common.input_files import check_memory, readable
 from lf_flame.errors import InputError
 
 TIFF_SUFFIXES = (".tif", ".tiff")
-
-FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
-"""Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
-start Ghostscript; other formats are not needed."""
 
 FLOAT = np.dtype(np.float32).itemsize
 """Number of bytes of a float32 value, the type of a light field's pixels."""
@@ -56,8 +53,6 @@ def read_pixels(path: str | Path) -> np.ndarray:
     """
     if is_tiff(path):
         return read_tiff(path)[0]
-    from imagecodecs import png_decode
-
     with open_image(path) as image:
         if image.mode == "CMYK":
             raise InputError(
@@ -69,7 +64,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
         check_memory(prod(image.size) * _channels(image) * PER_VALUE, path)
         turn = image.getexif().get(ORIENTATION, 1)
         if image.format == "PNG":  # Pillow drops the low bytes of deep colours
-            return oriented(png_decode(Path(path).read_bytes()), turn)
+            return oriented(imagecodecs.png_decode(Path(path).read_bytes()), turn)
         pixels = np.asarray(image.convert("RGB") if image.mode == "P" else image)
     return oriented(pixels.astype(np.uint16) if pixels.dtype == np.int32 else pixels, turn)
 
@@ -113,8 +108,8 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
 
 @contextmanager
 def open_image(path: str | Path) -> Iterator[ImageFile.ImageFile]:
-    """Open an image with Pillow."""
-    with readable(path), Image.open(path, formats=FORMATS) as image:
+    """Open an image with Pillow, which would start Ghostscript for a PostScript file."""
+    with readable(path), Image.open(path, formats=("PNG", "JPEG", "BMP", "WEBP", "PPM")) as image:
         yield image
 
 

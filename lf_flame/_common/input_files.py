@@ -10,11 +10,8 @@ from typing import Any
 
 from lf_flame.errors import InputError
 
-LARGEST_TOML = 1 << 20
-"""Largest size of a TOML file, in bytes."""
-
-LARGEST_RECORD = 1 << 26
-"""Largest size of a JSON record, in bytes: the history of half a million epochs."""
+LARGEST_TEXT = 1 << 26
+"""Largest size of a text file, in bytes: the history of half a million epochs."""
 
 LIMIT = "LF_FLAME_MEMORY_GB"
 """Environment variable that sets another limit of memory than half, in gigabytes (1e9 bytes)."""
@@ -53,7 +50,7 @@ def readable(path: str | Path, fault: str = "of a kind that is not known") -> It
         ) from error
 
 
-def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
+def read_text(path: str | Path, largest: int = LARGEST_TEXT) -> str:
     """Read a text file in UTF-8, with or without a byte-order mark, of at most `largest` bytes."""
     size = check_regular(path)
     if size > largest:
@@ -61,7 +58,7 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
             f"{path} cannot be read: it has {size:,} bytes, more than the {largest:,} allowed."
         )
     with Path(path).open("rb") as file:
-        content = file.read(largest)
+        content = file.read(size)
     try:
         return content.decode("utf-8-sig")  # Windows' Notepad and Excel write the mark
     except UnicodeDecodeError as error:
@@ -72,7 +69,7 @@ def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
 
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Parse a TOML file of bounded size and depth."""
-    text = read_text(path, LARGEST_TOML)
+    text = read_text(path)
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # an impossible date, too, or deep nesting

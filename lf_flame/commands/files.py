@@ -24,7 +24,7 @@ from lf_flame.commands.options import (
 from lf_flame.commands.reading_options import ALL_READING, Reading, note_on_pixels
 from lf_flame.errors import InputError
 
-ARRAYS = (".npy", ".npz", ".zarr")
+ARRAYS = (".npy", ".npz")
 """Endings of the formats that keep values unchanged."""
 
 
@@ -97,7 +97,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     SOURCE is read as by `lf-flame refocus`; or it is a picture of views side by side (--mosaic), an
     array with other axes (--axes, --array), or a raw image of focused lenslets (--focused). TARGET
     is a new folder (one PNG for each view), a .png or .tif file (a lenslet image, N x N pixels
-    under each lenslet), .npy (views[v, u, t, s]), .npz or .zarr (views, their weights if some are
+    under each lenslet), .npy (views[v, u, t, s]) or .npz (views, their weights if some are
     excluded, and which pixels are known if some are not). Decode once, and use that file for long
     work. Levels of 8 and 16 bits represent values from 0 to 1; values outside, as in most raw
     images divided by a white image, are written as floats in TIFF files, or by --gain.
@@ -123,9 +123,9 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
         "which views are excluded": light_field.excluded,
         "which pixels are known": light_field.unknown,
     }
-    if target.suffix.lower() not in (".npz", ".zarr") and any(lost.values()):
+    if target.suffix.lower() != ".npz" and any(lost.values()):
         what = " and ".join(name for name, is_lost in lost.items() if is_lost)
-        report(f"{printable(target)} does not store {what}; .npz and .zarr do")
+        report(f"{printable(target)} does not store {what}; .npz does")
     click.echo(f"{printable(target)} is written{said}")
 
 
@@ -138,12 +138,12 @@ def _write(light_field, target: Path, bits: int | None, gain: float | None, *, l
     suffix = target.suffix.lower()
     if gain is not None:
         light_field = replace(light_field, views=light_field.views * np.float32(gain))
-    low, high = light_field.views.min(), light_field.views.max()
+    low, high = (f(light_field.used_values) for f in (np.min, np.max))  # others are clipped
     fits, as_array = 0 <= low <= high <= 1, suffix in ARRAYS
     if bits is None:
         bits = 16 if fits or gain is not None or suffix == ".png" else 32
-    if not (fits or as_array or bits == 32):
-        if gain is None:
+    if not (as_array or bits == 32):
+        if not fits and gain is None:
             raise InputError(
                 f"{target} stores values from 0 to 1 in levels of {bits} bits, got {low:.4g} to "
                 f"{high:.4g}: state a factor, as --gain {1 / max(high, 1):.3g}, with which the "

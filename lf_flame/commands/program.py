@@ -102,6 +102,7 @@ LEARNING = "This needs further packages: pip install '.[learn]'"
 OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas"), LEARNING),
     "zarr": "This needs further packages: pip install '.[video]', or for training '.[learn]'",
+    "h5py": "HDF5 and MATLAB 7.3 files need h5py: pip install '.[hdf5]'",
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install '.[dask]'"),
     "anywidget": "This needs a notebook's parts: pip install '.[jupyter]'",
     "jax": "This needs JAX: pip install '.[gpu]'",

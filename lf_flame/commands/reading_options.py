@@ -56,7 +56,6 @@ ALL_READING = cloup.option_group(
     option("--mosaic", "Rows x columns of views side by side in one picture, such as 8x8."),
     option("--axes", "Meaning of the axes of an array, such as vuts, tsvu or ntsc."),
     option("--array", "Name of the array, if SOURCE contains several.", rare=True),
-    option("--first", "Number of the first view of --grid, if not 0 or 1.", int, rare=True),
     option("--focused", "Calibration of a Raytrix camera, or its white image.", EXISTING),
     option("--virtual-depth", "Virtual depth of focused lenslets, else found.", float, rare=True),
 )
@@ -84,7 +83,6 @@ class Reading:
     mosaic: str | None = None
     axes: str | None = None
     array: str | None = None
-    first: int | None = None
     focused: Path | None = None
     virtual_depth: float | None = None
     coded: list[str] = field(default_factory=list, compare=False)

@@ -90,7 +90,7 @@ APPEARANCE = cloup.option_group(
         default="linear",
         rare=True,
     ),
-    option("--aperture", "Width of a round aperture; 1 is all views.", float),
+    option("--aperture", "Width of a round aperture; 1 leaves out corners, 1.42 none.", float),
     option("--f-number", "F-number of a round aperture; needs camera.toml.", float),
     option("--ring", "Width of a central stop, in the same unit as --aperture.", float, rare=True),
     flag("--square", "Square aperture, not a round one.", rare=True),
@@ -277,9 +277,9 @@ def refocus(source, camera, out, overwrite, **options):
       lf-flame refocus field.npz --camera simulation.json --depth-mm 10
     \f
 
-    SOURCE is a folder with one image for each view, an array (.npy, .npz, .h5, .mat, .zarr), a TIFF
-    of many pages, a lenslet image (--views N), a raw image (--white, --lenslets or --pitch), or a
-    raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it is, and
+    SOURCE is a folder with one image for each view, an array (.npy, .npz, .h5, .mat), a TIFF of
+    many pages, a lenslet image (--views N), a raw image (--white, --lenslets or --pitch), or a raw
+    picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it is, and
     `lf-flame convert` reads other kinds.
 
     The range of --map should exceed the slopes of the scene; auto finds such a range. Transparent

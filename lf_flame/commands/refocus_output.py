@@ -101,6 +101,9 @@ class RefocusJob:
             raise InputError(
                 f"A slope map needs the lower slope first, got {slope_map[0]} and {slope_map[1]}."
             )
+        if self.light_field.channels not in (1, 3):
+            many = self.light_field.channels
+            raise InputError(f"Refocused images have 1 or 3 channels, but this light field {many}.")
         if self.network is not None:
             self.network.check(self.light_field, [*slopes, *sweep])
 

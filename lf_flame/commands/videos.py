@@ -215,8 +215,9 @@ def process(sources, steps, camera, frames_per_second, depths, planes, out, **op
     chosen = find_steps(steps, camera=lens, depths_mm=planes, **options)
     paths = find_frames(sources, (reading.white, reading.dark))
     refuse_among_frames(out, sources, paths)
+    old = "; made before, remove it to process the frames anew" if out.exists() else ""
     made, _ = _process(paths, reading, lens, chosen, frames_per_second, out, crew)
-    click.echo(f"{made.describe()}; in {printable(out)}")
+    click.echo(f"{made.describe()}; in {printable(out)}{old}")
 
 
 def _process(

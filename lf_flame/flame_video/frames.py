@@ -78,8 +78,8 @@ def find_times(
     if counts is None:
         counts = np.arange(len(paths))
         notes.append(
-            "The names of the frames do not contain one number that counts them: they are assumed "
-            "to be evenly spaced, without gaps."
+            "The names of the frames do not contain one number that counts them, with at least "
+            "every other frame there: they are assumed to be evenly spaced, without gaps."
         )
     rows: list[Path | None] = [None] * (counts[-1] + 1)
     for path, count in zip(paths, counts, strict=True):
@@ -100,9 +100,12 @@ def _counts(paths: Sequence[Path]) -> np.ndarray | None:
     alike = len({name[::2] for name in names}) == 1
     columns = zip(*(name[1::2] for name in names), strict=True) if alike else ()
     differing = [column for column in columns if len(set(column)) > 1]
-    if len(differing) != 1 or any(number != int(number) for number in differing[0]):
+    if len(differing) != 1:
         return None
-    counts = np.array([int(number - differing[0][0]) for number in differing[0]], object)
+    # Digits behind a point count as well (``run3.0001``).
+    digits = max(-int(number.as_tuple().exponent) for number in differing[0])
+    rises = [number - differing[0][0] for number in differing[0]]
+    counts = np.array([int(rise * 10**digits) for rise in rises], object)
     if min(np.diff(counts)) < 1 or counts[-1] + 1 > 2 * len(counts):
         return None
     return counts.astype(int)
@@ -122,10 +125,10 @@ class FrameReader:
 
     @property
     def description(self) -> str:
-        """Options, and size and time of change of the files that they name, as text."""
+        """Options, with names, sizes and times of change of the files that they name, as text."""
         files = [value for value in self.options.values() if isinstance(value, Path)]
         found = [path.stat() for path in files if path.is_file()]
-        given = {name: str(x) if isinstance(x, Path) else x for name, x in self.options.items()}
+        given = {name: x.name if isinstance(x, Path) else x for name, x in self.options.items()}
         return f"{given} {[(one.st_size, one.st_mtime_ns) for one in found]}"
 
     @cached_property

@@ -148,6 +148,8 @@ def process_frames(
     }
     if not out.name:
         raise InputError(f"{out} cannot be made: name a new folder.")
+    if workers < 1:
+        raise InputError(f"workers must be 1 or more, got {workers}.")
     part = out.with_name(out.name + ".part")
     with exclusive(out):
         place = out if out.is_symlink() or out.exists() else part
@@ -276,6 +278,8 @@ def _process(path: Path | None, steps: Sequence[Step], read, shape, before: dict
     """Process a frame: its state, the values that were found, and sentences."""
     if path is None:
         return MISSING, {}, ()
+    if not path.exists():  # as where a network drive is gone for a moment
+        raise InputError(f"{path} is no longer there; the same command resumes when it is.")
     try:
         light_field = read(path)
         if light_field.shape != shape:

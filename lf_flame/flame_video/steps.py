@@ -150,10 +150,14 @@ class Emission:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Return emission, noise of a pixel, and number of warnings."""
-        plan = _plan(self, frame.light_field.shape)
-        found = plan.reconstruct(frame.light_field, start=frame.before.get("emission"))
+        plan, start = _plan(self, frame.light_field.shape), frame.before.get("emission")
+        weights = frame.light_field.weights
+        # A fit starts only from one of the same views.
+        if not np.array_equal(weights, frame.before.get("weights")):
+            start = None
+        found = plan.reconstruct(frame.light_field, start=start)
         if self.options["strength"] is not None:
-            frame.before["emission"] = found
+            frame.before |= {"emission": found, "weights": weights}
         frame.warnings += found.warnings
         return {
             "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),

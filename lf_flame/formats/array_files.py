@@ -3,7 +3,6 @@
 No other file is opened, no filter is loaded, and nothing is unpickled.
 """
 
-import importlib
 import math
 import struct
 import warnings
@@ -18,17 +17,6 @@ import numpy as np
 from lf_flame._common.arrays_in_files import FileOfArrays, header_of
 from lf_flame._common.input_files import check_memory, check_regular, memory_limit, readable
 from lf_flame.errors import InputError
-
-
-def import_extra(name: str, kind: str, extra: str) -> Any:
-    """Import a library that an extra brings, for a `kind` of files, or say how to install it."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise InputError(
-            f"{kind} are read and written by {name}: pip install '.[{extra}]'."
-        ) from None
-
 
 # HDF5 ---------------------------------------------------------------------------------------------
 
@@ -47,7 +35,9 @@ class Hdf5File(FileOfArrays):
     """
 
     def __init__(self, path: str | Path):
-        self._h5py = import_extra("h5py", "HDF5 and MATLAB 7.3 files", "hdf5")
+        import h5py  # an extra
+
+        self._h5py = h5py
         self.path, self.headers, self._reversed = Path(path), {}, is_matlab_hdf5(path)
         with readable(path), self._h5py.File(path, "r") as file:
             file.visititems(self._note)  # follows hard links only, to each object once
@@ -119,9 +109,6 @@ CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13:
            15: "u8"}  # fmt: skip
 """Types of the classes of arrays of numbers; cells, structures and objects are not read."""
 
-LOGICAL, COMPLEX = 0x200, 0x800
-"""Flags of arrays."""
-
 
 class MatlabFile(FileOfArrays):
     """Real arrays of numbers in a MATLAB file of version 5 to 7 (little endian, before 7.3).
@@ -172,8 +159,8 @@ def _parse(
         return None
     parts = _elements(element)
     (flags,) = struct.unpack_from("<I", next(parts)[2])
-    dtype = "?" if flags & LOGICAL else CLASSES.get(flags & 0xFF)
-    if dtype is None or flags & COMPLEX:
+    dtype = "?" if flags & 0x200 else CLASSES.get(flags & 0xFF)  # logical
+    if dtype is None or flags & 0x800:  # complex
         return None
     (_, _, sizes), (_, _, name), (stored, _, numbers) = islice(parts, 3)
     shape = struct.unpack(f"<{len(sizes) // 4}I", sizes)
@@ -196,34 +183,28 @@ def _elements(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
 
 # Zarr ---------------------------------------------------------------------------------------------
 
-METADATA = "zarr.json"
-"""Name of the metadata of format 3. Codecs of format 2, which is not read, may run what a chunk
-contains, as ``pickle`` does."""
-
-EVERY_CHUNK = {"write_empty_chunks": True}
-"""Configuration of arrays that we write: also chunks of zeros get files, so that a missing file is
-noticed when the array is read, see `ZarrFile`."""
-
 
 class ZarrFile(FileOfArrays):
-    """Arrays of numbers in a Zarr folder and in its groups; a folder that is one array names it "".
+    """Arrays of numbers in a Zarr group of format 3, and in its groups.
 
-    No file may be a device, a pipe, or larger than the memory limit: Zarr reads whole files.
+    Codecs of format 2 may run what a chunk contains, as ``pickle`` does. No file may be a device, a
+    pipe, or larger than the memory limit: Zarr reads whole files.
     """
 
     def __init__(self, path: str | Path):
-        self.path, zarr = Path(path), import_extra("zarr", "Zarr folders", "video")
-        self.metadata = self.path / METADATA
+        import zarr  # an extra
+
+        self.path, self.metadata = Path(path), Path(path, "zarr.json")
         if not self.metadata.is_file():
-            raise InputError(f"{path} is not a Zarr folder of format 3: it contains no {METADATA}.")
+            raise InputError(f"{path} is not a Zarr folder of format 3: it contains no zarr.json.")
         for file in self.path.rglob("*"):
             if not file.is_dir():
                 check_memory(check_regular(file), file)
         # Zarr warns of folders in it that are not arrays.
         with readable(self.metadata), warnings.catch_warnings(action="ignore"):
-            found = zarr.open(str(self.path), mode="r", zarr_format=3)
+            found = zarr.open_group(str(self.path), mode="r", zarr_format=3)
             self.attributes = dict[str, Any](found.attrs)
-            members = [("", found)] if isinstance(found, zarr.Array) else found.members(max_depth=1)
+            members = found.members(max_depth=1)
             arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)]
             self.arrays = {name: x for name, x in arrays if x.dtype.kind in "biuf"}
             self.headers = {name: header_of(x.shape, x.dtype) for name, x in self.arrays.items()}

@@ -11,24 +11,19 @@ from lf_flame._common.arrays_in_files import ArrayFile, FileOfArrays
 from lf_flame._common.images import FLOAT, read_tiff
 from lf_flame._common.input_files import parse_json
 from lf_flame.errors import InputError
-from lf_flame.formats.array_files import Hdf5File, MatlabFile, ZarrFile, is_matlab_hdf5
+from lf_flame.formats.array_files import Hdf5File, MatlabFile, is_matlab_hdf5
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw.lenslet_grid import grid_from_pitch
 from lf_flame.formats.raw.sensor_images import check_colours
 from lf_flame.formats.view_files.orders import Grid, read_grid
 from lf_flame.lightfield import LightField
 
-HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
-
-ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX)
+ARRAY_SUFFIXES = (".npy", ".npz", ".h5", ".hdf5", ".mat")
 """File endings of arrays."""
 
 VIEWS, TOOLBOX, RECORD = "views", "LF", "record"
 """Names of views in files of this package, and in those of HCI and LFToolbox; and of the record in
 a ``.npz`` file, JSON in bytes."""
-
-DEFAULT_AXES = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}
-"""Axes of arrays by their number, for which none need be stated; without views, of a raw array."""
 
 
 class Pixels(NamedTuple):
@@ -102,21 +97,21 @@ def read_pages(path: str | Path) -> Pixels:
 
 
 def read_array(path: str | Path, *, axes: str | None = None, array: str | None = None) -> Pixels:
-    """Read an array of pixels from a NumPy, Zarr, HDF5 or MATLAB file.
+    """Read an array of pixels from a NumPy, HDF5 or MATLAB file.
 
-    The array is the one named ``views`` or ``LF``, or the only one, or the only one of 4 or 5 axes.
-    Arrays of MATLAB have the axes that MATLAB shows. In NumPy and Zarr files arrays ``weights`` and
-    ``valid`` are those of the light field. An array ``LF`` of four channels in a ``.mat`` file is
-    one of LFToolbox, whose last channel is a weight.
+    The array is the one named ``views`` or ``LF``, or the only one. Arrays of MATLAB have the axes
+    that MATLAB shows. In NumPy files arrays ``weights`` and ``valid`` are those of the light field.
+    An array ``LF`` of four channels in a ``.mat`` file is one of LFToolbox, whose last channel is a
+    weight.
     """
     file = _open(path)
-    name = _choose_array(file, axes, array)
+    name = _choose_array(file, array)
     stored = file.header(name).dtype.itemsize
     # As stored, as floats, and once more after the axes are reordered.
     (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-    beside = set(file.names) - {name} if isinstance(file, ArrayFile | ZarrFile) else set()
+    beside = set(file.names) - {name} if isinstance(file, ArrayFile) else set()
     weights, valid = (file.read([x])[0] if x in beside else None for x in ("weights", "valid"))
-    if name == TOOLBOX and axes is None and Path(path).suffix.lower() == MATLAB_SUFFIX:
+    if name == TOOLBOX and axes is None and Path(path).suffix.lower() == ".mat":
         held, weights, valid = _without_weight(held)
     if axes is None and name == VIEWS and held.ndim > 3 and record_of(Path(path)):
         axes = "vutsc"[: held.ndim]  # as `write_light_field` writes them
@@ -127,51 +122,43 @@ def read_array(path: str | Path, *, axes: str | None = None, array: str | None =
 def _open(path: str | Path) -> FileOfArrays:
     """Open a file of arrays by its ending, and one of MATLAB by its content."""
     suffix = Path(path).suffix.lower()
-    if suffix == ZARR_SUFFIX:
-        return ZarrFile(path)
-    if suffix in HDF5_SUFFIXES or (suffix == MATLAB_SUFFIX and is_matlab_hdf5(path)):
+    if suffix in (".h5", ".hdf5") or (suffix == ".mat" and is_matlab_hdf5(path)):
         return Hdf5File(path)
-    return MatlabFile(path) if suffix == MATLAB_SUFFIX else ArrayFile(path)
+    return MatlabFile(path) if suffix == ".mat" else ArrayFile(path)
 
 
 def record_of(path: Path) -> dict[str, Any]:
     """Record in a file of `write_light_field`; empty without one that can be read."""
-    record, suffix = None, path.suffix.lower()
+    record = None
     with suppress(InputError):  # the views are of use without it
-        if suffix == ZARR_SUFFIX:
-            record = ZarrFile(path).attributes.get(RECORD)
-        elif suffix == ".npz" and RECORD in (file := ArrayFile(path)).names:
+        if path.suffix.lower() == ".npz" and RECORD in (file := ArrayFile(path)).names:
             record = parse_json(file.read([RECORD])[0].tobytes().decode("utf-8", "replace"), path)
     return record if isinstance(record, dict) else {}
 
 
-def _choose_array(file: FileOfArrays, axes: str | None, stated: str | None) -> str:
-    """Choose the array that contains the views, by its name or its number of axes."""
-    if stated is None and len(file.names) == 1:
-        return file.names[0]
-    for name in (VIEWS, TOOLBOX) if stated is None else (stated,):
+def _choose_array(file: FileOfArrays, stated: str | None) -> str:
+    """Choose the array that contains the views, by its name unless it is the only one."""
+    shapes = {}
+    for name in file.names:
+        with suppress(InputError):  # texts and objects are no views
+            shapes[name] = file.header(name).shape
+    only = list(shapes) if len(shapes) == 1 else []
+    for name in (VIEWS, TOOLBOX, *only) if stated is None else (stated,):
         if name in file.names:
             return name
-    shapes = {name: file.header(name).shape for name in file.names}
-    ranks = (4, 5) if axes is None else (len(axes),)
-    fitting = [name for name, shape in shapes.items() if len(shape) in ranks and name != "valid"]
-    if stated is None and len(fitting) == 1:
-        return fitting[0]
-    wanted = stated or f"{VIEWS}, or only one of {' or '.join(map(str, ranks))} axes"
-    held = [f"{name} {shape}" for name, shape in shapes.items()]
+    held = [f"{name} {shape}" for name, shape in list(shapes.items())[:5]] or ["none"]
     raise InputError(
-        f"{file.path} must contain an array of numbers named {wanted}, got "
-        f"{', '.join(held[:5]) or 'none'}{' ...' if len(held) > 5 else ''}; name one by "
-        f"`lf-flame convert --array` (in Python array=...)."
+        f"{file.path} must contain an array of numbers named {stated or VIEWS}, got "
+        f"{', '.join(held)}{' ...' if len(shapes) > 5 else ''}; name one by `lf-flame convert "
+        f"--array` (in Python array=...)."
     )
 
 
 def _without_weight(array: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Split an array of LFToolbox, three colours and a weight: views, their weights, known pixels.
 
-    LFToolbox divides a raw image by the white image and keeps the white image as the weight of a
-    pixel, so the weight is inverse to the variance of its noise. Views get the mean of their
-    weights; a pixel of weight 0 in a view of another weight is unknown.
+    The weight is the white image, by which LFToolbox divided: inverse to the variance of noise.
+    Views get the mean of theirs; a pixel of weight 0 in a view of another weight is unknown.
     """
     if array.ndim != 5 or array.shape[4] != 4:
         return array, None, None
@@ -187,7 +174,7 @@ def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
     Likely are fewer views than pixels, and at most four channels; a square number of views next to
     3 or 4 others is a running number next to colours.
     """
-    axes = DEFAULT_AXES.get(len(shape))
+    axes = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}.get(len(shape))  # without views: a raw array
     if axes is None or 0 in shape:
         raise InputError(
             f"{path} must contain views[v, u, t, s] (with a last axis of channels or without), or "

@@ -1,6 +1,7 @@
 """Facts of files: what a file is, what is missing to read it, and which command comes next."""
 
 import shlex
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,11 @@ from lf_flame._common.images import TIFF_SUFFIXES, open_tiff
 from lf_flame._common.input_files import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import cut_views, record_of
-from lf_flame.formats.focused.lenslets import is_raytrix, read_raytrix
+from lf_flame.formats.focused.lenslets import read_raytrix
 from lf_flame.formats.images import IMAGE_SUFFIXES, is_lytro, is_stack, read_focal_stack, read_image
 from lf_flame.formats.lytro.picture import read_lytro
-from lf_flame.formats.lytro.white import holds_white_files, white_files
+from lf_flame.formats.lytro.white import white_files
 from lf_flame.formats.raw.lenslet_search import estimate_grid
-from lf_flame.formats.raw.sensor_images import check_colours
 from lf_flame.formats.reading import find_light_field, kind_of
 
 
@@ -22,8 +22,7 @@ from lf_flame.formats.reading import find_light_field, kind_of
 class FileFacts:
     """Kind and facts of a file; empty ones are not printed.
 
-    `missing` says which files or options are needed, `command` what to type next; `shape` is the
-    light field's, (v, u, t, s), if known.
+    `missing`: files, options needed; `command`: what to type next; `shape`: (v, u, t, s), if known.
     """
 
     kind: str
@@ -55,24 +54,24 @@ def describe(source: Path, **options: Any) -> FileFacts:
         return _light_field(source, options)
     if is_lytro(source):
         return _lytro_picture(source)
-    if suffix == ".tar" or (source.is_dir() and holds_white_files(source)):
-        known = [one.metadata for one in white_files(source)]
-        serials = sorted({one.serial or "unknown" for one in known})
-        facts = {"images": f"{len(known)}", "cameras": ", ".join(serials[:10])}
+    white = white_files(source) if suffix == ".tar" or source.is_dir() else []
+    if white:
+        serials = sorted({known.serial or "unknown" for known, _, _ in white})
+        facts = {"images": f"{len(white)}", "cameras": ", ".join(serials[:10])}
         command = typed("refocus", "PICTURE.lfr", "--white", source)
         return FileFacts("white images of a Lytro camera", facts, command)
-    if is_raytrix(source):
+    if suffix == ".xml":
         facts = {"lenslets": read_raytrix(source, (1, 1)).describe()}
         command = typed("convert", "RAW.png", "views.npz", "--focused", source)
         return FileFacts("calibration of a Raytrix camera", facts, command)
-    if suffix in TIFF_SUFFIXES and is_stack(source):
+    if suffix in TIFF_SUFFIXES:
         with open_tiff(source) as file:  # of other stacks each page is a view, perhaps in rows
             is_focal = "slopes" in (file.imagej_metadata or {})
         pages, slopes = read_focal_stack(source) if is_focal else ((), None)
         if slopes is not None:
             held = f"{len(pages)}, at slopes from {slopes.min():g} to {slopes.max():g}"
             return FileFacts("stack of refocused images", {"images": held})
-    elif suffix in IMAGE_SUFFIXES:
+    if suffix in IMAGE_SUFFIXES and not (suffix in TIFF_SUFFIXES and is_stack(source)):
         return _image(source)
     return _light_field(source, {})
 
@@ -110,19 +109,14 @@ def _image(source: Path) -> FileFacts:
         cut_views(image, None, source)
     except InputError as error:  # the reader's own list of what it takes
         found.missing = str(error)
-    try:
-        grid = estimate_grid(image)
-        found.kind, facts["lenslets"] = "image with lenslets", grid.describe()
+    with suppress(InputError):
+        facts["lenslets"] = estimate_grid(image).describe()
+        found.kind = "image with lenslets"
         spots = typed("refocus", "RAW.tif", "--lenslets", source)
         found.notes.append(
             f"the lenslets are those that this picture shows; a white image or closed-aperture "
             f"spots show them reliably. If this is such a picture, type: {spots} (or --white)."
         )
-        check_colours(image, grid, "raw")
-    except InputError as error:
-        if found.notes:  # the lenslets were found
-            found.notes.append(str(error))
-            found.command += " --bayer PATTERN"  # the note names two
     return found
 
 

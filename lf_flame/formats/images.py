@@ -74,15 +74,10 @@ def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
     return levels.astype(f"uint{bits}")
 
 
-def white_level(pixels: np.ndarray) -> float:
-    """Radiance that is shown as white: 1, or the brightest pixel if it is above 1 or below 0.1."""
-    brightest = max(float(pixels.max()), float(np.finfo(np.float32).tiny))
-    return max(brightest, 1.0) if brightest > 0.1 else brightest
-
-
 def white_of(light_field: LightField) -> float:
-    """Radiance of a light field that is shown as white: `white_level` of its `used_values`."""
-    return white_level(light_field.used_values)
+    """Radiance shown as white: 1, or the brightest used pixel if it is above 1 or below 0.1."""
+    brightest = max(float(light_field.used_values.max()), float(np.finfo(np.float32).tiny))
+    return max(brightest, 1.0) if brightest > 0.1 else brightest
 
 
 def to_preview(image: np.ndarray, white: float) -> np.ndarray:
@@ -127,9 +122,6 @@ CODED = (
     "camera's raw ones in TIFF or PNG of 16 bits, unless you know that these are linear."
 )
 
-PROFILE = 34675
-"""Tag of the colour profile (ICC) in a TIFF file."""
-
 
 def note_on_coding(path: Path) -> str:
     """Note that an image is probably gamma-coded; empty if it is not, or the file is not an image.
@@ -143,7 +135,7 @@ def note_on_coding(path: Path) -> str:
         with open_tiff(path) as file:
             page = pictures(file, path)[0].keyframe
             kind, bits = "TIFF", int(np.max(page.bitspersample))
-            has_profile, stated = PROFILE in page.tags, {}
+            has_profile, stated = "InterColorProfile" in page.tags, {}
     else:
         with open_image(path) as image:
             kind, stated = image.format or "", image.info

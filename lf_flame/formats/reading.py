@@ -30,7 +30,7 @@ from lf_flame.formats.images import (
     note_on_coding,
 )
 from lf_flame.formats.raw.reading import plan_raw, read_frame
-from lf_flame.formats.view_files.folder import is_view_folder, scan_view_folder
+from lf_flame.formats.view_files.folder import scan_view_folder
 from lf_flame.formats.view_files.orders import (
     AS_STORED,
     Grid,
@@ -52,7 +52,6 @@ def read_light_field(
     *,
     grid: Grid | str | None = None,
     names: str | None = None,
-    first: int | None = None,
     axes: str | None = None,
     array: str | None = None,
     mosaic: Grid | str | None = None,
@@ -69,8 +68,8 @@ def read_light_field(
 
     ====================================  ===================================================
     a folder                              one image for each view: `scan_view_folder`
-    ``.npy``, ``.npz``, ``.zarr``,        an array of views, or a raw array
-    ``.h5``, ``.hdf5``, ``.mat``
+    ``.npy``, ``.npz``, ``.h5``,          an array of views, or a raw array
+    ``.hdf5``, ``.mat``
     ``.tif``, ``.tiff`` of many pages     one view per page
     an image and `mosaic`                 views side by side
     an image and `white`, `lenslets` or   a raw lenslet image: `read_raw`
@@ -93,8 +92,8 @@ def read_light_field(
         Number of rows and columns of views that are numbered one by one, or of which some are
         missing, such as (1, 9) or ``9x9``: in a folder, pages or an array with an axis n. Default:
         a square.
-    names, first : optional
-        Pattern of the views' names, and number of the first one, as in `scan_view_folder`.
+    names : str, optional
+        Pattern of the views' names, as in `scan_view_folder`.
     axes : str, optional
         Meaning of an array's axes, one letter each: v and u, row and column of the view, or n, its
         running number; t and s, row and column of the pixel; c, the channel. Default: ``vuts``,
@@ -204,8 +203,8 @@ def kind_of(path: Path, options: dict[str, Any]) -> tuple[str, Callable[..., Fou
     suffix = path.suffix.lower()
     if is_lytro(path):
         return "a raw picture of a Lytro camera", _read_raw, "white lenslets views dark"
-    if is_view_folder(path):
-        return "a folder of views", _read_folder, "order grid names first dark"
+    if path.is_dir():
+        return "a folder of views", _read_folder, "order grid names dark"
     if suffix in ARRAY_SUFFIXES:
         return "an array", partial(_read_pixels, read_array), "axes array views order grid dark"
     if suffix not in IMAGE_SUFFIXES:
@@ -234,20 +233,11 @@ def _read_raw(path: Path, **options: Any) -> Found:
     plan, image = plan_raw(path, **options)
     notes = [f"{path}: {plan.grid.describe()}"]
     if plan.grid.layout == "hexagonal":
-        notes.append(
-            "A pixel of the views is as wide as rows of a hexagonal array are apart: a camera file "
-            'must state layout = "hexagonal" (calibrate --hexagonal); a calibration holds as it is'
-        )
+        notes.append('A camera file of yours must state layout = "hexagonal", as this array is')
     elif abs(plan.grid.row_pitch / plan.grid.pitch - 1) > 0.01:
-        notes.append(
-            "Rows and columns of lenslets are not equally far apart: pixels of the views are not "
-            "square, and mm hold along the rows only"
-        )
+        notes.append("Rows and columns of lenslets differ in pitch: mm apply along the rows only")
     if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
-        notes.append(
-            "The rotation and the position of the array were not searched for: that needs a white "
-            "image (--white) or the lenslets' centres (--lenslets)"
-        )
+        notes.append("The rotation and the position of the array were not searched for (--white)")
     if not is_lytro(path) and "dark" not in options:
         notes.append("Black is taken as level 0, as no dark image is given (--dark)")
     return Found(plan.decode(image), AS_DECODED, notes, lambda one: plan.decode(read_frame(one)))
@@ -288,6 +278,7 @@ def _read_pixels(
             f"pixels, c for channels, got {axes!r}."
         )
     stored = to_unit(pixels.values, path).transpose([axes.index(letter) for letter in wanted])
+    stored = stored[..., 0] if "c" in axes and stored.shape[-1] == 1 else stored  # grey
     if of_views == "n":
         stored, found = fold(stored, path, grid, order)
     else:

@@ -8,10 +8,9 @@ import numpy as np
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
 from lf_flame.errors import InputError
-from lf_flame.formats.array_files import EVERY_CHUNK, import_extra
 from lf_flame.formats.arrays import RECORD, VIEWS
 from lf_flame.formats.images import to_levels, write_image
-from lf_flame.lightfield import AXES, LightField
+from lf_flame.lightfield import LightField
 
 
 def write_light_field(
@@ -25,9 +24,8 @@ def write_light_field(
         Light field; for images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
         Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``; .npz, or .zarr, a new folder: ``views``, the record of the
-        command, its date and versions, and, if there are any, ``weights`` and ``valid``, all of
-        which no other format stores.
+        .npy, the array ``views``; .npz, ``views``, the record of the command, its date and
+        versions, and ``weights`` and ``valid`` if there are any, which no other format stores.
     bits : int, optional
         Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
@@ -50,17 +48,11 @@ def write_light_field(
     """
     check_ending(path := Path(path))
     suffix, place = path.suffix.lower(), path.resolve()
-    arrays = {VIEWS: light_field.views, "weights": light_field.weights, "valid": light_field.valid}
-    given = {name: array for name, array in arrays.items() if array is not None}
-    record = {"linear": linear, **provenance.environment()} if suffix in (".npz", ".zarr") else {}
-    if suffix in ("", ".zarr"):
+    if not suffix:
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
             raise InputError(f"Views need a new or empty folder, got {place}, which is neither.")
         with atomic_folder(place) as aside:
-            if suffix:
-                _write_zarr(given, record, aside)
-            else:
-                _write_views(light_field.filled, aside, bits, linear=linear)
+            _write_views(light_field.filled, aside, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
         v, u = light_field.shape[:2]
         if v != u:
@@ -71,17 +63,20 @@ def write_light_field(
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.save(file, light_field.filled, allow_pickle=False)
     else:
-        given[RECORD] = np.frombuffer(json.dumps(record).encode(), np.uint8)
+        record = json.dumps({"linear": linear, **provenance.environment()}).encode()
+        beside = {"weights": light_field.weights, "valid": light_field.valid}
+        given = {name: array for name, array in beside.items() if array is not None}
+        given |= {VIEWS: light_field.views, RECORD: np.frombuffer(record, np.uint8)}
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(file, allow_pickle=False, **given)
 
 
 def check_ending(path: Path) -> None:
     """Refuse a file that selects no format."""
-    if path.suffix.lower() not in ("", ".png", ".tif", ".tiff", ".npy", ".npz", ".zarr"):
+    if path.suffix.lower() not in ("", ".png", ".tif", ".tiff", ".npy", ".npz"):
         raise InputError(
-            f"A light field is written to a folder (a name without a point), .png, .tif, .npy, "
-            f".npz or .zarr, got {path}."
+            f"A light field is written to a folder (a name without a point), .png, .tif, .npy "
+            f"or .npz, got {path}."
         )
 
 
@@ -93,15 +88,3 @@ def _write_views(views: np.ndarray, folder: Path, bits: int, *, linear: bool) ->
     for v, u in np.ndindex(levels.shape[:2]):
         name = f"view_{v:0{width}}_{u:0{width}}{suffix}"
         write_image(folder / name, levels[v, u], linear=linear)
-
-
-def _write_zarr(arrays: dict[str, np.ndarray], record: dict, folder: Path) -> None:
-    """Write arrays as a Zarr group, with named axes; one chunk for each view."""
-    group = import_extra("zarr", "Zarr folders", "video").create_group(
-        str(folder), attributes={RECORD: record}
-    )
-    for name, array in arrays.items():
-        group.create_array(
-            name, data=array, dimension_names=AXES[: array.ndim],
-            chunks=(1, 1, *array.shape[2:]) if array.ndim > 2 else array.shape, config=EVERY_CHUNK,
-        )  # fmt: skip

@@ -79,10 +79,13 @@ class Lens:
         return min(self.views * self.view_step_mm, self.aperture_diameter_mm or np.inf)
 
     def whole_views(self) -> np.ndarray:
-        """Find the views whose part of the pupil lies wholly in the aperture: bool, (v, u)."""
+        """Find the views whose part of the pupil lies wholly in the aperture: bool, (v, u).
+
+        A single view is the picture through the whole aperture.
+        """
         far = (np.abs(centred(self.views)) + 0.5) * self.view_step_mm
         radius = (self.aperture_diameter_mm or np.inf) / 2
-        return np.hypot(far[:, None], far) <= radius * (1 + 1e-9)
+        return (np.hypot(far[:, None], far) <= radius * (1 + 1e-9)) | (self.views == 1)
 
     def corrected(self, light_field: LightField) -> LightField:
         """Correct measured faults of the lens in pictures: here none."""

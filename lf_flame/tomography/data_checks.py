@@ -103,7 +103,7 @@ def data_checks(
     found,
     *,
     stated: bool = False,
-    fitted_background: bool = False,
+    fitted_background: bool | None = None,
 ) -> list[Check]:
     """Check light, noise, single views, structure of the residual, and the edge of the field.
 
@@ -200,14 +200,16 @@ def _correlation(residual: np.ndarray) -> float:
     return float(np.mean(found)) / power if found and power else 0.0
 
 
-def _edge(views: np.ndarray, error: float, fitted: bool) -> list[Check]:
+def _edge(views: np.ndarray, error: float, fitted: bool | None) -> list[Check]:
     """Check for light at the edges of the field: a background, or emission that is cut off."""
     edge, peak = measure_edge(views), float(views.max())
     adds = abs(edge.adds) if abs(edge.level) > 5 * edge.error else 0.0  # else it is noise
     share = f"{adds:.0%} of the" if adds < 1 else "more than the rest of its"
-    advice = "subtract the dark frame, or fit the background (--background fit)"
-    if fitted:
-        advice = "it is uneven: subtract a picture without the flame"
+    advice = {
+        None: "subtract the dark frame, or fit the background (--background fit)",
+        False: "no pixel is free of emission, so none could be fitted: subtract the dark frame",
+        True: "it is uneven: subtract a picture without the flame",
+    }[fitted]
     bright = edge.brightest if edge.brightest > 8 * max(error, 1e-6 * peak) else 0.0
     return [
         Check(
@@ -245,7 +247,8 @@ def axis_checks(
     scale = grid.camera.field_mm(grid.depth_mm)[1] / grid.camera.field_mm(axis.depth_mm)[1]
     across, edge = axis.across_mm * scale, axis.radius_mm * scale / MARGIN
     lit = project(geometry.operator, np.ones(grid.shape))
-    outside = max(0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit))
+    outside, beyond = 0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit)
+    extent = f"there is light out to {edge:.3g} mm" if outside > beyond else "light lies beyond it"
     shown = "the light field shows it at"
     places = [
         (axis.lean_deg, 1.0, axis.lean_error_deg, f"leans by {axis.lean_deg:.1f} degrees"),
@@ -258,9 +261,8 @@ def axis_checks(
         # A wrong depth displaces the axis in the outermost views by the parallax.
         (grid.depth_mm - axis.depth_mm, least / half_angle, axis.depth_error_mm,
          f"was stated at a depth of {grid.depth_mm:.2f} mm, {shown} {axis.depth_mm:.2f} mm"),
-        (outside, 1.0, 0.0,
-         f"is that of a flame of {grid.radius_mm:.3g} mm radius as stated, but there is light out "
-         f"to {edge:.3g} mm"),
+        (max(outside, beyond), 1.0, 0.0,
+         f"is that of a flame of {grid.radius_mm:.3g} mm radius, but {extent}"),
     ]  # fmt: skip
     checks = [
         Check("axis", abs(number) / max(limit, MOST_SIGMAS * error), 1.0,

@@ -12,6 +12,7 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.lens import Lens
 from lf_flame.refocus import align_views
+from lf_flame.refocus._arguments import refuse_excluded
 from lf_flame.tomography.absorption import MOST_FITS, Absorption, spread_thickness
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.data_checks import axis_checks, data_checks, depth_checks, left_out
@@ -303,10 +304,11 @@ class ReconstructionPlan:
         else:
             checks += axis_checks(light_field, geometry, known)
         stated = self._options.noise is not None
+        fitted = bool(measured) if self._background == "fit" else None
         whole = known if excess is None else known + excess
         checks += data_checks(
             whole, grid.place(residual), chi_squared, found,
-            stated=stated, fitted_background=bool(measured),
+            stated=stated, fitted_background=fitted,
         )  # fmt: skip
         return Emission(
             grid=grid,
@@ -356,8 +358,10 @@ def _fitted_views(
     """
     camera = grid.camera
     if isinstance(grid, AxisymmetricGrid) and grid.which == "central":
-        if light_field.views.shape[:2] == (1, 1):
+        v, u = light_field.views.shape[:2]
+        if (v, u) == (1, 1):
             camera = camera.with_views(1)
+        refuse_excluded(light_field, [(v // 2, u // 2)], "A fit of the central view")
     elif light_field.weights is not None and light_field.weights.shape == (camera.views,) * 2:
         weights = light_field.weights
         some = weights[weights > 0]
@@ -386,7 +390,7 @@ def _average_blocks(light_field: LightField, camera: Lens, block: int) -> np.nda
     views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
-        hint = "; in colour, `LightField.grey` or `reconstruct_soot`" if views.ndim == 5 else ""
+        hint = ": take its mean (`grey`) or --colours (`reconstruct_soot`)" if views.ndim == 5 else ""
         raise InputError(
             f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
             f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."

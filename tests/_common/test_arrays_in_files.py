@@ -54,6 +54,13 @@ def test_members_that_are_no_arrays_are_named(tmp_path, arrays):
         file.header("none")
 
 
+def test_a_header_of_another_version_is_refused(tmp_path):
+    with (tmp_path / "a.npy").open("wb") as file:
+        np.lib.format.write_array(file, np.ones(3), version=(3, 0))
+    with pytest.raises(InputError, match=r"a\.npy cannot be read.*not a NumPy file of plain"):
+        read_all(tmp_path / "a.npy")
+
+
 def test_packings_that_zipfile_unpacks_without_a_bound_are_refused(tmp_path, arrays):
     np.save(tmp_path / "a.npy", arrays["a"])
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_BZIP2) as archive:

@@ -13,9 +13,9 @@ from PIL import Image
 from scipy.io import savemat
 from tifffile import imwrite
 
-from lf_flame import InputError, LightField
+from lf_flame import InputError
 from lf_flame._common.input_files import LIMIT, check_memory, memory_limit
-from lf_flame.formats import read_light_field, write_light_field
+from lf_flame.formats import read_light_field
 from lf_flame.scenes.scene_files import read_scene
 
 
@@ -67,7 +67,6 @@ SEARCH = 240 * 0.5 + 32 * 0.5
         ("a.npz", partial(np.savez_compressed, views=VIEWS), 16, {}),
         ("folder", write_folder, SEARCH, {"grid": "2x2"}),
         ("a.h5", write_hdf5, 16, {}),
-        ("a.zarr", partial(write_light_field, LightField(VIEWS)), 16, {}),
         ("a.mat", partial(savemat, mdict={"LF": VIEWS}, do_compression=True), 24, {}),
     ],
 )

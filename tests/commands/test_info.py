@@ -104,11 +104,10 @@ def test_other_light_fields(told, tmp_path, rng, monkeypatch):
     monkeypatch.setattr("sys.argv", ["/bin/lf-flame", "convert", "views"])
     light_field = LightField(rng.uniform(size=(3, 3, 20, 30)))
     write_light_field(light_field, tmp_path / "views")
-    for name in ("a.npz", "a.zarr"):
-        write_light_field(light_field, tmp_path / name)
-        made_by = told(name).partition("  made by       ")[2].partition("\n")[0]
-        assert made_by.rpartition(", ")[0].endswith("convert views")
-        assert abs(datetime.fromisoformat(made_by.rpartition(", ")[2]).timestamp() - time()) < 60
+    write_light_field(light_field, tmp_path / "a.npz")
+    made_by = told("a.npz").partition("  made by       ")[2].partition("\n")[0]
+    assert made_by.rpartition(", ")[0].endswith("convert views")
+    assert abs(datetime.fromisoformat(made_by.rpartition(", ")[2]).timestamp() - time()) < 60
     write_focal_stack(rng.uniform(size=(4, 5, 6)), [0, 1, 2, 3], tmp_path / "stack.tif")
     said = told("views")
     assert "3 x 3, of 20 x 30 pixels, grey" in said
@@ -153,10 +152,3 @@ def test_raw_and_lenslet_images(told, tmp_path, rng):
         with pytest.raises(InputError, match=why):
             told("raw.png", *option)
     assert "divides its 100 x 150 pixels (2, 5, 10, 25, 50)" in told("plain.png")
-    mosaic = raw.copy()
-    mosaic[::2, ::2] //= 3  # of red or blue
-    write_image(tmp_path / "mosaic.png", mosaic)
-    said = told("mosaic.png")
-    assert "note: The raw image is a colour mosaic (Bayer)" in said
-    assert "--bayer rggb or bggr" in said
-    assert "--white WHITE.png --bayer PATTERN" in said

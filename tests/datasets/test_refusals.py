@@ -4,6 +4,7 @@ import json
 import os
 from functools import partial
 
+import numcodecs
 import numpy as np
 import pytest
 import zarr
@@ -17,6 +18,7 @@ from lf_flame.datasets.config import config_from_json, read_config
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
+from lf_flame.formats.array_files import ZarrFile
 
 
 def changed(*keys, value):
@@ -157,6 +159,20 @@ def test_a_part_that_is_another_or_damaged_is_left(path, options, samples, chang
     with pytest.raises(InputError, match=said):
         make_dataset(config_from_json({**DATA, **options}, "x"), samples, path.with_name("b.zarr"))
     assert part.exists()
+
+
+@pytest.mark.parametrize(
+    ("read", "said"),
+    [(Dataset, "There is no data set"), (ZarrFile, r"not a Zarr folder .* 3: .* no zarr\.json")],
+)
+def test_a_codec_that_could_run_code_is_refused(tmp_path, read, said):
+    codec, kept = numcodecs.Pickle(), {"fill_value": 0, "order": "C", "filters": None}
+    facts = {"zarr_format": 2, "shape": [2, 3], "chunks": [2, 3], "dtype": "<f4"}
+    facts |= {**kept, "compressor": codec.get_config()}
+    (tmp_path / ".zarray").write_text(json.dumps(facts))
+    (tmp_path / "0.0").write_bytes(codec.encode(np.ones((2, 3), np.float32)))
+    with pytest.raises(InputError, match=said):
+        read(tmp_path)
 
 
 def test_memory_is_checked_before_samples_are_read(path, monkeypatch):

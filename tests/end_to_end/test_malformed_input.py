@@ -95,7 +95,8 @@ def test_scenes(refuse, changes, words):
 def test_configurations(refuse, tmp_path, command, name):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "deep.toml").write_text("a = " + "[" * 10_000)
-    (tmp_path / "large.toml").write_bytes(b"\n" * (1 << 21))
+    (tmp_path / "large.toml").touch()
+    os.truncate(tmp_path / "large.toml", (1 << 26) + 1)
     np.save(tmp_path / "views.npy", np.zeros((3, 3, 6, 8), np.float32))
     assert f"{name} " in refuse(*(name if word == "{}" else word for word in command))
 

@@ -64,7 +64,7 @@ def test_axes_of_matlab_are_those_that_matlab_shows(tmp_path, kind, channels):
     white = np.float32(np.iinfo(dtype).max if "uint" in kind else 1)
     other = np.ones((2, 3))
     savemat(tmp_path / "scipy.mat", {"LF": array, "K": other, "text": "words", "s": {"a": 1}})
-    savemat(tmp_path / "packed.mat", {"mine": array, "K": other}, do_compression=True)
+    savemat(tmp_path / "packed.mat", {"mine": array}, do_compression=True)
     write_mat73(tmp_path / "new.mat", {"K": other, "LF": array})
     write_mat73(tmp_path / "gzip.mat", {"LF": array}, compression="gzip", shuffle=True,
                 fletcher32=True)  # fmt: skip
@@ -158,7 +158,7 @@ def test_nothing_but_the_file_itself_is_opened(tmp_path):
         file.create_dataset("references", SHAPE, h5py.ref_dtype)
         file.create_dataset("objects", SHAPE, h5py.string_dtype())
         file.create_dataset("records", SHAPE, np.dtype([("a", "u1")]))
-    with pytest.raises(InputError, match="of 4 or 5 axes, got none"):
+    with pytest.raises(InputError, match="numbers named views, got none"):
         read_light_field(path)
     for name in ("outer", "soft", "raw", "virtual", "references", "objects", "records"):
         with pytest.raises(InputError, match=f"array of numbers named {name}, got none"):

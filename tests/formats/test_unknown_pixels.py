@@ -122,7 +122,7 @@ def test_weights_and_what_is_known_come_back_from_npz(tmp_path):
     weights = rng.uniform(size=(3, 4)).astype(np.float32)
     weights[0, 0] = 0
     write_light_field(LightField(views, weights=weights, valid=valid), tmp_path / "a.npz")
-    stored = {"field": views.transpose(2, 3, 0, 1), "valid": valid.astype(np.uint8)}
+    stored = {"views": views.transpose(2, 3, 0, 1), "valid": valid.astype(np.uint8)}
     np.savez(tmp_path / "b.npz", **stored, weights=weights)
     for name, axes in (("a", None), ("b", "tsvu")):
         found = read_light_field(tmp_path / f"{name}.npz", axes=axes)

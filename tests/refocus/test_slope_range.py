@@ -7,7 +7,7 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.refocus import all_in_focus, find_slope_range
-from lf_flame.refocus.focus_map import MARGIN, _certain
+from lf_flame.refocus.focus_map import _certain
 from lf_flame.scenes.dead_leaves import DeadLeaves
 
 CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(96, 160))
@@ -34,8 +34,8 @@ def test_it_reaches_from_the_nearest_to_the_farthest(seed, enlarged):
     slopes = [enlarged * CAMERA.depth_to_slope(x.depth_mm) for x in scene.layers]
     found = find_slope_range(LightField(views))
     assert found.certain
-    assert found.low == pytest.approx(min(slopes) - MARGIN, abs=0.1 * enlarged)
-    assert found.high == pytest.approx(max(slopes) + MARGIN, abs=0.1 * enlarged)
+    assert found.low == pytest.approx(min(slopes) - 0.3, abs=0.1 * enlarged)
+    assert found.high == pytest.approx(max(slopes) + 0.3, abs=0.1 * enlarged)
     assert found.low < found.slope < found.high
 
 

@@ -2,19 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference import KERNELS
 
 from lf_flame import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.refocus.surface import refocus_surface, region_slopes
-
-KERNELS = {
-    "linear": lambda x: np.maximum(1 - np.abs(x), 0),
-    "cubic": lambda x: np.where(  # Keys 1981, equation 4 with a = -1/2, in |x|
-        np.abs(x) <= 1,
-        1.5 * np.abs(x) ** 3 - 2.5 * x**2 + 1,
-        np.where(np.abs(x) < 2, -0.5 * np.abs(x) ** 3 + 2.5 * x**2 - 4 * np.abs(x) + 2, 0),
-    ),
-}
 
 
 def twin(views, slopes, interpolation, weights):
@@ -54,19 +46,6 @@ def test_a_surface_equals_its_plain_twin(shape, interpolation, reach, seed):
     found = refocus_surface(views, slopes, interpolation=interpolation, weights=weights)
     expected = twin(views, slopes, interpolation, weights)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
-
-
-@given(shape=shapes, interpolation=interpolations, slope=st.floats(-9, 9), seed=seeds)
-@settings(max_examples=60, deadline=None)
-def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
-    rng = np.random.default_rng(seed)
-    views = rng.uniform(0.5, 1, size=(*shape, 3)).astype(np.float32)
-    weights = rng.uniform(size=shape[:2])
-    found = refocus_surface(
-        views, np.full(shape[2:], slope), interpolation=interpolation, weights=weights
-    )
-    expected = shift_and_sum(views, slope, interpolation=interpolation, weights=weights)
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_several_maps_and_colour_keep_their_order(rng):

@@ -41,16 +41,11 @@ class FocusedLenslets:
     ranges: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self):
-        side = min(self.grid.window)
-        if not side >= 8:
+        side, used = min(self.grid.window), 2 * self.radius
+        if not 6 <= used <= side:
             raise InputError(
-                f"The micro-images of focused lenslets must be at least 8 pixels wide, got "
-                f"{side:.4g}."
-            )
-        if not 0 <= self.border <= side / 4:
-            raise InputError(
-                f"border must be from 0 to a quarter of the {side:.4g} pixels of a micro-image, "
-                f"got {self.border}."
+                f"The micro-images of focused lenslets must be at least 6 pixels wide within their "
+                f"border, got {used:.4g} of {side:.4g}."
             )
 
     @property
@@ -98,17 +93,10 @@ class FocusedLenslets:
 def find_virtual_depth(image: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
     """Find the virtual depth of each lenslet, shape (n,), in a levelled picture.
 
-    A point is displaced by the pitch over the virtual depth from one micro-image to the next
-    (Perwass and Wietzke, Proc. SPIE 8291, 2012). The similarity of a micro-image to its neighbours
-    is their covariance, over the points that both see, relative to the geometric mean of their
-    variances. It is summed over all neighbours within 1.8 pitches; in a hexagonal array those of
-    another kind, which are blurred differently, have little weight. Its largest value over inverse
-    depths from -0.55 to 0.55 (from 0, where the lenslets have ranges) is refined with all
-    neighbours within 3.1 pitches.
-
-    A depth is NaN without texture (a similarity below 0.5), where several depths fit (another
-    similarity is less than 0.1 lower), or where fewer than two neighbours agree within 10 %: where
-    texture is faint, single ones match by accident.
+    The similarity of a micro-image to its neighbours within 1.8 pitches is largest at an inverse
+    depth, which neighbours within 3.1 pitches refine. A depth is NaN without texture (a similarity
+    below 0.5), where several fit (another is less than 0.1 lower), or where fewer than two
+    neighbours agree within 10 %: where texture is faint, single ones match by accident.
     """
     grey = np.ascontiguousarray(image.mean(axis=2, keepdims=True), np.float32)
     centres, pitch, near, far = lenslets.array[0], lenslets.grid.pitch, 1.8, 3.1
@@ -162,11 +150,6 @@ def _peak_places(similarity: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 # Calibration files --------------------------------------------------------------------------------
-
-
-def is_raytrix(path: str | Path) -> bool:
-    """Whether a file is a calibration by its ending."""
-    return Path(path).suffix.lower() == ".xml"
 
 
 def read_raytrix(path: str | Path, shape: tuple[int, ...]) -> FocusedLenslets:
@@ -224,12 +207,11 @@ def _ranges(root: ElementTree.Element, grid: LensletGrid) -> tuple[tuple[float, 
 
 def _number(element: ElementTree.Element, name: str) -> float:
     """Finite number of an element below another."""
-    text = element.findtext(name)
+    text = element.findtext(name, "nothing")
     try:
-        number = float(text or "nan")
+        number = float(text)
     except ValueError:
         number = math.nan
     if not abs(number) <= 1e6:
-        got = "nothing" if text is None else repr(text[:40])
-        raise InputError(f"it must state {name} as a number, got {got}.")
+        raise InputError(f"it must state {name} as a number, got {text[:40]!r}.")
     return number

@@ -14,12 +14,7 @@ from lf_flame._common.arrays import centred
 from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.focused._kernels import render
-from lf_flame.formats.focused.lenslets import (
-    FocusedLenslets,
-    find_virtual_depth,
-    is_raytrix,
-    read_raytrix,
-)
+from lf_flame.formats.focused.lenslets import FocusedLenslets, find_virtual_depth, read_raytrix
 from lf_flame.formats.images import read_image
 from lf_flame.formats.raw import sensor_images as sensor
 from lf_flame.formats.raw.decode_plan import count_views
@@ -47,7 +42,7 @@ def plan_focused(
     """
     image = read_image(path)
     black, flat = (None if one is None else read_image(one) for one in (dark, white))
-    if stated := is_raytrix(focused):
+    if stated := Path(focused).suffix.lower() == ".xml":
         lenslets = read_raytrix(focused, image.shape)
     else:
         shown = read_image(focused)

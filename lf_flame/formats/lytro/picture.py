@@ -75,15 +75,6 @@ class LytroMetadata:
     zoom_step: float | None
     focus_step: float | None
 
-    def check_size(self, size: int, source: str | Path) -> None:
-        """Refuse packed pixels whose number of bytes is not the frame's."""
-        rows, columns = self.shape
-        if size != rows * columns * self.bits // 8:
-            raise InputError(
-                f"{source} must have {rows * columns * self.bits // 8:,} bytes, {rows} x {columns} "
-                f"pixels of {self.bits} bits by its metadata, got {size:,}."
-            )
-
 
 def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
     """Parse the metadata of a frame of either camera.
@@ -122,11 +113,11 @@ def parse_metadata(values: dict[str, Any], source: str | Path) -> LytroMetadata:
     bits = find(image, NUMBER, "pixelPacking/bitsPerPixel")
     order = find(image, TEXT, "pixelPacking/endianness")
     shift = find(image, NUMBER, "pixelFormat/rightShift") or 0
-    if bits not in PACKINGS or order != PACKINGS[bits] or shift or rows * columns % 4:
+    if bits not in PACKINGS or order != PACKINGS[bits] or shift or rows % 2 or columns % 2:
         raise InputError(
-            f"{source}: the image must have a multiple of 4 pixels, packed in 10 bits little or 12 "
-            f"bits big, and not shifted, got {rows} x {columns} pixels in {bits} bits {order}, "
-            f"shifted by {shift:g}."
+            f"{source}: the image must have even numbers of rows and columns, packed in 10 bits "
+            f"little or 12 bits big, and not shifted, got {rows} x {columns} pixels in {bits} bits "
+            f"{order}, shifted by {shift:g}."
         )
     private = find(around, TEXT, "frame/privateMetadata/camera/serialNumber")
     return LytroMetadata(
@@ -158,7 +149,12 @@ class LytroPicture:
     white_image: "LytroPicture | None" = None
 
     def __post_init__(self) -> None:
-        self.metadata.check_size(len(self.packed), self.source)
+        (rows, columns), bits = self.metadata.shape, self.metadata.bits
+        if len(self.packed) != rows * columns * bits // 8:
+            raise InputError(
+                f"{self.source} must have {rows * columns * bits // 8:,} bytes, {rows} x {columns} "
+                f"pixels of {bits} bits by its metadata, got {len(self.packed):,}."
+            )
 
     @cached_property
     def mosaic(self) -> np.ndarray:
@@ -181,12 +177,11 @@ class LytroPicture:
     @cached_property
     def radiance(self) -> np.ndarray:
         """Mosaic linear in radiance, float32: 0 at the black level and 1 at the white level."""
-        out = np.empty(self.mosaic.shape, np.float32)
-        black, span = self.metadata.black, self.metadata.white - self.metadata.black
-        for i, j in np.ndindex(2, 2):
-            levels = self.mosaic[i::2, j::2].astype(np.float32)
-            out[i::2, j::2] = (levels - np.float32(black[i, j])) / np.float32(span[i, j])
-        return out
+        rows, columns = self.metadata.shape
+        cells = self.mosaic.reshape(rows // 2, 2, columns // 2, 2)
+        levels = self.metadata.black, self.metadata.white
+        black, white = (level[:, None].astype(np.float32) for level in levels)
+        return ((cells - black) / (white - black)).reshape(rows, columns)
 
 
 def read_lytro(path: str | Path) -> LytroPicture:
@@ -240,28 +235,17 @@ def read_container(path: str | Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     table, sections, offset = None, {}, ALIGNMENT
     while (header := data[offset : offset + HEADER]).strip(b"\0"):  # zeros may follow at the end
         kind, length = header[:8], int.from_bytes(header[8:16], "big")
-        if kind not in (CONTENTS, SECTION):
-            raise InputError(
-                f"{path} is damaged: at byte {offset:,} no section of a container begins."
-            )
         named = re.fullmatch(rb"(sha1-[0-9a-fA-F]{40})\0*", header[16:])
-        if named is None and length > 0:
-            raise InputError(
-                f"{path} is damaged: the section at byte {offset:,} has no SHA-1 for name."
-            )
         begin = offset + (HEADER if named else ALIGNMENT)  # empty ones may have a short header
         content = data[begin : begin + length]
-        if len(content) < length:
+        name = named[1].decode().lower() if named else None
+        digest = hashlib.sha1(content, usedforsecurity=False).hexdigest()
+        if kind not in (CONTENTS, SECTION) or (name != f"sha1-{digest}" if name else length > 0):
             raise InputError(
-                f"{path} is truncated: its section at byte {offset:,} should have {length:,} "
-                f"bytes, and {len(content):,} are left."
+                f"{path} is damaged or truncated: at byte {offset:,} there is no section whose "
+                f"data match their SHA-1."
             )
-        if named is not None:
-            name = named[1].decode().lower()
-            if name != f"sha1-{hashlib.sha1(content, usedforsecurity=False).hexdigest()}":
-                raise InputError(
-                    f"{path} is damaged: its section at byte {offset:,} does not match its SHA-1."
-                )
+        if name is not None:
             sections[name] = content
         if kind == CONTENTS and table is None:
             table = content
@@ -278,18 +262,13 @@ def read_bytes(path: str | Path) -> bytes:
         return Path(path).read_bytes()
 
 
-def check_table_size(size: int, source: str | Path) -> None:
-    """Refuse metadata of more than 4 MiB; those of the cameras have about 10 kB."""
-    if size > 1 << 22:
+def parse_table(data: bytes, source: str | Path) -> dict[str, Any]:
+    """Parse JSON that must contain names and values; those of the cameras have about 10 kB."""
+    if len(data) > 1 << 22:
         raise InputError(
-            f"{source} cannot be read: its metadata have {size:,} bytes, more than the "
+            f"{source} cannot be read: its metadata have {len(data):,} bytes, more than the "
             f"{1 << 22:,} allowed."
         )
-
-
-def parse_table(data: bytes, source: str | Path) -> dict[str, Any]:
-    """Parse JSON of bounded size that must contain names and values."""
-    check_table_size(len(data), source)
     values = parse_json(data.rstrip(b"\0").decode("utf-8-sig", "replace"), source)
     if not isinstance(values, dict):
         raise InputError(f"{source} cannot be read: its metadata must contain names and values.")

@@ -11,19 +11,18 @@ import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import takewhile
 from math import inf
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame._common.input_files import check_regular, printable, readable
+from lf_flame._common.input_files import check_memory, printable, readable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import is_lytro, read_image
 from lf_flame.formats.lytro.picture import (
     LytroMetadata,
     LytroPicture,
-    check_table_size,
     parse_metadata,
     parse_table,
     read_bytes,
@@ -35,17 +34,8 @@ LOGGER = logging.getLogger(__name__)
 PAIRED = re.compile(r"(.*/)?MOD_\d{1,8}\.(TXT|RAW)", re.IGNORECASE)
 """Name of a white image's pixels or metadata."""
 
-PackedFile = tuple[str, int, Callable[[], bytes]]
-"""Name and size of a file of a folder or an archive, and what reads it."""
-
-
-class WhiteFile(NamedTuple):
-    """White image in a folder or an archive; its pixels, of `size` bytes, are not yet read."""
-
-    name: str
-    metadata: LytroMetadata
-    size: int
-    read: Callable[[], bytes]
+WhiteFile = tuple[LytroMetadata, str, Callable[[], bytes]]
+"""Metadata and name of a white image in a folder or an archive, and what reads its pixels."""
 
 
 def mosaic_like(picture: LytroPicture, path: str | Path | None, name: str) -> np.ndarray | None:
@@ -87,80 +77,65 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
             f"{picture.source} does not say which white image fits it (serial number, zoom and "
             f"focus step): name one white image instead of {where}."
         )
-    own = zoom, focus
 
     def distance(one: WhiteFile) -> list[float]:
-        steps = one.metadata.zoom_step, one.metadata.focus_step
-        return [inf if x is None else abs(x - y) for x, y in zip(steps, own, strict=True)]
+        steps = (one[0].zoom_step, zoom), (one[0].focus_step, focus)
+        return [inf if x is None else abs(x - y) for x, y in steps]
 
     files, serial = white_files(where), facts.serial.upper()
-    alike = [one for one in files if one.metadata.serial.upper() == serial]
-    for one in sorted(alike, key=distance):
-        one.metadata.check_size(one.size, one.name)  # before that many bytes are read
-        white = LytroPicture(one.metadata, one.read(), one.name)
+    alike = [one for one in files if one[0].serial.upper() == serial]
+    for known, name, read in sorted(alike, key=distance):
+        white = LytroPicture(known, read(), name)
         # The F01 comes with dark ones too, which LFToolbox leaves out by this limit.
-        if white.mosaic.mean() >= 500 / 4095 * (2**white.metadata.bits - 1):
+        if white.mosaic.mean() >= 500 / 4095 * (2**known.bits - 1):
             LOGGER.info(
-                f"White image {printable(one.name)}, at zoom step {one.metadata.zoom_step} for "
-                f"{zoom} and focus step {one.metadata.focus_step} for {focus}"
+                f"White image {printable(name)}, at zoom step {known.zoom_step} for {zoom} and "
+                f"focus step {known.focus_step} for {focus}"
             )
             return white
-    cameras = sorted({f" of camera {one.metadata.serial or 'unknown'}" for one in files})
+    cameras = sorted({f" of camera {known.serial or 'unknown'}" for known, _, _ in files})
     raise InputError(
         f"{where} contains no white image for {picture.source}, of camera {facts.serial}; images "
         f"found: {len(files)}{' and'.join(cameras[:5])}; too dark: {len(alike)}."
     )
 
 
-def holds_white_files(folder: Path) -> bool:
-    """Whether a folder contains white images of a Lytro camera."""
-    return any(PAIRED.fullmatch(path.name) for path in folder.iterdir())
-
-
 def white_files(where: Path) -> list[WhiteFile]:
     """Find the white images in a folder or an archive, by the names of their files."""
-    held = _in_folder(where) if where.is_dir() else _in_archive(where)
-    files, found = {file[0].upper(): file for file in held}, []
-    for key, (_, length, read_text) in sorted(files.items()):
-        if key.endswith(".TXT") and (pixels := files.get(key[:-3] + "RAW")):
-            name = str(where / PurePosixPath(pixels[0]).name)
-            check_table_size(length, name)  # before that many bytes are read
-            metadata = parse_metadata(parse_table(read_text(), name), name)
-            found.append(WhiteFile(name, metadata, *pixels[1:]))
+    files, found = _in_folder(where) if where.is_dir() else _in_archive(where), []
+    for name in sorted(files):
+        if name.endswith(".TXT") and (pixels := name[:-3] + "RAW") in files:
+            source = str(where / PurePosixPath(pixels).name)
+            metadata = parse_metadata(parse_table(files[name](), source), source)
+            found.append((metadata, source, files[pixels]))
     return found
 
 
-def _in_folder(where: Path) -> list[PackedFile]:
+def _in_folder(where: Path) -> dict[str, Callable[[], bytes]]:
     paths = [path for path in where.iterdir() if PAIRED.fullmatch(path.name)]
-    return [(path.name, check_regular(path), partial(read_bytes, path)) for path in paths]
-
-
-class _Member(tarfile.TarInfo):
-    """Member of an archive; a negative size would let tarfile read the same header for ever."""
-
-    def _block(self, count):
-        if count < 0:
-            raise tarfile.InvalidHeaderError("a size is negative")
-        return super()._block(count)
+    return {path.name.upper(): partial(read_bytes, path) for path in paths}
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tarfile.TarFile]:
     with (
         readable(path, "is not an archive of white images"),
-        tarfile.open(path, "r:", tarinfo=_Member, errorlevel=2) as archive,
+        tarfile.open(path, "r:", errorlevel=2) as archive,
     ):
         yield archive
 
 
-def _in_archive(path: Path) -> list[PackedFile]:
+def _in_archive(path: Path) -> dict[str, Callable[[], bytes]]:
     """Plain files of an archive, no links; nothing is written to the disk."""
     with _opened(path) as archive:
-        members = [one for one in archive if one.isreg() and PAIRED.fullmatch(one.name)]
+        # A negative size would let tarfile read the same header for ever.
+        rising = takewhile(lambda one: archive.offset > one.offset, archive)
+        members = [one for one in rising if one.isreg() and PAIRED.fullmatch(one.name)]
 
     def read(member: tarfile.TarInfo) -> bytes:
+        check_memory(2 * member.size, path)
         with _opened(path) as archive:
             file = archive.extractfile(member)
             return b"" if file is None else file.read()
 
-    return [(one.name, one.size, partial(read, one)) for one in members]
+    return {one.name.upper(): partial(read, one) for one in members}

@@ -149,7 +149,7 @@ class DecodePlan:
         ------
         InputError
             If the image has another shape, is not finite, or, being the first, shows the 2 x 2
-            pattern of a mosaic that is not stated, or does not fit the white or the dark image.
+            pattern of a mosaic that is not stated, or does not fit the white image.
         """
         image = self._upright(sensor.checked(raw, "raw", self.shape))
         saturated = sensor.find_saturated(image)
@@ -190,7 +190,9 @@ class DecodePlan:
 
     def _use_white(self, white: np.ndarray, pattern: str | None) -> None:
         """Set the factors of the pixels, the lit views, and what is known of their pixels."""
-        sensor.warn_of_saturation(white)
+        saturated = sensor.find_saturated(white)
+        if saturated is not None and saturated.mean() >= 0.01:  # fewer may be hot pixels
+            sensor.warn_of_saturated(saturated, "the white image is wrong by several per cent")
         light = white if self._black is None else white - self._black
         light = np.ascontiguousarray(light, np.float32)
         if self.bayer is None:
@@ -231,26 +233,23 @@ class DecodePlan:
         # from farther inside is in its place, which makes slopes smaller.
         lit = np.array([[np.median(one[seen], axis=0).min() for one in row] for row in share])
         self.weights &= lit >= 0.85
-        if not self.weights.any():
+        used = np.count_nonzero(self.weights)  # spots light one view, or a few
+        if not used or (used < 9 and self.weights.size >= 25):
             raise InputError(
-                f"None of the {self.views} x {self.views} views is lit to 85 % in the white image: "
-                f"state more views, or leave them out."
+                f"The white image lights {used} of {self.weights.size} views: state more views, or "
+                f"leave it out; a calibration with a closed aperture is given as --lenslets, and "
+                f"an image with the aperture of the raw one as --white."
             )
         valid[~self.weights] = True
         self._valid, self._unknown = None if valid.all() else valid, np.flatnonzero(~valid)
-        if self._grid.pitch >= 5 and self.weights.sum() < 9:
-            sensor.refuse_spots(self.weights)
 
     def _check(self, light: np.ndarray, saturated: np.ndarray | None) -> None:
         """Refuse an image that does not fit, and warn of doubtful ones."""
         if self.bayer is None:
             sensor.check_colours(light, self._grid, "raw")
-        means = sensor.mean_micro_images(light, self._grid, self._step)
-        if self._black is not None:
-            black = sensor.mean_micro_images(self._black, self._grid, self._step)
-            sensor.check_dark(black, means, means if self._flat is None else self._flat)
         if self._flat is not None:
-            sensor.refuse_other_white(self._flat, means, self.weights)
+            means = sensor.mean_micro_images(light, self._grid, self._step)
+            sensor.refuse_other_white(self._flat, means)
         sensor.warn_of_saturated(saturated, "view pixels with them are unknown, and left out")
 
 

@@ -1,8 +1,8 @@
 """Images of a sensor under lenslets: their checks, saturated pixels, and whether they fit.
 
 Light comes to a pixel through its lenslet, so that a raw image is the white image times the
-scene's light: dark between micro-images, whatever the scene. A mosaic and a wrong white or dark
-image show in the light at the centres of micro-images and in the gaps between them.
+scene's light: dark between micro-images, whatever the scene. A mosaic and a wrong white image
+show in the light at the centres of micro-images and in the gaps between them.
 """
 
 import logging
@@ -128,33 +128,8 @@ def check_colours(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     )
 
 
-def refuse_spots(lit: np.ndarray) -> None:
-    """Refuse a calibration with a closed aperture as a white image, by the views that it lights.
-
-    An aperture that fills the micro-images lights 0.7 or more; spots of 5 pixels in 10 light 0.2.
-    """
-    if lit.size >= 25 and lit.mean() <= 0.25:
-        raise InputError(
-            f"The white image shows a small spot under each lenslet, which lights {lit.sum()} of "
-            f"{lit.size} views: it is a calibration with a closed aperture, which shows where the "
-            f"lenslets are, and not how bright the views are; give it as --lenslets, and as "
-            f"--white one with the aperture of the raw image, or none."
-        )
-
-
-def warn_of_saturation(white: np.ndarray) -> None:
-    """Warn if many pixels of a white image have the very highest level."""
-    top = white.max()
-    share = np.count_nonzero(white == top) / white.size
-    if share >= 0.01 and white.min() < top:
-        LOGGER.warning(
-            f"{share:.0%} of the white image's pixels have its highest level, {top:.4g}: if it is "
-            f"saturated there, brightness is wrong by several per cent; expose it less."
-        )
-
-
 def warn_of_saturated(saturated: np.ndarray | None, effect: str) -> None:
-    """Warn of the pixels of a raw image that `find_saturated` found, and of what follows."""
+    """Warn of the pixels of an image that `find_saturated` found, and of what follows."""
     if saturated is not None:
         LOGGER.warning(
             f"{np.count_nonzero(saturated)} pixels ({saturated.mean():.2g} of all) are saturated: "
@@ -162,32 +137,11 @@ def warn_of_saturated(saturated: np.ndarray | None, effect: str) -> None:
         )
 
 
-def check_dark(dark: np.ndarray, raw: np.ndarray, lit: np.ndarray) -> None:
-    """Refuse a dark image that is brighter than the raw image's gaps, or shows the lenslets.
-
-    All are `mean_micro_images`: of the dark image, and of the raw and the white (or again the raw)
-    image after it was subtracted.
-    """
-    gaps = raw[np.arange(len(raw)), :, raw.mean(axis=1).argmin(axis=1)]
-    # The least of several hundred means of noise is 1.3 of these standard deviations too small.
-    bright = np.percentile(lit.mean(axis=1).max(axis=1), 95)
-    error = max(0.05 * abs(bright), 3 * float(np.std(gaps[:, 0] - gaps[:, 1])))
-    low, shown = np.median(gaps), np.median(np.ptp(dark.mean(axis=1), axis=1))
-    if low < -error or shown > error:
-        raise InputError(
-            f"The dark image does not fit: minus it, the raw image is at {low:.3g} between "
-            f"micro-images, where it must be 0, and the dark image is {shown:.3g} brighter in "
-            f"them than between them; take it with the lens covered, at the raw image's exposure "
-            f"and bits."
-        )
-
-
-def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> None:
+def refuse_other_white(flat: np.ndarray, light: np.ndarray) -> None:
     """Refuse a white image between whose micro-images the raw image is bright.
 
     flat, light: `mean_micro_images` of the white and the raw image; blocks of lenslets are left out
-    where the raw image shows noise alone, or either no dark gaps. lit: views that the white image
-    lights.
+    where the raw image shows noise alone, or either no dark gaps.
     """
     one, other = (light - light.mean(axis=2, keepdims=True)).swapaxes(0, 1)
     power = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
@@ -207,7 +161,6 @@ def refuse_other_white(flat: np.ndarray, light: np.ndarray, lit: np.ndarray) -> 
     # is moved by 0.22 of a pitch, 0.78 for 0.35.
     if between < 0.45 * within:
         return
-    refuse_spots(lit)
     raise InputError(
         f"The white image does not fit the raw image: between its micro-images the raw image is "
         f"{between / max(within, 1e-30):.0%} as bright as in them, where it should be dark; it is "

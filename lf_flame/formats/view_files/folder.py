@@ -104,11 +104,6 @@ class ViewFolder:
         return LightField(views, weights=None if there.all() else there)
 
 
-def is_view_folder(path: str | Path) -> bool:
-    """Whether a path is read as one file for each view: a folder, but none of Zarr."""
-    return Path(path).is_dir() and Path(path).suffix.lower() != ".zarr"
-
-
 def _find_files(path: Path, names: str) -> list[Path]:
     """Find the images whose names differ only in numbers, but for hidden files."""
     if not path.is_dir():
@@ -139,7 +134,6 @@ def scan_view_folder(
     *,
     grid: Grid | str | None = None,
     names: str | None = None,
-    first: int | None = None,
 ) -> ViewFolder:
     """Find the files that are the views of a light field, and their order.
 
@@ -160,12 +154,10 @@ def scan_view_folder(
         (`lf_flame.formats.view_files.orders.find_order`), otherwise ``row,col``.
     grid : (int, int) or str, optional
         Number of rows and columns of the light field, such as (1, 9) or ``9x9``. Numbers that do
-        not fill it are positions in it, and positions without a view get weight 0.
+        not fill it are positions in it, counted from 0, or from 1 if the last one is then there;
+        positions without a view get weight 0.
     names : str, optional
         Pattern of the views' names, such as ``input_Cam*.png``. Default: all images.
-    first : int, optional
-        Number of the first position of the grid. Default: 1 if the last position is then there,
-        otherwise 0; for numbers that fill the grid, the lowest.
 
     Returns
     -------
@@ -193,13 +185,11 @@ def scan_view_folder(
     >>> formats.scan_view_folder("views").files.shape
     (3, 3)
     """
-    if first is not None and grid is None:
-        raise InputError(f"first numbers a position of the grid: state --grid, got {first}.")
     path, shape = Path(path), None if grid is None else read_grid(grid)
     order = None if order is None else stated_order(order).order
     files = _find_files(path, names or "*")
     turned = shape[::-1] if shape and order and by_columns(order) else shape
-    numbered = number_grid(files, path, turned, first)
+    numbered = number_grid(files, path, turned)
     image = read_shape(files[0])
     # As floats, with a byte for whether a value is finite; decoding takes two more at a time.
     check_memory(((FLOAT + 1) * numbered.size + 2 * FLOAT * READERS) * prod(image), path)
@@ -220,20 +210,14 @@ NUMBER = r"(?:(?<![0-9.])[0-9]+\.[0-9]+(?!\.?[0-9])|[0-9]+)"
 SIGNS = r"(?:(?<![^\W_])[-+])?", "[-+]?"
 """Patterns of an optional sign, that after neither a letter nor a digit, and of any."""
 
-Column = tuple[Decimal, ...]
-"""Number at one position of the name of each file."""
 
-
-def number_grid(
-    files: list[Path], source: Path, grid: Grid | None = None, first: int | None = None
-) -> np.ndarray:
+def number_grid(files: list[Path], source: Path, grid: Grid | None = None) -> np.ndarray:
     """Arrange files, whose names differ only in numbers, by these; None for a missing view.
 
     The shape is (first number, second number), or (running number,). A stated `grid` is that of the
-    numbers: (first, second), and `first` the number of the first position. Numbers are multiples of
-    one step, the same along both axes, as slopes would have no unit otherwise. Where they do not
-    fill a stated grid, whole numbers are positions in it: they count from `first`, by default from
-    0, or from 1 if the last position is then there.
+    numbers: (first, second). Numbers are multiples of one step, the same along both axes, as slopes
+    would have no unit otherwise. Where they do not fill a stated grid, whole numbers are positions
+    in it: they count from 0, or from 1 if the last position is then there.
     """
     columns = _row_and_column([file.stem for file in files])
     if len(set(zip(*columns, strict=True))) < len(files):
@@ -254,15 +238,14 @@ def number_grid(
                     f"count, rename the files with 0, 1, 2 ..."
                 )
             size = places[-1] + 1
-        elif places is None or first is not None or places[-1] + 1 != size:
-            start = int(numbers[-1] == size) if first is None else first
+        elif places is None or places[-1] + 1 != size:
+            start = int(numbers[-1] == size)
             places = [int(number) - start for number in numbers]
             whole = all(number == int(number) for number in numbers)
             if not whole or places[0] < 0 or places[-1] >= size:
                 raise InputError(
                     f"The numbers in the names of {source}, {text}, do not count {size} positions "
-                    f"from {start}: state another --grid, the --order of the numbers, or the "
-                    f"number of the first position (`lf-flame convert --first`)."
+                    f"from {start}: state another --grid or --order, or rename the files."
                 )
         all_places.append(dict(zip(numbers, places, strict=True)))
         sizes.append(size)
@@ -281,14 +264,14 @@ def number_grid(
     return views
 
 
-def _row_and_column(names: list[str]) -> list[Column]:
+def _row_and_column(names: list[str]) -> list[tuple[Decimal, ...]]:
     """Find the last two numbers that differ between views and repeat, or one that counts the views.
 
     A view's position by its row and column is unique, and neither of the two alone is. In a single
     row or column one is: there they are the last two numbers, of as many digits in all names, and
     the other is always 0 or 1.
     """
-    columns: list[Column] = list(zip(*(one[1::2] for one in split_numbers(names)), strict=True))
+    columns = list(zip(*(one[1::2] for one in split_numbers(names)), strict=True))
     repeated = [column for column in columns if 1 < len(set(column)) < len(names)]
     if len(repeated) > 1:
         return repeated[-2:]
