@@ -54,6 +54,14 @@ def run(*words):
     return CliRunner().invoke(cli.commands, [str(word) for word in words])
 
 
+def run_or_raise(*words):
+    """Call a command as `run` does, but raise what it raised, as an InputError."""
+    result = run(*words)
+    if result.exception is not None:
+        raise result.exception
+    return result
+
+
 def run_here(*words, cwd=ROOT, program="lf_flame"):
     """Run a program as ``python -m PROGRAM WORDS`` does: its exit status, output and errors."""
     from experiments import __main__

@@ -30,7 +30,8 @@ def refusals(pairs):
     @pytest.mark.parametrize(
         ("call", "said"), pairs, ids=[f"{k}-{said[:30]}" for k, (_, said) in enumerate(pairs)]
     )
-    def test(call, said):
+    def test(call, said, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
         with pytest.raises(InputError, match=said) as refused:
             call()
         assert "\n" not in str(refused.value)

@@ -90,7 +90,9 @@ def test_imports_go_down_from_floor_to_floor():
 
 def test_kernels_import_only_numpy_numba_and_each_other():
     """Compiled code on disk goes stale with these files alone: see `_common.threads`."""
-    for path in PACKAGE.rglob("_*kernels.py"):
+    kernels = [*PACKAGE.rglob("_*kernels.py")]
+    assert kernels
+    for path in kernels:
         folder = re.escape(module_of(path.parent / "x.py")[:-2])
         known = rf"math|typing|numpy|numba.*|lf_flame\._common\.threads|{folder}\._\w*kernels"
         assert [name for name in imports_of(path) if not re.fullmatch(known, name)] == [], path

@@ -20,7 +20,6 @@ SCENE = scene_toml(9, (20, 30), depth_mm=10.0, side_mm=1.0)
 
 WITHOUT_EXAMPLE = {
     "load_system", "open_run", "predict", "read_systems_config", "train", "train_system",
-    "write_flame",
 }  # fmt: skip
 """Names that need a trained network, or take longer than an example may."""
 
@@ -33,6 +32,8 @@ NAMES = ["projection.Projector"] + [
     )
 ]
 """Public names, from the packages' faces: importing all of them takes many seconds."""
+
+assert {name.split(".")[1] for name in NAMES} >= WITHOUT_EXAMPLE
 
 
 @pytest.fixture

@@ -128,10 +128,10 @@ def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
 
 
 def _build_trial(study: Study, variant: Variant, data: dict, training: dict, source: str) -> Trial:
-    presets = training["presets"]
+    presets = training.get("presets", {})
     if study.preset is not None and study.preset not in presets:
         raise InputError(
-            f"{source}: preset must be one of {', '.join(presets)}, got {study.preset!r}."
+            f"{source}: {study.training} has presets {', '.join(presets)}, got {study.preset!r}."
         )
     values = {
         "data": data, "model": training.get("model", {}), "recipe": presets.get(study.preset, {}),
@@ -161,8 +161,7 @@ def _merge(values, changes):
 def run_study(path: Path, out: Path, work: Path, workers: int = 1) -> Path:
     """Score the variants of a study that are not yet done; report after each.
 
-    A variant whose network cannot be trained, as without its weights, is left out and shows as a
-    dash.
+    A variant whose network cannot be trained, as without its weights, shows as a dash.
     """
     study, trials = read_study(path)
     work = work / path.stem
@@ -193,7 +192,8 @@ def run_trial(trial: Trial, work: Path, data: Path, workers: int) -> None:
         "bound": project(train_targets, targets, AVERAGES, bands=len(objects)),
     }
     if trial.preset is not None:
-        folder = work / trial.variant.name
+        # Another number of epochs begins anew.
+        folder = work / f"{trial.variant.name}, {trial.training.recipe(trial.preset).epochs} epochs"
         keras.utils.clear_session()  # frees the networks of the variants before
         train(trial.training, trial.preset, data, folder)
         images = {"network": open_run(folder).predict_test_split()[2], **images}

@@ -177,9 +177,8 @@ def row_error(level: float = 0.5) -> float:
 def _noise(image: np.ndarray) -> float:
     """Measure the noise of a pixel from second differences along rows, which are small for a flame.
 
-    They span two pixels, because refocusing correlates neighbours. Their standard deviation is
-    sqrt(6) times that of a pixel, and 1.4826 times the median of their absolute values, which a
-    flame in part of the image hardly changes.
+    They span two pixels, because refocusing correlates neighbours, and have sqrt(6) times the
+    standard deviation of a pixel: 1.4826 times the median of their absolute values.
     """
     differences = image[:, 4:] - 2 * image[:, 2:-2] + image[:, :-4]
     return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
@@ -188,8 +187,7 @@ def _noise(image: np.ndarray) -> float:
 def _peak(image: np.ndarray) -> float:
     """Find the brightest value that is not a hot pixel.
 
-    A hot pixel, or four, exceed by a quarter what a median of 3 x 3 pixels leaves; the tip of a
-    flame several pixels wide does not.
+    A hot pixel, or four, exceed a median of 3 x 3 by a quarter; the tip of a flame does not.
     """
     brightest = float(image.max())
     steady = float(ndimage.median_filter(image, 3, mode="nearest").max())

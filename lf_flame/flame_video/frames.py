@@ -103,9 +103,8 @@ def _counts(paths: Sequence[Path]) -> np.ndarray | None:
     if len(differing) != 1:
         return None
     # Digits behind a point count as well (``run3.0001``).
-    digits = max(-int(number.as_tuple().exponent) for number in differing[0])
-    rises = [number - differing[0][0] for number in differing[0]]
-    counts = np.array([int(rise * 10**digits) for rise in rises], object)
+    first, digits = differing[0][0], max(-int(x.as_tuple().exponent) for x in differing[0])
+    counts = np.array([int((number - first) * 10**digits) for number in differing[0]], object)
     if min(np.diff(counts)) < 1 or counts[-1] + 1 > 2 * len(counts):
         return None
     return counts.astype(int)

@@ -101,8 +101,7 @@ def process_frames(
     workers : int, optional
         Number of processes; 1 works in this one.
     executor : concurrent.futures.Executor or distributed.Client, optional
-        Executor or Dask cluster to use instead, perhaps on other machines, which see all folders by
-        the same names.
+        Executor or Dask cluster to use instead; its machines see all folders by the same names.
     on_frame : callable, optional
         Function of `FrameOutcome` that is called for each frame.
 

@@ -150,11 +150,9 @@ class Emission:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Return emission, noise of a pixel, and number of warnings."""
-        plan, start = _plan(self, frame.light_field.shape), frame.before.get("emission")
-        weights = frame.light_field.weights
-        # A fit starts only from one of the same views.
-        if not np.array_equal(weights, frame.before.get("weights")):
-            start = None
+        plan, weights = _plan(self, frame.light_field.shape), frame.light_field.weights
+        same = np.array_equal(np.asarray(weights), np.asarray(frame.before.get("weights")))
+        start = frame.before.get("emission") if same else None
         found = plan.reconstruct(frame.light_field, start=start)
         if self.options["strength"] is not None:
             frame.before |= {"emission": found, "weights": weights}

@@ -102,9 +102,8 @@ def _load_resnet50(image, weights, seed, depth) -> keras.Model:
 def _randomise(model: keras.Model, seed: int) -> None:
     """Draw He-normal kernels (He et al. 2015) that keep the features of order 1.
 
-    Without measured statistics, constants of two normalisations replace their effect in a trained
-    network: the first divides by the range of the pixels, and the last of each residual block
-    keeps the sum from doubling its variance in every block.
+    The first normalisation divides by the range of the pixels, as no statistics are measured; the
+    last of each residual block keeps the sum from doubling its variance.
     """
     rng = np.random.default_rng(seed)
     for layer in model.layers:

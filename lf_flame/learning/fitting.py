@@ -141,8 +141,6 @@ def _fit(run: Run, state: "TrainingState", started: float) -> None:
     fit.batches.epochs_done = state.epochs_done
     if state.epochs_done:
         progress.report(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
-    else:
-        state.start_s = round(time.perf_counter() - started, 2)
     what = f"training until minute {run.minutes:g}" if run.minutes else "training"
     with progress.bar(what, run.epochs, "epoch", stays=True, initial=state.epochs_done) as bar:
         fit.network.fit(
@@ -197,7 +195,7 @@ class TrainingState:
     """History, weights and optimiser of a run between epochs, and the best weights so far."""
 
     def __init__(self, path: Path):
-        self.path, self.start_s = path, 0.0
+        self.path = path
         self.history: list[Epoch] = []
         self.best: list[np.ndarray] = []
         self._arrays: list[np.ndarray] = []
@@ -244,7 +242,7 @@ class TrainingState:
     def save(self, network: keras.Model) -> None:
         """Write the state, and the history for reading."""
         rows = [asdict(row) for row in self.history]
-        about = json.dumps({"start_s": self.start_s, "epochs": rows})
+        about = json.dumps({"epochs": rows})
         state = _values([*_weights(network), *network.optimizer.variables])
         arrays = {f"state_{k:03d}": x for k, x in enumerate(state)}
         arrays |= {f"best_{k:03d}": x for k, x in enumerate(self.best)}
@@ -261,7 +259,7 @@ class TrainingState:
         (about,) = file.read(["about"])
         text = about.tobytes().decode("utf-8", "replace")
         found = build(_About, parse_json(text, self.path), self.path)
-        self.history, self.start_s = found.epochs, found.start_s
+        self.history = found.epochs
         for name, array in zip(file.names, file.read(file.names), strict=True):
             if name.startswith("state_"):
                 self._arrays.append(array)
@@ -273,7 +271,6 @@ class TrainingState:
 class _About:
     """Content of a checkpoint besides its arrays."""
 
-    start_s: float
     epochs: list[Epoch]
 
 
@@ -306,7 +303,6 @@ def _write_result(run: Run, state: TrainingState, out: Path, started: float) -> 
         **run.metadata,
         "keras_backend": keras.backend.backend(),
         "devices": accelerators(),
-        "start_s": state.start_s,
         "train_s": round(sum(row.seconds for row in state.history), 2),
         "wall_s": round(time.perf_counter() - started, 2),
         **provenance.environment(),
@@ -327,16 +323,19 @@ def _epochs_of_network(out: Path) -> int:
 def _refuse_other_run(run: Run, out: Path) -> None:
     """Refuse a folder of another run; a run may continue for more epochs, not for fewer."""
     path = out / "config.json"
-    if not path.exists() and not (out / "checkpoint.npz").exists():
-        if (out / "model.keras").exists():
-            raise InputError(f"{out} contains a model.keras of no run; choose another folder.")
+    found = read_record(path) if path.exists() else {}
+    if not found.keys() & run.request.keys():
+        for name in ("config.json", "checkpoint.npz", "model.keras", "history.csv", "run.json"):
+            if (out / name).exists():
+                raise InputError(f"{out} contains a {name} of no run; choose another folder.")
         return
-    if not path.exists():
-        raise InputError(f"{out} contains a checkpoint without config.json; choose another folder.")
-    found = read_record(path)
     for key, value in json.loads(json.dumps(run.request)).items():
-        if found.get(key) != value:
+        old = found.get(key)
+        while isinstance(old, dict) and isinstance(value, dict) and old != value:
+            name = next(name for name in old | value if old.get(name) != value.get(name))
+            key, old, value = f"{key}.{name}", old.get(name), value.get(name)
+        if old != value:
             raise InputError(
-                f"{out} contains a run with another {key} ({reprlib.repr(found.get(key))}, now "
+                f"{out} contains a run with another {key} ({reprlib.repr(old)}, now "
                 f"{reprlib.repr(value)}); choose another folder, or remove it."
             )

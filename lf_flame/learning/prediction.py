@@ -13,9 +13,9 @@ from skimage.transform import resize
 from lf_flame._common.atomic_files import output_folder, recorded_path
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
-from lf_flame.formats import read_light_field, write_focal_stack
+from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
-from lf_flame.formats.reading import kind_of
+from lf_flame.formats.reading import find_light_field, kind_of
 from lf_flame.learning.run_folders import TrainedRun
 from lf_flame.lightfield import LightField
 
@@ -73,8 +73,11 @@ def read_input(
     """
     source, encoding = Path(source), encoding or InputEncoding()
     if encoding.kind not in ("raw", "central"):
-        raise InputError(f"This network takes several views ({encoding.kind!r}), not a picture.")
-    picture = _read_grey(source, encoding)
+        raise InputError(
+            f"This network takes several views ({encoding.kind!r}), not a picture; in Python, "
+            f"`lf_flame.systems.ResNet50.of_run(RUN).refocus(light_field, slopes)` takes them."
+        )
+    picture, notes = _read_grey(source, encoding)
     (height, width), (rows, columns) = picture.shape, size
     if abs((width * rows) / (height * columns) - 1) > ASPECT_TOLERANCE:
         raise InputError(
@@ -82,7 +85,7 @@ def read_input(
             f"crop it to {columns / rows:.3g} times, as the network's {rows} x {columns} are "
             f"(within {ASPECT_TOLERANCE:.0%})."
         )
-    notes, low, high = [], picture.min(), picture.max()
+    low, high = picture.min(), picture.max()
     if low < 0 or high > 1:
         notes.append(f"values from {low:.3g} to {high:.3g}: cut off below 0 and above 1")
     if height % rows or width % columns:
@@ -92,11 +95,12 @@ def read_input(
     return NetworkInput(source, shown[..., 0], notes)
 
 
-def _read_grey(source: Path, encoding: InputEncoding) -> np.ndarray:
-    """Read the mean view of a light field, or its central one; an image is taken for one view."""
+def _read_grey(source: Path, encoding: InputEncoding) -> tuple[np.ndarray, list[str]]:
+    """Read the mean view of a light field, or its central one, and notes; an image is one view."""
     try:
         takes_views = "views" in kind_of(source, {})[2].split()
-        light_field = read_light_field(source, views=1 if takes_views else None)
+        found = find_light_field(source, views=1 if takes_views else None)
+        light_field = found.light_field
         views = light_field.filled[encoding.view_mesh(*light_field.shape[:2])]
         shown = views.any(axis=tuple(range(2, views.ndim)))
         if light_field.weights is not None and not shown.all():
@@ -108,7 +112,7 @@ def _read_grey(source: Path, encoding: InputEncoding) -> np.ndarray:
         raise InputError(f"{source}: {error}") from None
     if picture.shape[2:] not in ((), (3,)):
         raise InputError(f"{source} must be grey or have 3 channels, got {picture.shape[2]}.")
-    return rgb2gray(picture) if picture.ndim == 3 else picture
+    return rgb2gray(picture) if picture.ndim == 3 else picture, list(filter(None, [found.coded]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,15 +23,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """Required content of the record of any finished run; there is more in it.
-
-    `system` names one of `lf_flame.systems`; the paper's network has none.
-    """
+    """Required content of a finished run's record; the paper's network has no `system`."""
 
     epochs: int
     train_s: float
     system: str | None = None
-    start_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -301,15 +301,15 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         assign_weights(saved, best)
         return saved
 
-    training_samples = to_json(config.training_samples)
-    del training_samples["data"]
+    samples = to_json(config.training_samples)
     request = {
         "system": name,
-        "preset": preset,
         "seed": config.seed,
-        "training_samples": training_samples,
+        "training_samples": {key: samples[key] for key in samples if key != "data"},
+        # All of a data set's configuration that decides how a sample is drawn.
         "sample_configs": [
-            to_json(one) | {"samples": None} for one in config.training_samples.configs
+            {key: one[key] for key in ("kind", "image", "camera", "template", "effects")}
+            for one in map(to_json, config.training_samples.configs)
         ],
         "recipe": asdict(recipe),
     }

@@ -108,14 +108,10 @@ class AbsorbingOperator(GridOperator):
 
 
 class _Slab:
-    """Cells at one depth, and their light in all views side by side (`as_raw`).
+    """Cells at one depth, and their light in all views side by side (`as_raw`)."""
 
-    seen : transmission of everything nearer to the camera, for each pixel of each view.
-    own : fraction of the light of each cell that leaves the slab.
-    """
-
-    seen: np.ndarray
-    own: np.ndarray
+    seen: np.ndarray  # transmission of everything nearer to the camera, for each pixel of each view
+    own: np.ndarray  # fraction of the light of each cell that leaves the slab
 
     def __init__(
         self, bands: Sequence[sparse.csr_array], dtype: DTypeLike, plane: int = 0, section=None

@@ -248,7 +248,7 @@ def axis_checks(
     across, edge = axis.across_mm * scale, axis.radius_mm * scale / MARGIN
     lit = project(geometry.operator, np.ones(grid.shape))
     outside, beyond = 0.9 * edge / grid.radius_mm, _light_outside(grid, views, lit)
-    extent = f"there is light out to {edge:.3g} mm" if outside > beyond else "light lies beyond it"
+    extent = f"there is light out to {edge:.3g} mm" if outside > 1 else "light lies beyond it"
     shown = "the light field shows it at"
     places = [
         (axis.lean_deg, 1.0, axis.lean_error_deg, f"leans by {axis.lean_deg:.1f} degrees"),

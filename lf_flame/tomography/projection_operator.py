@@ -243,9 +243,8 @@ def layer_bands(layer: Layer, camera: Lens, block: int, axis: int) -> sparse.csr
 def _bundles(camera: Lens, layer: Layer, axis: int) -> tuple[np.ndarray, float, float]:
     """Centres of all pixels' ray bundles on a layer, (views, lenslets), and widths of their boxes.
 
-    Where only slope and scale are measured, the boxes are those of a lenslet and of a view's step:
-    a pixel gathers light through the whole lenslet and a whole step of the pupil. A thin lens
-    differs from that by the size of a lenslet relative to the pupil's.
+    Where only slope and scale are measured, the boxes are those of a lenslet and of a view's step,
+    which differ from a thin lens's by the size of a lenslet relative to the pupil's.
     """
     if isinstance(camera, PlenopticCamera):
         traced = trace_footprint(camera, layer.depth_mm, axis)

@@ -303,12 +303,11 @@ class ReconstructionPlan:
             checks = depth_checks(geometry.grid, emission) + checks
         else:
             checks += axis_checks(light_field, geometry, known)
-        stated = self._options.noise is not None
         fitted = bool(measured) if self._background == "fit" else None
         whole = known if excess is None else known + excess
         checks += data_checks(
             whole, grid.place(residual), chi_squared, found,
-            stated=stated, fitted_background=fitted,
+            stated=self._options.noise is not None, fitted_background=fitted,
         )  # fmt: skip
         return Emission(
             grid=grid,
@@ -390,7 +389,7 @@ def _average_blocks(light_field: LightField, camera: Lens, block: int) -> np.nda
     views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
-        hint = ": take its mean (`grey`) or --colours (`reconstruct_soot`)" if views.ndim == 5 else ""
+        hint = "; in colour, take its mean (`grey`) or --colours" if views.ndim == 5 else ""
         raise InputError(
             f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
             f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."

@@ -137,17 +137,22 @@ def test_what_process_wrote_is_read(tmp_path):
     dark = np.zeros((40, 16), np.uint16)
     imsave(tmp_path / "video" / "f030.png", dark, check_contrast=False)
     out, words = tmp_path / "flame.zarr", ["--steps", "height", "--workers", 1]
-    done = run("process", tmp_path / "video", *words, "--out", out)
+    measures = ["--level", 0.4, "--pixel-mm", 0.5]
+    done = run("process", tmp_path / "video", *words, *measures, "--out", out)
     assert done.exit_code == 0, done.output
     done = run("flicker", out, "--frames-per-second", 100, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert "The flame flickers at 12.5 Hz" in done.output
     assert f"1 of 60 frames, first f030.png: {DOUBTS['dark']}" in done.output
     rows = rows_of(tmp_path / "out")
-    assert [n for n, row in enumerate(rows) if row["height_px"] == "nan"] == [20, 21, 30]
+    assert [n for n, row in enumerate(rows) if row["height_mm"] == "nan"] == [20, 21, 30]
+    assert record_of(tmp_path / "out")["level"] == 0.4
     assert float(rows[25]["time_s"]) == pytest.approx(0.25)
-    found = [float(row["height_px"]) for n, row in enumerate(rows) if n not in (20, 21, 30)]
-    assert found == pytest.approx(np.delete(heights, 28), abs=0.2)
-    for refused in (["--slope", 1], []):
+    found = [float(row["height_mm"]) for n, row in enumerate(rows) if n not in (20, 21, 30)]
+    assert found == pytest.approx(0.5 * np.delete(heights, 28), abs=0.15)
+    for refused, said in (
+        (["--frames-per-second", 100, "--slope", 1], "is already processed: only"),
+        ([], "counts frames: state --frames-per-second"),
+    ):
         done = run("flicker", out, *refused, "--out", tmp_path / "other")
-        assert "InputError" in repr(done.exception)
+        assert said in str(done.exception)

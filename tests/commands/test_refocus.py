@@ -6,18 +6,18 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from PIL import Image
+from programs import run_or_raise
 from scipy.ndimage import shift
 from skimage.data import camera as camera_picture
 from skimage.io import imread
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.atomic_files import exclusive
-from lf_flame.commands import cli, refocus_output
+from lf_flame.commands import refocus_output
 from lf_flame.formats import read_focal_stack, read_light_field, write_light_field
 from lf_flame.formats.images import write_image
-from lf_flame.refocus import refocus, refocus_surface, round_aperture, shift_and_sum
+from lf_flame.refocus import all_in_focus, refocus, refocus_surface, round_aperture, shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.training import load_system
 
@@ -43,11 +43,7 @@ def folder(light_field, tmp_path):
 
 
 def run(*args, command="refocus"):
-    """Run the command in this process; what users may do wrong raises InputError here."""
-    result = CliRunner().invoke(cli.commands, [command, *map(str, args)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+    return run_or_raise(command, *args)
 
 
 def depth_of(slope):
@@ -104,15 +100,23 @@ def test_apertures_interpolations_and_numbers_of_other_programs(folder, light_fi
 
 
 @pytest.mark.slow
-def test_sweep_and_map(folder, camera, tmp_path, drawn):
+def test_sweep_and_map(folder, light_field, camera, tmp_path, drawn):
     result = run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
     assert "No slope is certain" not in result.output
     with Image.open(tmp_path / "out" / "sweep.gif") as movie:
         assert movie.n_frames == 80
         assert movie.size == (13 * 48, 13 * 40)
+        for frame, slope in ((0, -1), (40, 1.5), (79, -0.9375)):  # there and back, in 40 steps
+            movie.seek(frame)
+            levels = np.asarray(movie.convert("L"))[::13, ::13] / 255
+            np.testing.assert_allclose(levels, shift_and_sum(light_field, slope), atol=0.003)
     slopes = imread(tmp_path / "out" / "slope_map.tif")
     assert np.median(slopes[14:26, 16:32]) == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.05)
-    assert imread(tmp_path / "out" / "all_in_focus.tif").shape == (40, 48)
+    found = all_in_focus(light_field, np.linspace(-1, 2, 33))
+    files = {"all_in_focus": "all_in_focus", "slope_map": "slope", "slope_confidence": "confidence"}
+    for name, part in files.items():
+        written = imread(tmp_path / "out" / f"{name}.tif")
+        np.testing.assert_allclose(written, getattr(found, part), rtol=1e-6, atol=1e-6)
 
 
 def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):

@@ -130,7 +130,6 @@ REFUSED = [
     (f"{FURNACE} --responses responses.csv --exposure 2", "once for each of the 2 pictures"),
     ("convert bright.npy x.png", "state a factor, as --gain 0.671"),
     ("convert ball.npy x.npz --bits 16", "--bits does not apply to x.npz"),
-    ("convert views x.npz --first 1", "state --grid, got 1"),
     *each(
         "flicker still --frames-per-second 50",
         ("--slope 1 --depth-mm 3 --camera camera.toml", "either --slope or --depth-mm"),

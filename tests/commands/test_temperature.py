@@ -10,6 +10,7 @@ import tifffile
 from builders import write_section
 from programs import run
 
+from experiments.emission.truth import planck
 from lf_flame._common.atomic_files import output_folder
 from lf_flame.formats.images import CODED
 from lf_flame.tomography import ColourCalibration, SpectralResponses, Temperatures
@@ -21,11 +22,7 @@ HEIGHTS, RADII = 12, 8
 
 def soot(wavelength_nm, kelvin):
     """Planck's law times wavelength^-1, relative to 650 nm at 1,800 K."""
-
-    def planck(nm, temperature):
-        return nm**-6.0 / np.expm1(14.387768775e6 / (nm * temperature))
-
-    return planck(wavelength_nm, kelvin) / planck(650.0, 1800.0)
+    return planck(wavelength_nm, kelvin) / planck(650.0, 1800.0) * 650.0 / wavelength_nm
 
 
 def kelvin_of_nodes():

@@ -10,13 +10,15 @@ import click
 import numpy as np
 import pandas as pd
 import pytest
-from builders import scene_toml
+from builders import camera, scene_toml
 from programs import run_here, without_graphs
 from skimage.io import imread, imsave
 
 from experiments import __main__
+from lf_flame import PlenopticCamera
 from lf_flame._common.threads import COMPILING
 from lf_flame.commands import cli
+from lf_flame.refocus import shift_and_sum
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,6 +74,8 @@ def test_simulate_writes_what_it_says(tmp_path):
         views, refocused, depths = (arrays[k] for k in ("views", "refocused", "depths_mm"))
     assert views.shape == (3, 3, 20, 30)
     assert list(depths) == [5.0, -10.0]
+    slopes = PlenopticCamera(**camera(3, (20, 30))).depth_to_slope(depths)
+    np.testing.assert_allclose(refocused, shift_and_sum(views, slopes), atol=1e-6)
     raw = imread(out / "raw.tif")
     assert raw.shape == (60, 90)
     np.testing.assert_array_equal(raw[0::3, 1::3], views[0, 1])
@@ -82,6 +86,9 @@ def test_simulate_writes_what_it_says(tmp_path):
     np.testing.assert_allclose(png / 255, refocused[1] / white, atol=0.003)
     assert {"raw.png", "views.png", "simulation.json"} <= {p.name for p in out.iterdir()}
     assert not list(out.glob(".*"))
+    forced = ["--on", "cos4", "--off", "defocus"]
+    planned = run_here("plan", "scene.toml", *forced, cwd=tmp_path).stdout
+    assert re.search(r"(?ms)^defocus .* left out, forced .*^cos4 .* kept, forced ", planned)
 
 
 def test_make_names_folders_after_the_seed_and_sets_others_beside(asked, tmp_path):

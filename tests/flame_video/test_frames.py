@@ -45,6 +45,7 @@ def test_where_numbers_are_missing_time_passes():
     assert "2 of the frames between" in notes[0]
     assert times_of("f08", "f09", "f10", "f11") == (["f08", "f09", "f10", "f11"], [])
     assert times_of("a-1", "a0", "a2")[0] == ["a-1", "a0", None, "a2"]
+    assert times_of("a.008", "a.010", "a.011")[0] == ["a.008", None, "a.010", "a.011"]
     # One number that never changes counts nothing.
     assert times_of("run7_1", "run7_2", "run7_4")[0] == ["run7_1", "run7_2", None, "run7_4"]
 

@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 import zarr
-from click.testing import CliRunner
+from programs import run
 
 from lf_flame import InputError, LightField, PlenopticCamera
-from lf_flame.commands.cli import commands
 from lf_flame.flame_video import find_steps, process_frames, processing
 from lf_flame.flame_video.frames import write_flicker
 from lf_flame.flame_video.steps import Frame
@@ -43,10 +42,6 @@ def video(tmp_path):
     (folder / "frame5.npy").write_bytes((folder / "frame1.npy").read_bytes()[:300])
     np.save(folder / "frame7.npy", bar(5, rows=30))
     return folder
-
-
-def run(*words):
-    return CliRunner().invoke(commands, [str(word) for word in words])
 
 
 def files(folder):
@@ -184,14 +179,25 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
     (step,) = find_steps("emission", camera=camera, depths_mm=depths, **options)
     before, noise = {}, 0.01 * np.random.default_rng(1).standard_normal((3, 3, ROWS, COLUMNS))
     grid = FrustumGrid(camera, depths)
-    for top, limit in ((8, 0.0), (9, 0.02)):
-        light_field = LightField(0.2 + bar(top) + noise)
+    corners = np.eye(3)[::-1] < 1  # two views are missing, so that no fit before is a start
+    for top, limit, weights in ((8, 0.0, None), (9, 0.02, None), (10, 0.0, corners)):
+        light_field = LightField(0.2 + bar(top) + noise, weights=weights)
         found = step(Frame(light_field, before=before))
         alone = reconstruct(light_field, grid, **options)
         apart = np.abs(found["emission"].values - alone.emission).max()
         assert apart <= limit * alone.emission.max()
     assert before["emission"].background == pytest.approx(0.2, abs=0.01)
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
+
+
+def test_a_frame_that_is_away_for_a_moment_ends_the_run_which_resumes(tmp_path):
+    arguments = tmp_path / "made", find_steps("decode")
+    paths = [tmp_path / "0.npy", tmp_path / "1.npy"]
+    np.save(paths[0], bar(5))
+    with pytest.raises(InputError, match="1.npy is no longer there; the same command resumes"):
+        process_frames(paths, *arguments, times_s=[0.0, 1.0])
+    np.save(paths[1], bar(6))
+    assert process_frames(paths, *arguments, times_s=[0.0, 1.0]).describe() == "2 frames: 2 whole"
 
 
 def test_an_array_that_is_damaged_or_lost_is_named(made):

@@ -1,4 +1,9 @@
-"""The fast form of a training step has the results of Keras's own."""
+"""The fast form of a training step has the results of Keras's own, and so has JAX."""
+
+import json
+import os
+import subprocess
+import sys
 
 import keras
 import numpy as np
@@ -44,3 +49,28 @@ def test_losses_and_weights_are_those_of_plain_fit(decoder, rng):
     assert np.count_nonzero(moved) >= len(moved) - 1
     for one, other in zip(fast.get_weights(), plain.get_weights(), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-4)
+
+
+def losses_from(path):
+    """Losses of two epochs without dropout, from the samples and weights in a file."""
+    with np.load(path) as arrays:
+        features, targets, *weights = arrays.values()
+    network = build_decoder(FEATURES, IMAGE, 4, dropout=0.0)
+    network.set_weights(weights)
+    batches = shuffled_batches(features, targets, 2, seed=1)
+    fit = compile_for_training(network, 1e-3, 5).fit
+    return fit(batches, epochs=2, steps_per_epoch=5, shuffle=False, verbose=0).history["loss"]
+
+
+@pytest.mark.slow
+def test_jax_trains_as_tensorflow_does(decoder, rng, tmp_path):
+    """In a process of its own, as KERAS_BACKEND is read once."""
+    shapes, path = ((9, *FEATURES), (9, 4, *IMAGE, 1)), str(tmp_path / "arrays.npz")
+    samples = [rng.uniform(size=shape).astype(np.float32) for shape in shapes]
+    np.savez(path, *samples, *decoder().get_weights())
+    code = f"import runpy; print(runpy.run_path({__file__!r})['losses_from']({path!r}))"
+    by_jax = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"KERAS_BACKEND": "jax"},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    np.testing.assert_allclose(json.loads(by_jax.stdout), losses_from(path), rtol=1e-3)

@@ -9,14 +9,13 @@ import keras
 import numpy as np
 import pytest
 from builders import shapes
-from click.testing import CliRunner
+from programs import run_or_raise as run
 from programs import without_graphs
-from skimage.io import imread
+from skimage.io import imread, imsave
 
 from lf_flame import InputError, LightField
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build
-from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
@@ -56,14 +55,6 @@ def sample(run_folder):
     """The first test image, and what the network made of it."""
     dataset, indices, predictions = open_run(run_folder).predict_test_split()
     return dataset.inputs[indices[0], ..., 0], predictions[0]
-
-
-def run(*args):
-    """Run the command in this process; what users may do wrong raises InputError here."""
-    result = CliRunner().invoke(cli.commands, [*map(str, args)])
-    if result.exception is not None:
-        raise result.exception
-    return result
 
 
 @pytest.mark.slow
@@ -122,6 +113,8 @@ def test_colours_become_luminance(tmp_path):
     write_image(tmp_path / "colours.png", picture)
     found = read_input(tmp_path / "colours.png", SIZE).image
     np.testing.assert_allclose(found[0, [0, 30, 60]], [0.2126, 0.7152, 0.0722], atol=2e-4)
+    imsave(tmp_path / "photo.png", picture, check_contrast=False)
+    assert "gamma-coded" in read_input(tmp_path / "photo.png", SIZE).notes[0]
     np.save(tmp_path / "four.npy", np.zeros((9, 9, *SIZE, 4), np.float32))
     with pytest.raises(InputError, match="four.npy must be grey or have 3 channels, got 4"):
         read_input(tmp_path / "four.npy", SIZE)

@@ -48,6 +48,8 @@ def data(tmp_path_factory):
 def test_the_network_is_that_of_the_lowest_validation_loss_and_the_record_is_whole(
     config, data, tmp_path
 ):
+    train(config, "smoke", data, tmp_path, minutes=1e-9)
+    assert len(pd.read_csv(tmp_path / "history.csv")) == 1
     train(config, "smoke", data, tmp_path)
     history = pd.read_csv(tmp_path / "history.csv")
     record = json.loads((tmp_path / "run.json").read_text())

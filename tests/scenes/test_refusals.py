@@ -4,7 +4,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pytest
 from builders import scene_toml
 from sentences import each, refusals
 
@@ -30,12 +29,6 @@ def file(read, old, new):
 
 
 PITCH = "lenslet_pitch_mm = 0.112"
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
 
 test_it_is_refused_in_a_sentence = refusals(
     [

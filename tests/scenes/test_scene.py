@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from lf_flame import InputError, Layer, PlenopticCamera, Scene
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.sensor import Sensor
-from lf_flame.scenes.flames import projected_glow
+from lf_flame.scenes.flames import HALF_WIDTH, projected_glow
 from lf_flame.scenes.scene_files import LayerEntry, read_scene
 from lf_flame.scenes.shapes import shape_texture
 
@@ -62,7 +62,8 @@ def test_templates_stand_where_the_paper_puts_them(name):
 @pytest.mark.parametrize("name", ["shapes", "flames"])
 def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
     template = read_config(DATA_GEN / f"{name}.toml").template
-    draws = [template.draw(np.random.default_rng([5, i]))[1] for i in range(40)]
+    both = [template.draw(np.random.default_rng([5, i])) for i in range(40)]
+    draws = [drawn for _, drawn in both]
     again = template.draw(np.random.default_rng([5, 3]))[1]
     for key, values in again.items():
         np.testing.assert_array_equal(values, draws[3][key])
@@ -73,6 +74,16 @@ def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
     brightness = np.array([draw["brightness"] for draw in draws])
     assert brightness.min() >= template.brightness[0]
     assert brightness.max() <= template.brightness[1]
+    for scene, drawn in both:  # what is drawn is what the scene shows
+        sizes, centres = drawn.get("size_mm"), drawn[place]
+        if name == "flames":  # their burner is their lower edge
+            radii = [o.radius_mm for o in template.objects]
+            sizes = np.transpose([drawn["height_mm"], 2 * HALF_WIDTH * np.array(radii)])
+            centres = centres - sizes / 2 * [1, 0]
+        np.testing.assert_allclose([x.size_mm for x in scene.layers], sizes)
+        np.testing.assert_allclose([x.centre_mm for x in scene.layers], centres)
+        peaks = [x.texture.max() for x in scene.layers]
+        np.testing.assert_allclose(peaks, drawn["brightness"])
 
 
 @pytest.mark.slow

@@ -32,18 +32,22 @@ test_it_is_refused_in_a_sentence = refusals(
         ),
         *each(
             partial(render, SCENE, CAMERA),
-            ({"integrator": "magic"}, "must be"),
-            ({"tolerance": 0}, "must be"),
-            ({"rays": 4}, "must be"),
-            ({"integrator": "rays", "rays": 0}, "must be"),
+            ({"integrator": "magic"}, "must be auto, exact or rays, got 'magic'"),
+            ({"tolerance": 0}, "tolerance must be above 0, got 0"),
+            ({"rays": 4}, "needs integrator='rays', got 4, 'auto'"),
+            ({"integrator": "rays", "rays": 0}, "rays must be at least 1 .* got 0, 'rays'"),
         ),
         (partial(plan_effects, ASIDE, PAPER_CAMERA), "outside the field: in x it spans 89.5"),
         (lambda: render_plan(TWO, CAMERA, plan_effects(SCENE, CAMERA)), "1 layers .* scene of 2"),
         (partial(render, BEHIND, PAPER_CAMERA), "in front of the main lens.*-400"),
         (partial(tiled_sensor, SMALL_PIXELS), "use a larger pixel_pitch_mm or tolerance, or force"),
         *(
-            (partial(assume, CAMERA, [word]), ".")
-            for word in ("", "nm", "550", "f/0", "f/", "99bit", "0bit", "1e9nm", "square")
+            (partial(assume, CAMERA, [word]), f"Assumptions must be 550nm, .* got '{word}'")
+            for word in ("", "nm", "550", "f/0", "f/", "1e9nm", "square")
+        ),
+        *(
+            (partial(assume, CAMERA, [f"{bits}bit"]), f"whole number from 1 to 16, got {bits}")
+            for bits in (99, 0)
         ),
     ]
 )

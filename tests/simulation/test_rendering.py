@@ -49,19 +49,6 @@ def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
         np.testing.assert_allclose(render(wide, small_camera, **options).views, 0.7, rtol=1e-7)
 
 
-def test_sinusoid_has_the_closed_form_of_its_trapezoid(small_camera):
-    """The mean of sin(k x) over both boxes is damped by a sinc for each; cells far finer."""
-    depth, k, cells = 12.0, 2 * np.pi / 1.5, 240_000
-    edges = np.linspace(-15, 15, cells + 1)
-    means = 1 + -np.diff(np.cos(k * edges)) / (k * np.diff(edges))
-    views = render(Scene([Layer(means[None], depth, (80.0, 30.0))]), small_camera).views
-    columns = trace_footprint(small_camera, depth, axis=1)
-    damping = np.sinc(k * columns.lenslet_width_mm / (2 * np.pi))
-    damping *= np.sinc(k * columns.pixel_width_mm / (2 * np.pi))
-    expected = 1 + damping * np.sin(k * columns.centres_mm)
-    np.testing.assert_allclose(views[1, :, 5, :], expected, rtol=2e-7)
-
-
 LEVELS = {1: 1.0, 2: 1.0, 4: 1.2, 8: 1.205, 16: 1.2051}
 FALLING = {n: 1 + n**-2 for n in (1, 2, 4, 8, 16)}
 

@@ -17,7 +17,7 @@ from lf_flame.systems.formulas import (
     outer_square_of_views,
     square_of_views,
 )
-from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
+from lf_flame.systems.refnet import SLOPES, RefNet, build_refnet
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
 from lf_flame.systems.sparse_unet import NineViewUNet, SparseUNet, build_unet
 
@@ -109,7 +109,7 @@ def test_selected_views():
 def test_refnet_interpolates_between_its_sixteen_slopes(views):
     system = RefNet(build_refnet(seed=2))
     every = system.refocus(views, SLOPES)
-    np.testing.assert_allclose(SLOPES, 1 - ALPHAS)
+    np.testing.assert_array_equal(SLOPES, np.arange(7, -9, -1) / 8)
     np.testing.assert_allclose(system.refocus(views, SLOPES[5])[0], every[5], atol=1e-6)
     middle = system.refocus(views, (SLOPES[5] + SLOPES[6]) / 2)[0]
     np.testing.assert_allclose(middle, (every[5] + every[6]) / 2, atol=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.emission.truth import Lens, Sheet, cells, record
+from experiments.emission.truth import Lens, Sheet, cells, planck, record
 from lf_flame import PAPER_CAMERA, LightField
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct, two_colour_temperature
 from lf_flame.tomography.figures import _depth_figure
@@ -136,8 +136,7 @@ def test_error_bars_hold_the_truth(record_noise):
     off, sigma = np.sqrt(np.mean(errors, axis=0))
     assert sigma < 3 * off
     colours, kelvin, held = (550.0, 650.0), 1800.0, []
-    planck = [nm**-6.0 / np.expm1(14.387768775e6 / (nm * kelvin)) for nm in colours]
-    ratio = np.float32(planck[0] / planck[1])
+    ratio = np.float32(np.divide(*(planck(nm, kelvin) / nm for nm in colours)))
     for green, red in zip(found, [*found[1:], found[0]], strict=True):
         soot = two_colour_temperature(
             ratio * green.emission,

@@ -215,10 +215,4 @@ REFUSED = [
     (partial(measure_source, [np.eye(20)[..., None] * [1, 1]]), "evenly bright over 100"),
 ]  # fmt: skip
 
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 test_it_is_refused_in_a_sentence = refusals(REFUSED)

@@ -155,5 +155,8 @@ def test_files_give_back_what_was_written(tmp_path):
     (tmp_path / "colours.toml").write_text(made.to_toml())
     read = read_colours(tmp_path / "colours.toml")
     assert read.gains.tolist() == made.gains.tolist()
-    assert read.responses.values.tolist() == CAMERA.values.tolist()
+    assert read.relative_errors.tolist() == made.relative_errors.tolist()
+    assert read.temperature_range_K == (1200.0, 1700.0)
+    for name in ("values", "wavelengths_nm"):
+        assert getattr(read.responses, name).tolist() == getattr(CAMERA, name).tolist()
     assert read.responses.names == CAMERA.names

@@ -97,10 +97,10 @@ def done(tmp_path_factory):
     model was written.
     """
     folder, before = tmp_path_factory.mktemp("study"), []
-    model = folder / "work" / "tiny" / "as it is" / "model.keras"
+    model = folder / "work" / "tiny" / "as it is, 2 epochs" / "model.keras"
 
     def train_first(config, preset, data, out):
-        if out.name != "as it is":
+        if out.name != "as it is, 2 epochs":
             before.append(Path("out/tiny.md").read_text())
             raise InputError("No such weights.")
         train(config, preset, data, out)
@@ -127,7 +127,7 @@ def test_networks_and_what_needs_none_are_scored_on_the_same_samples(done, monke
     assert list(table.system) == (["network"] * 2 + ["linear"] * 2 + ["bound"] * 2) * 2
     parts = split_indices(12, (0.5, 0.25, 0.25), 1)
     for folder, (_, rows) in zip(
-        ("work/tiny/as it is", "work/tiny/small: batches of 2"),
+        ("work/tiny/as it is, 2 epochs", "work/tiny/small: batches of 2, 2 epochs"),
         table.groupby("variant", sort=False), strict=True,
     ):  # fmt: skip
         dataset, indices, predictions = open_run(folder).predict_test_split()
@@ -149,7 +149,8 @@ def test_a_study_resumes_and_its_report_says_where_it_comes_from(done):
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
     assert rows["small: batches of 2"].split().count("-") == 4
     assert "-" not in rows["as it is"].split()
-    assert (folder / "work" / "tiny" / "as it is" / "model.keras").stat().st_mtime_ns == written
+    model = folder / "work" / "tiny" / "as it is, 2 epochs" / "model.keras"
+    assert model.stat().st_mtime_ns == written
     assert not list(folder.rglob("checkpoint*"))
     table = pd.read_csv(folder / "out/tiny.csv")
     text = (folder / "out/tiny.md").read_text()
@@ -189,7 +190,7 @@ def test_a_study_without_training(folder):
     [
         ("samples = 12", "samples = 12\nspeed = 2", "tiny.toml: speed is not a known key"),
         ("samples = 12", "samples = 3", "3 samples are too few to split"),
-        ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, got 'fast'"),
+        ('preset = "smoke"', 'preset = "fast"', "training.toml has presets smoke, got .fast."),
         ("{ batch_size = 2 }", "{ speed = 1 }", "of 2': presets.smoke.speed is not a known"),
         ("recipe = { batch_size = 2", "data.template = { position = 1", "position is not a known"),
         ("small: batches of 2", "as it is", "needs a unique name, in words, got 'as it is'"),

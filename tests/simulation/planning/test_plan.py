@@ -51,4 +51,5 @@ def test_planning_takes_a_fraction_of_the_work_of_rendering(monkeypatch, rng):
     )
     plan = plan_effects(Scene([layer]), camera, 0.01)
     pixels = camera.views**2 * math.prod(camera.lenslets)
-    assert sum(work) < 0.2 * pixels * plan.rays**2 * sum(plan.slabs) * plan.colours
+    whole = pixels * plan.rays**2 * sum(plan.slabs) * plan.colours
+    assert 0.005 < sum(work) / whole < 0.2
