@@ -184,8 +184,8 @@ class EffectPlan:
             f"tolerance {self.tolerance:.3g} of the brightest pixel"
             f"{', a quarter of the noise' if self.tolerance_by_noise else ''}, "
             f"{LEFT_OUT_SHARE:.0%} of it for "
-            f"effects that are left out, smallest first; those that are stated change the image by "
-            f"at most {self.left_out_bound:.2g}",
+            f"effects that are left out, smallest first; those stated, and not forced, change the "
+            f"image by at most {self.left_out_bound:.2g}",
             *self._not_stated(),
             f"integrator: {self.integrator}; it takes about {self.seconds:.2g} s on this machine",
             *self._way_to_images(),
