@@ -117,6 +117,8 @@ def test_other_light_fields(told, tmp_path, rng, monkeypatch):
     assert "3 x 3, of 20 x 30 pixels, grey" in said
     assert "note: order row,col, as stored" in said
     assert "4, at slopes from 0 to 3" in told("stack.tif")
+    write_focal_stack(rng.uniform(size=(1, 5, 6)), [0.5], tmp_path / "one.tif")
+    assert "1, at slopes from 0.5 to 0.5" in told("one.tif")
     tifffile.imwrite(tmp_path / "pages.tif", light_field.views, photometric="minisblack")
     assert "3 x 3, of 20 x 30 pixels, grey" in told("pages.tif")
 

@@ -119,6 +119,17 @@ def test_sweep_and_map(folder, light_field, camera, tmp_path, drawn):
         np.testing.assert_allclose(written, getattr(found, part), rtol=1e-6, atol=1e-6)
 
 
+def test_one_channel_is_grey_and_two_are_refused(light_field, tmp_path):
+    """A text beside the views is no array to choose."""
+    np.savez(tmp_path / "one.npz", data=light_field.views[..., None], camera="a name")
+    run(tmp_path / "one.npz", "--slope", 0.5, "--sweep", 0, 1, "--out", tmp_path / "out")
+    stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    np.testing.assert_allclose(stack, shift_and_sum(light_field, [0.5]), atol=1e-6)
+    np.save(tmp_path / "two.npy", np.stack([light_field.views] * 2, axis=-1))
+    with pytest.raises(InputError, match="1 or 3 channels, but this light field 2"):
+        run(tmp_path / "two.npy", "--slope", 0.5, "--out", tmp_path / "out2")
+
+
 def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
     """A view that does not count may be brighter by far."""
     weights = np.ones((5, 5))
