@@ -108,7 +108,7 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
 
 @contextmanager
 def open_image(path: str | Path) -> Iterator[ImageFile.ImageFile]:
-    """Open an image with Pillow, which would start Ghostscript for a PostScript file."""
+    """Open an image by Pillow, in formats that start no other program, as PostScript would."""
     with readable(path), Image.open(path, formats=("PNG", "JPEG", "BMP", "WEBP", "PPM")) as image:
         yield image
 

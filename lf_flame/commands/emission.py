@@ -214,7 +214,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         # The central view sees the axis at the same pixel at any depth, which is not the same mm.
         scale = lens.field_mm(axis_depth)[1] / lens.field_mm(axis.depth_mm)[1]
         axis_mm = axis.across_mm * scale if axis_mm is None else axis_mm
-        four_pixels = 4.001 * block * lens.field_mm(axis_depth)[1] / lens.lenslets[1]  # of a grid
+        four_pixels = 4.001 * block * lens.field_mm(axis_depth)[1] / lens.lenslets[1]  # the least
         radius = max(axis.radius_mm * scale, four_pixels) if radius is None else radius
     views = "central" if central else "all"
     job.find(light_field, AxisymmetricGrid(lens, axis_mm, axis_depth, radius, block, views, burner))

@@ -138,14 +138,15 @@ def record_of(path: Path) -> dict[str, Any]:
 
 def _choose_array(file: FileOfArrays, stated: str | None) -> str:
     """Choose the array that contains the views, by its name unless it is the only one."""
+    for name in (VIEWS, TOOLBOX) if stated is None else (stated,):
+        if name in file.names:
+            return name
     shapes = {}
     for name in file.names:
         with suppress(InputError):  # texts and objects are no views
             shapes[name] = file.header(name).shape
-    only = list(shapes) if len(shapes) == 1 else []
-    for name in (VIEWS, TOOLBOX, *only) if stated is None else (stated,):
-        if name in file.names:
-            return name
+    if stated is None and len(shapes) == 1:
+        return next(iter(shapes))
     held = [f"{name} {shape}" for name, shape in list(shapes.items())[:5]] or ["none"]
     raise InputError(
         f"{file.path} must contain an array of numbers named {stated or VIEWS}, got "

@@ -110,7 +110,7 @@ def data_checks(
     views : light field that was fitted, (v, u, t, s), or its views one after the other
     residual : part of all views that the emission does not explain, (v, u, t, s)
     chi_squared : its mean square in each view, in units of the noise's variance; NaN if unknown
-    found : the fit; `stated` : whether its noise was stated
+    found : the fit; `stated` : whether its noise was; `fitted_background` : None if not wanted
     """
     noise, peak = found.noise, float(views.max())
     means = views.mean(axis=(0, 1), dtype=np.float64)

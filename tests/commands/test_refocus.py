@@ -145,6 +145,13 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         white = written["radiance_of_white_in_png"]
         assert white == pytest.approx(light_field.views[weights > 0].max() * brightness / 2)
         assert written["gamma"] == 2.2
+    # Here the used views fit into levels, and the other is clipped.
+    write_light_field(LightField(light_field.views + 9 * (weights == 0)[..., None, None],
+                                 weights=weights), tmp_path / "views.npz")  # fmt: skip
+    run(tmp_path / "views.npz", tmp_path / "lenslets.png", command="convert")
+    stored = imread(tmp_path / "lenslets.png") / 65535
+    np.testing.assert_allclose(stored[2::5, 2::5], light_field.views[2, 2], atol=1e-5)
+    assert stored[0::5, 0::5].min() == 1
 
 
 @pytest.fixture

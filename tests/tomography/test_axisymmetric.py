@@ -154,7 +154,12 @@ def test_behind_a_round_aperture_the_whole_views_are_fitted():
     assert np.array_equal(np.isfinite(found.chi_squared), whole)
     assert found.warnings[0].startswith(f"{whole.sum()} of the 49 views are fitted")
     assert len(found.warnings) == 1
-    assert left_out(replace(found.grid, which="central"), None) == []  # a choice
+    central = replace(found.grid, which="central")
+    assert left_out(central, None) == []  # a choice
+    with pytest.raises(InputError, match="A fit of the central view needs the view in row 3"):
+        reconstruct_axisymmetric(
+            LightField(seen, weights=1 - np.outer(corner == 0.5, corner == 0.5)), central
+        )
     axis = find_axis(LightField(seen), stopped)
     assert (axis.across_mm, axis.depth_mm) == pytest.approx((0.4, 3.0), abs=0.02)
 

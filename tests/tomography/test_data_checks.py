@@ -58,6 +58,13 @@ def test_a_sentence_comes_where_something_is_wrong(views, noise, measured, state
     assert said in found[0] if said else not found
 
 
+def test_advice_on_a_background_depends_on_what_was_tried():
+    found = SimpleNamespace(noise=0.01, measured=0.01, shared=1.0, settled=True)
+    for fitted, advice in ((None, "--background fit"), (False, "no pixel is"), (True, "uneven")):
+        checks = data_checks(EDGE, 0 * EDGE, EVEN, found, fitted_background=fitted)
+        assert [check for check in checks if advice in check.sentence]
+
+
 LENS = Lens(views=5, lenslets=(40, 48))
 FLAME = record(LENS, [Sheet(2.0, (0.1, -0.4), (0.8, 0.5)), Sheet(-3.0, (0.0, 0.5), (0.7, 0.4))])
 
