@@ -37,9 +37,9 @@ LIGHT = (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB, PHOTOMETRIC.LINEAR_RAW)
 
 COMPRESSIONS = (
     COMPRESSION.NONE, COMPRESSION.LZW, COMPRESSION.DEFLATE, COMPRESSION.ADOBE_DEFLATE,
-    COMPRESSION.PACKBITS, COMPRESSION.LZMA, COMPRESSION.ZSTD,
+    COMPRESSION.PACKBITS, COMPRESSION.ZSTD,
 )  # fmt: skip
-"""Accepted compressions. None of them expands beyond the declared size."""
+"""Accepted compressions: none expands beyond the declared size, or ends early in silence."""
 
 TRANSPARENCY = (EXTRASAMPLE.UNASSALPHA,)
 """Accepted meaning of a second or fourth sample: colours are not multiplied by it."""

@@ -24,7 +24,7 @@ LEAST_SIGNAL = 8.0
 The brightest of a million pixels without light exceeds it by five."""
 
 DOUBTS = {
-    "dark": "Nothing but single pixels is above the noise: there is no flame.",
+    "dark": "Only single pixels are above the noise, or light fills half of the picture: no flame.",
     "cut": "The flame reaches the top or a side of the picture: it is cut off, and larger than "
     "measured.",
     "ceiling": "Much of the flame has exactly the same, brightest value: the picture is saturated, "

@@ -110,7 +110,7 @@ class Emission:
 
     @property
     def light(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Light of each depth plane, radiance times mm^2, and its standard error or None."""
+        """Light of depth planes, not of a half section: radiance times mm^2; its error or None."""
         areas = np.array([self.grid.cell_mm(depth) ** 2 for depth in self.grid.depths_mm])
         light, draws = (
             one.sum(axis=(-2, -1), dtype=np.float64) * areas for one in (self.emission, self.draws)
