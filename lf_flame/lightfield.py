@@ -282,7 +282,7 @@ class LightField:
 
     @property
     def photograph(self) -> np.ndarray:
-        """Image of an ordinary camera: the weighted mean of the views, shape (t, s), float32."""
+        """Weighted mean of the views, as of an ordinary camera: float32, (t, s[, channels])."""
         if self.weights is None:
             return self.filled.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
         weights = self.weights.astype(np.float64) / self.weights.sum(dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Calibration of a light-field camera in mm, by pictures of a flat target at known distances."""
+"""Calibration of a light-field camera in mm, from pictures of a flat target at known distances."""
 
 import lazy_loader
 

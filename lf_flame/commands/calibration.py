@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 def calibrate(
     placed, square_mm, step_mm, dots, lenslet_mm, hexagonal, focal_mm, out, overwrite, **options
 ) -> None:
-    """Measure a camera in mm, by pictures of a flat target at known depths.
+    """Measure a camera in mm, from pictures of a flat target at known depths.
 
     TARGET@DEPTH_MM is the picture of a checkerboard (or of dots), and its depth along the optical
     axis; choose any zero; depths increase away from the camera.
@@ -165,7 +165,7 @@ def _with_depths(
 @READING
 @out_options("colours")
 def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, **options) -> None:
-    """Measure the gains of a camera's colours, by pictures of a furnace at known temperatures.
+    """Measure the gains of a camera's colours, from pictures of a furnace at known temperatures.
 
     PICTURE@KELVIN is a picture of the opening of a furnace (black body) or of a lamp, and its
     temperature in K. Aperture, gain and filters must be those of the flame's picture.
@@ -225,7 +225,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     if not exposures:
         report(
             "Note: all pictures are assumed to be exposed as the flame is; if not, state "
-            "--exposure, or its absorption comes out wrong."
+            "--exposure, or the absorption found with these colours will be wrong."
         )
     print_files(folder)
 

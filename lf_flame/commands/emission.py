@@ -127,9 +127,9 @@ FITTING = (
 @READING
 @out_options("reconstructed/SOURCE")
 def reconstruct(source, depths, planes, block, camera, optical_thickness, **options) -> None:
-    """Find emission by depth; a light field gives almost no depth of a smooth flame.
+    """Find emission by depth; a smooth flame gives almost no depth information.
 
-    The planes' emission that best explains all views of a flame's light field. SOURCE must be
+    The result is the planes' emission that best explains all views of SOURCE, which must be
     linear in light and divided by a white image: grey, or in colour with --colours.
 
     \b
@@ -184,7 +184,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
       lf-flame abel photograph.png --camera one_view.toml --axis-depth 0
     \f
 
-    A warning is printed if the axis leans, is not straight or is elsewhere, if there is
+    A warning is printed if the axis leans, is curved or is not where stated, if there is
     light outside the radius, or if the halves differ. One picture of an ordinary camera is enough,
     with --axis-depth and a camera file that says views = 1, the pixel pitch as lenslet pitch, and
     that pitch times the f-number as lenslet focal length.

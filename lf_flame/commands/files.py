@@ -100,7 +100,7 @@ def convert(source: Path, target: Path, bits: str | None, gain: float | None, **
     under each lenslet), .npy (views[v, u, t, s]) or .npz (views, their weights if some are
     excluded, and which pixels are known if some are not). Decode once, and use that file for long
     work. Levels of 8 and 16 bits represent values from 0 to 1; values outside, as in most raw
-    images divided by a white image, are written as floats in TIFF files, or by --gain.
+    images divided by a white image, are written as floats (TIFF), or need --gain (PNG).
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import exclusive
     from lf_flame.formats.writing import check_ending
@@ -146,8 +146,8 @@ def _write(light_field, target: Path, bits: int | None, gain: float | None, *, l
         if not fits and gain is None:
             raise InputError(
                 f"{target} stores values from 0 to 1 in levels of {bits} bits, got {low:.4g} to "
-                f"{high:.4g}: state a factor, as --gain {1 / max(high, 1):.3g}, with which the "
-                f"rest is clipped, or write .npz or .tif (floats)."
+                f"{high:.4g}: state a factor, such as --gain {1 / max(high, 1):.3g} (values still "
+                f"outside 0 to 1 are clipped), or write .npz, or .tif with --bits 32 (floats)."
             )
         light_field = replace(light_field, views=light_field.views.clip(0, 1))
     write_light_field(light_field, target, bits, linear=linear)
@@ -185,7 +185,7 @@ def camera(file, depths, periods, thickness_mm) -> None:
     from lf_flame.tomography.resolution import finest_period, lens_facts, resolution_report
 
     lens = open_lens(file) or PAPER_CAMERA
-    if periods and min(periods) < (finest := finest_period(lens)):
+    if periods and min(periods) < 0.995 * (finest := finest_period(lens)):  # as printed
         raise InputError(
             f"--period must be at least {finest:.3g} mm, the finest detail of this camera (two "
             f"pixels), got {min(periods):g}."

@@ -45,7 +45,7 @@ def _end(name: str, error: Exception) -> NoReturn:
     if isinstance(error, InputError):
         _fail(name, str(error), 2)
     if isinstance(error, MemoryError):
-        _fail(name, f"There is not enough memory for this camera or scene: {error}.", 2)
+        _fail(name, f"There is not enough memory for this input: {error}.", 2)
     if isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL:
         _fail(name, f"{OPTIONAL[error.name]} (there is no module {error.name}).", 2)
     if isinstance(error, OSError):
@@ -106,7 +106,7 @@ OPTIONAL = {
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install '.[dask]'"),
     "anywidget": "This needs a notebook's parts: pip install '.[jupyter]'",
     "jax": "This needs JAX: pip install '.[gpu]'",
-    "torch": "This needs PyTorch, or another KERAS_BACKEND",
+    "torch": "Networks need KERAS_BACKEND=tensorflow or jax",
 }
 """Messages for packages that a light installation lacks."""
 

@@ -120,7 +120,7 @@ class Reading:
     def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image.
 
-        A camera whose views do not fill the micro-images, as decoded views do, is refused.
+        A camera whose views do not fill the micro-images is refused for a raw image, else noted.
         """
         from lf_flame.formats.reading import kind_of
         from lf_flame.optics.camera import PlenopticCamera

@@ -90,8 +90,8 @@ APPEARANCE = cloup.option_group(
         default="linear",
         rare=True,
     ),
-    option("--aperture", "Width of a round aperture; 1 leaves out corners, 1.42 none.", float),
-    option("--f-number", "F-number of a round aperture; needs camera.toml.", float),
+    option("--aperture", "Width of a round aperture in full widths; 1.42 includes corners.", float),
+    option("--f-number", "Working f-number of the aperture; needs a thin-lens --camera.", float),
     option("--ring", "Width of a central stop, in the same unit as --aperture.", float, rare=True),
     flag("--square", "Square aperture, not a round one.", rare=True),
     option(
@@ -284,7 +284,7 @@ def refocus(source, camera, out, overwrite, **options):
 
     The range of --map should exceed the slopes of the scene; auto finds such a range. Transparent
     objects, such as flames, have no single slope: lf-flame reconstruct finds their emission by
-    depth. --network refocuses by the few views that it was trained for; with
+    depth. --network refocuses from the few views that it was trained for; with
     --region it is a run of `train-system volumetric`.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.atomic_files import output_folder, recorded_path

@@ -59,8 +59,8 @@ class RefocusJob:
     def preview(self, image: np.ndarray) -> np.ndarray:
         """Scale to 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped.
 
-        Images narrower than 600 pixels are enlarged, each pixel to as many, so that a screen shows
-        them well.
+        Images narrower than 600 pixels are enlarged by a whole factor, each pixel repeated, so that
+        a screen shows them well.
         """
         shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
         levels = to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
@@ -103,7 +103,7 @@ class RefocusJob:
             )
         if self.light_field.channels not in (1, 3):
             many = self.light_field.channels
-            raise InputError(f"Refocused images have 1 or 3 channels, but this light field {many}.")
+            raise InputError(f"Refocused images have 1 or 3 channels; this light field has {many}.")
         if self.network is not None:
             self.network.check(self.light_field, [*slopes, *sweep])
 
@@ -206,7 +206,7 @@ def write_slope_map(
     elif not share:
         click.echo(
             f"No slope is certain: there is too little texture, slopes are outside the range "
-            f"({'--map FROM TO' if auto else '--map auto finds a range'}), or the scene "
+            f"({'state one: --map FROM TO' if auto else '--map auto finds a range'}), or the scene "
             f"is transparent, as flames are (lf-flame reconstruct).",
             err=True,
         )

@@ -78,8 +78,8 @@ def find_times(
     if counts is None:
         counts = np.arange(len(paths))
         notes.append(
-            "The names of the frames do not contain one number that counts them, with at least "
-            "every other frame there: they are assumed to be evenly spaced, without gaps."
+            "The names of the frames do not contain one number that counts them with at most half "
+            "of the frames missing: they are assumed to be evenly spaced, without gaps."
         )
     rows: list[Path | None] = [None] * (counts[-1] + 1)
     for path, count in zip(paths, counts, strict=True):
@@ -242,7 +242,7 @@ def _flicker_figure(times: np.ndarray, heights: np.ndarray, found: Flicker | Non
     below.set(xlabel="frequency (Hz)", ylabel="share of the scatter", title="too few heights")
     if found is not None:
         below.plot(found.frequencies_hz, found.power, linewidth=0.9)
-        below.axhline(found.level, color="C7", linestyle=":", label="noise is below in 99 %")
+        below.axhline(found.level, color="C7", linestyle=":", label="1 % false-alarm level")
         below.legend(fontsize=8)
         below.set_title(fill(found.describe(unit=unit), 100), fontsize=9)
     return figure

@@ -108,7 +108,7 @@ def process_frames(
     Returns
     -------
     Progress
-        Number of frames in each state, such as whole, missing or damaged.
+        Number of frames in each state: to do, whole, missing or unusable.
 
     Raises
     ------

@@ -233,9 +233,9 @@ def _read_raw(path: Path, **options: Any) -> Found:
     plan, image = plan_raw(path, **options)
     notes = [f"{path}: {plan.grid.describe()}"]
     if plan.grid.layout == "hexagonal":
-        notes.append('A camera file of yours must state layout = "hexagonal", as this array is')
+        notes.append('A camera file for this array must state layout = "hexagonal"')
     elif abs(plan.grid.row_pitch / plan.grid.pitch - 1) > 0.01:
-        notes.append("Rows and columns of lenslets differ in pitch: mm apply along the rows only")
+        notes.append("Row and column pitch differ: lengths in mm are right along the rows only")
     if "pitch" in options and {"white", "lenslets"}.isdisjoint(options):
         notes.append("The rotation and the position of the array were not searched for (--white)")
     if not is_lytro(path) and "dark" not in options:

@@ -64,7 +64,7 @@ def check_keras() -> None:
         if found not in allowed:
             raise InputError(
                 f"Keras is configured with {name} {found}, but networks of this package need "
-                f"{' or '.join(allowed)}: change it in Keras's keras.json, or with KERAS_BACKEND."
+                f"{' or '.join(allowed)}: set it in keras.json (or KERAS_BACKEND for the backend)."
             )
 
 

@@ -75,7 +75,7 @@ def read_input(
     if encoding.kind not in ("raw", "central"):
         raise InputError(
             f"This network takes several views ({encoding.kind!r}), not a picture; in Python, "
-            f"`lf_flame.systems.ResNet50.of_run(RUN).refocus(light_field, slopes)` takes them."
+            f"`lf_flame.systems.ResNet50.of_run(RUN).refocus(light_field, slopes, block)` does."
         )
     picture, notes = _read_grey(source, encoding)
     (height, width), (rows, columns) = picture.shape, size

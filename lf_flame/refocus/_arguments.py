@@ -96,7 +96,7 @@ def as_steps(slopes: ArrayLike) -> np.ndarray:
     rounding = 1e-6 * np.abs(slopes).max()  # of float32
     if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=rounding):
         raise InputError(
-            f"slopes to search must be three or more in equal steps, got {shown(slopes)}."
+            f"slopes to search must be three or more in equal steps upwards, got {shown(slopes)}."
         )
     return slopes
 

@@ -145,7 +145,7 @@ def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
     own = camera.lenslet_focal_mm / (camera.views * camera.pixel_mm)
     if not own * (1 - 1e-9) <= f_number < np.inf:
         raise InputError(
-            f"f_number must be {own:.3g}, at which it spans all views, or more, got {f_number}."
+            f"f_number must be {np.ceil(1e3 * own) / 1e3:g} (all views) or more, got {f_number}."
         )
     return round_aperture((camera.views, camera.views), own / f_number)
 

@@ -33,7 +33,7 @@ def ms_ssim(truth: Any, image: Any) -> Any:
     """Structural similarity at several scales (MS-SSIM), each half the previous one: shape (n,).
 
     Five scales need images of 176 pixels; smaller images have as many scales as contain a window,
-    with weights scaled to the same sum. A negative value of a scale is set to 0.
+    with weights scaled to the same sum. A value of a scale below 1e-6 is set to 1e-6.
     """
     count = scales(truth.shape[1:3])
     weights = np.array(SCALE_WEIGHTS[:count]) / sum(SCALE_WEIGHTS[:count]) * sum(SCALE_WEIGHTS)

@@ -55,8 +55,8 @@ class FlameAxis:
     across_error_mm, depth_error_mm : float
         Standard errors due to noise; infinite for the depth with fewer than 3 view columns.
     wander_mm, wander_error_mm : float
-        Largest distance across between the axis and the straight line that fits it best, and the
-        standard error of that distance.
+        Distance across between the axis and the straight line that fits it best, at the height
+        where it is most significant; and its standard error.
     depth_lean_deg, depth_lean_error_deg : float
         Angle of the axis from upright in depth, above 0 if its top is farther from the camera, and
         its standard error, which is infinite with fewer than 3 view columns.

@@ -111,8 +111,8 @@ class AxisymmetricGrid:
         widest = min(2 * half_width, self.camera.distance_mm(self.depth_mm) / 2)
         if not 4 * self.pixel_mm <= self.radius_mm <= widest:
             raise InputError(
-                f"radius_mm must be at least four pixels, {4 * self.pixel_mm:.3g} mm, and at most "
-                f"the field's width, {widest:.4g} mm, got {self.radius_mm}."
+                f"radius_mm must be at least four pixels, {4.001 * self.pixel_mm:.5g} mm, and at "
+                f"most the field's width, {widest:.4g} mm, got {self.radius_mm}."
             )
         top = self._highest_mm
         if self.burner_mm is not None and not -top < self.burner_mm < top - 4 * self.pixel_mm:

@@ -1,4 +1,4 @@
-"""Emission that was found, on planes or in a half section, and the folder that contains it."""
+"""Emission that was found, on planes or in a half section, and the frames of its maps."""
 
 from __future__ import annotations
 

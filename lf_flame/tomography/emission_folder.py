@@ -213,10 +213,10 @@ class EmissionFolder:
         self.folder = folder = Path(folder)
         if not (folder / RECORD).exists():
             colours = sorted(printable(path.parent.name) for path in folder.glob(f"*/{RECORD}"))
-            there = f"only in {', '.join(colours[:5])}; give one of these" if colours else "none"
+            it = f"one only in {', '.join(colours[:5])}; give one of these" if colours else "none"
             raise InputError(
                 f"{folder} is not a folder of `lf-flame reconstruct` or `lf-flame abel`, which "
-                f"contains {RECORD}: there is {there}."
+                f"contains {RECORD}: there is {it}."
             )
         self.record = record = build(_Record, read_record(folder / RECORD), folder / RECORD)
         self.is_section = record.geometry == "section"

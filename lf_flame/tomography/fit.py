@@ -67,7 +67,7 @@ class FitOptions:
 def check_bootstrap(bootstrap: int) -> None:
     """Refuse a number of bootstrap draws that gives no scatter."""
     if bootstrap < 0 or bootstrap == 1:
-        raise InputError(f"bootstrap must be 0, or 2 and more, got {bootstrap}.")
+        raise InputError(f"bootstrap must be 0, or 2 or more, got {bootstrap}.")
 
 
 @dataclass(frozen=True, eq=False)

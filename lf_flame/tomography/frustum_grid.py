@@ -102,7 +102,7 @@ class FrustumGrid:
         if min(spans) < min(FEWEST, self.camera.views):
             raise InputError(
                 f"A fit needs whole views in {FEWEST} rows and {FEWEST} columns or more, got "
-                f"{spans[0]} and {spans[1]} with weight that the aperture leaves whole."
+                f"{spans[0]} and {spans[1]}: the others have weight 0, or the aperture cuts them."
             )
         return None if used_views.all() else used_views
 

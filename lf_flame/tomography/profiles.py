@@ -132,7 +132,7 @@ def _rows(profile: Profile):
 
 
 def _profiles_figure(found: dict[str, list[Profile]], depths_mm: list[float]):
-    """Draw profiles up and across each depth plane with their bands, or one standard deviation."""
+    """Draw profiles up and across each depth plane, with their confidence bands."""
     from lf_flame.tomography.figures import shown_planes
 
     shown = shown_planes(len(depths_mm))

@@ -59,10 +59,10 @@ class Temperatures:
     kelvin : ndarray of float64
         Temperatures in K.
     sigma : ndarray of float64, or None
-        Standard deviation in K due to the emissions' noise, linearly propagated.
+        Standard deviation in K due to the emissions' noise: scatter of draws, else linear estimate.
     amount : ndarray of float64, or None
         Emission over that of soot of this temperature with an optical thickness of 1 at 600 nm.
-        With absolute gains it is the optical thickness, by mm or by plane as the emission.
+        With absolute gains it is the optical thickness, per mm or per plane as the emission is.
     misfit : ndarray of float64, or None
         Chi-squared of each cell over its degrees of freedom, the number of colours less two: near 1
         if soot of one temperature explains all colours. None for two colours or without errors.

@@ -43,7 +43,7 @@ class Soot:
     Attributes
     ----------
     colours : tuple of Emission
-        Emission in each colour, without absorption.
+        Emission in each colour, corrected for absorption if that was found.
     temperatures : Temperatures
         Temperatures of the soot; `Temperatures.amount` is the optical thickness at 600 nm.
     optical_thickness : ndarray of float64, shape (colours, ...)
@@ -88,7 +88,7 @@ def reconstruct_soot(
     soot_exponent : float, optional
         Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
     bootstrap : int, optional
-        Number of bootstrap draws of each colour, for errors: 0, or 2 and more.
+        Number of bootstrap draws of each colour, for errors: 0, or 2 or more.
     seed : int, optional
         Seed of the bootstrap.
     **options

@@ -46,7 +46,7 @@ def check_shown(light_field: LightField) -> None:
     """Refuse a light field that is neither grey nor of three channels, or too large for a page."""
     channels, size = light_field.channels, light_field.views.size
     if channels not in (1, 3):
-        raise InputError(f"A picture has 1 or 3 channels, but this light field {channels}.")
+        raise InputError(f"A picture has 1 or 3 channels; this light field has {channels}.")
     if size > MOST_BYTES:
         raise InputError(
             f"A page has room for {MOST_BYTES:,} values (pixels times channels), but this "

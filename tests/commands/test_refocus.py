@@ -126,7 +126,7 @@ def test_one_channel_is_grey_and_two_are_refused(light_field, tmp_path):
     stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     np.testing.assert_allclose(stack, shift_and_sum(light_field, [0.5]), atol=1e-6)
     np.save(tmp_path / "two.npy", np.stack([light_field.views] * 2, axis=-1))
-    with pytest.raises(InputError, match="1 or 3 channels, but this light field 2"):
+    with pytest.raises(InputError, match="1 or 3 channels; this light field has 2"):
         run(tmp_path / "two.npy", "--slope", 0.5, "--out", tmp_path / "out2")
 
 

@@ -128,7 +128,7 @@ REFUSED = [
         (f"{BOARDS} b-25.npz@25", "which picture"),
     ),
     (f"{FURNACE} --responses responses.csv --exposure 2", "once for each of the 2 pictures"),
-    ("convert bright.npy x.png", "state a factor, as --gain 0.671"),
+    ("convert bright.npy x.png", "state a factor, such as --gain 0.671"),
     ("convert ball.npy x.npz --bits 16", "--bits does not apply to x.npz"),
     *each(
         "flicker still --frames-per-second 50",

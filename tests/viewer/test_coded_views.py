@@ -40,7 +40,7 @@ def test_a_black_light_field_is_black():
 
 
 def test_two_channels_are_no_picture():
-    with pytest.raises(InputError, match="1 or 3 channels, but this light field 2"):
+    with pytest.raises(InputError, match="1 or 3 channels; this light field has 2"):
         encode_views(LightField(np.ones((2, 2, 3, 3, 2))))
 
 

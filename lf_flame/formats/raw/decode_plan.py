@@ -49,7 +49,7 @@ class DecodePlan:
 
     A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it come from saturated
     pixels; or, in the views that are used, if it is too dark in the white image, or bad pixels
-    change its light there by 2 % (it then holds 0). Views that are mostly dark in the white image
+    change its light there by 2 % (it then holds 0). Views less than 85 % lit in the white image
     get weight 0, and in a hexagonal array those whose parts reach beyond the circle that touches
     the neighbours.
 

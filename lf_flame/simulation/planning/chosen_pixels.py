@@ -321,7 +321,7 @@ def refine(
                     return count << skipped
         coarse, before, last = fine, count, change
     raise InputError(
-        f"The tolerance cannot be met: the number of {what} would exceed {most}; allow more, or "
+        f"The tolerance is too small: the number of {what} would exceed {most}; raise it, or "
         f"force the effect that needs them off."
     )
 
