@@ -1,6 +1,7 @@
 """Reports of the experiments: a text with tables, pictures, and the record of how it came about."""
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +17,24 @@ from lf_flame._common.atomic_files import write_json, write_text
 Format = str | Callable[[Any], str]
 """Format specification of a column's values, or a function that writes one."""
 
+BACKBONES = {
+    "imagenet": "ResNet-50 (ImageNet)",
+    "random": "ResNet-50 (random weights)",
+    "resnet50_imagenet_conv1-conv4.npz": "ResNet-50 (ImageNet)",
+    "resnet50_pruned_8bit_keras_names.npz": "pruned 8-bit ResNet-50 (ImageNet)",
+}
+"""Backbone by the weights in a record; any other file is called by its name."""
+
+STAGES = {"conv3": "first three stages", "conv4": "first four stages", "conv5": "all five stages"}
+
 T = TypeVar("T")
+
+
+def backbone_name(weights: str) -> str:
+    """Name a backbone and its stages by the weights in a record."""
+    name, _, depth = re.sub(r" \((sha256|seed) \w+\)", "", weights).rpartition(", ")
+    network = BACKBONES.get(name, f"ResNet-50 ({name})")
+    return f"{network}, {STAGES.get(depth, depth)}" if name else depth
 
 
 def step_bar(steps: Iterable[T], total: int | None = None) -> Iterable[T]:

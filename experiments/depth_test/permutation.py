@@ -12,7 +12,6 @@ reference of the scene as trained:
 0 for a network that draws the scene as it is, 1 for one that draws every object at its old depth.
 """
 
-import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -22,7 +21,7 @@ import pandas as pd
 
 from experiments.inputs import DepthScenario, draw_scenario, make_scenarios, scene_settings
 from experiments.linear import RIDGE, Ridge
-from experiments.report import markdown, step_bar, write_report
+from experiments.report import backbone_name, markdown, step_bar, write_report
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
@@ -65,12 +64,10 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
                 f"{folder} is of other scenes than {folders[0]}, or of another camera; "
                 f"test them one by one."
             )
-        learnt = (
-            f"input {config.input.kind}, {'shuffled' if config.shuffled_depths else 'fixed'} depths"
-        )
+        depths = "shuffled" if config.shuffled_depths else "fixed"
+        learnt = f"input {config.input.kind}, {depths} depths"
         if record:
-            weights = re.sub(r" \(sha256 \w+\)", "", record["backbone_weights"])
-            name = f"{folder}: {learnt}; {record['preset']}, {weights}"
+            name = f"{folder}: {learnt}; {backbone_name(record['backbone_weights'])}"
             records[name] = {k: x for k, x in record.items() if k != "test_indices"}
             networks[name] = ResNet50.of_run(folder).refocus
         name = f"{RIDGE}: {learnt}"

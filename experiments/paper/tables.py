@@ -17,7 +17,7 @@ import pandas as pd
 
 from experiments.inputs import read_history
 from experiments.paper.figures import learning_figure
-from experiments.report import markdown, write_report
+from experiments.report import backbone_name, markdown, write_report
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame.datasets.config import config_from_json
 from lf_flame.errors import InputError
@@ -39,15 +39,6 @@ COMPARED = [
     "psnr_seed_sd", "paper_ssim", "paper_psnr_db",
 ]  # fmt: skip
 
-NETWORKS = {
-    "imagenet": "ResNet-50 (ImageNet)",
-    "random": "ResNet-50 (random weights)",
-    "resnet50_imagenet_conv1-conv4.npz": "ResNet-50 (ImageNet)",
-    "resnet50_pruned_8bit_keras_names.npz": "pruned 8-bit ResNet-50 (ImageNet)",
-}
-"""Backbone by the weights in a record; any other file is called by its name."""
-
-STAGES = {"conv3": "first three stages", "conv4": "first four stages", "conv5": "all five stages"}
 DROPOUT = {"image": "", "vector": ", dropout on the vector", "none": ", no dropout"}
 
 
@@ -146,14 +137,11 @@ def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
 def title_of(pool: Sequence[Result]) -> str:
     """Name a row by what was run: backbone, dropout, input, preset and seeds, from the record."""
     first, record = pool[0], pool[0].record
-    file = re.sub(r" \(sha256 \w+\)", "", first.weights)
-    name, _, depth = file.rpartition(", ")
-    network = f"{NETWORKS.get(name, f'ResNet-50 ({name})')}, {STAGES.get(depth, depth)}"
     place = record["model"].get("dropout_place") or record["recipe"].get("dropout_place", "image")
     kind = record.get("dataset", {}).get("config", {}).get("input", {}).get("kind", "raw")
     return "".join([
         "reference: " if first.committed else f"this run, {first.folder}: ",
-        network if name else file, DROPOUT[place], "" if kind == "raw" else f", input {kind}",
+        backbone_name(first.weights), DROPOUT[place], "" if kind == "raw" else f", input {kind}",
         "" if record["preset"] == "paper" else f", preset {record['preset']}",
         f", {len(pool)} seeds" if len(pool) > 1 else "",
     ])  # fmt: skip

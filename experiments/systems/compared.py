@@ -20,6 +20,7 @@ from experiments.inputs import (
     read_history,
     scene_settings,
 )
+from experiments.report import backbone_name
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
@@ -89,11 +90,11 @@ def select_entries(runs: Path, official: Path | None) -> list[Entry]:
 
 def resnet_entry(folder: Path) -> Entry:
     """Enter a run of the paper's network, for the data set of its kind."""
-    about = training_of(folder)
-    recipe = "{backbone_weights}, {preset} preset, {epochs:,} epochs"
-    recipe = recipe.format(**about) if about else "no run"
-    name = f"{ResNet50.name}, {recipe}, {folder.name}"
-    return Entry(name, partial(ResNet50.of_run, folder), about, only=folder.name)
+    about, name = training_of(folder), f"{ResNet50.name}, no run"
+    if about:
+        name = f"{backbone_name(about['backbone_weights'])}, {about['epochs']:,} epochs"
+    load = partial(ResNet50.of_run, folder)
+    return Entry(f"{name}, {folder.name}", load, about, only=folder.name)
 
 
 def training_of(folder: Path) -> dict:

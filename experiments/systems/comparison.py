@@ -40,11 +40,12 @@ def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
     refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
     references, refocused = [], {name: [] for name in systems}
     for scene in test_set.scenes():
-        references.append(_inner(scene.reference(), scene.border))
+        inner = slice(scene.border, -scene.border or None)
+        references.append(scene.reference()[:, inner, inner])
         for name in set(systems) - set(refused):
             try:
                 images = systems[name].refocus(scene.views, scene.slopes, scene.block)
-                refocused[name].append(_inner(images, scene.border))
+                refocused[name].append(images[:, inner, inner])
             except InputError as error:
                 refused[name] = str(error)
     tables = []
@@ -62,19 +63,14 @@ def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def _inner(stack: np.ndarray, border: int) -> np.ndarray:
-    return stack[:, border:-border, border:-border] if border else stack
-
-
 def run_comparison(entries: Sequence[Entry], test_sets: Sequence[TestSet], out: Path) -> Path:
     """Let systems refocus test sets, and write the report.
 
     The first scene of the first test set is the frame that systems are timed on.
     """
     names = [one.name for one in test_sets]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"Two test sets are called {name!r}; compare one at a time.")
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"Two test sets are called {twice.pop()!r}; compare one at a time.")
     started, frame = time.perf_counter(), next(test_sets[0].scenes())
     results = step_bar(_measure_and_score(entries, test_sets, frame), len(entries) + len(test_sets))
     results = list(results)

@@ -72,7 +72,7 @@ def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(run_folder):
 
 def test_a_run_of_the_papers_network_is_entered_with_its_training(run_folder):
     found = resnet_entry(run_folder)
-    assert found.name == "ResNet-50, no backbone, smoke preset, 1 epochs, views"
+    assert found.name == "no backbone, 1 epochs, views"
     assert len(found.load().view_indices(5, 5)) == 3
 
 
