@@ -291,9 +291,9 @@ def write(out: Path, record: dict) -> Path:
     table, body = pd.DataFrame(record["rows"]), []
     for task, rows in table.groupby("task", sort=False):
         body += [f"## {task.capitalize()}", markdown(rows, COLUMNS)]
-    note = f"""On {record["threads"]} threads. Milliseconds are the best of some rounds; ratios are
-the time of the other over ours, median and quartiles of the rounds. Nothing can be faster than a
-floor."""
+    note = f"""On {record["threads"]} threads. Milliseconds are the best of three rounds or
+more; ratios, of the other's time over ours, are median and quartiles of all rounds. Nothing can be
+faster than a floor."""
     return write_report(
         out, "bench", "Speed beside floors and rivals", record,
         [note, *body], tables={"bench": table},

@@ -60,7 +60,7 @@ def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> Hel
     record, recipe = found.record, found.record["recipe"]
     planned = recipe.get("epochs", record["epochs"])
     origin = (
-        f"preset {record['preset']}, {record['epochs']:,} of {planned:,} epochs, best "
+        f"preset {record['preset']}, {record['epochs']:,} of {planned:,} epochs, best epoch "
         f"{record['best_epoch']:,}, batch {recipe['batch_size']}, backbone "
         f"{record['backbone_weights']}"
     )

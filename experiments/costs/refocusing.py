@@ -225,7 +225,7 @@ def write(out: Path, record: dict) -> Path:
     headings = {
         "data_set": ("data set", ""),
         "title": ("method", ""),
-        "milliseconds": ("ms", ".3g"),
+        "milliseconds": ("ms", ",.1f"),
         "psnr_db": ("PSNR (dB)", decibels),
         "worst_psnr_db": ("worst", decibels),
         "ssim": ("SSIM", ".5f"),

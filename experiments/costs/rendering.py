@@ -274,7 +274,7 @@ beforehand, on one thread.""",
         "## Effects",
         """A small flame with what calls for the effect, rendered with the effect forced on and
 forced off. Changes are relative to the brightest pixel. The bound is the plan's, for any pixel; for
-noise it is the standard deviation, and `inf` where something opaque may hide all.""",
+noise it limits the root mean square.""",
         markdown(record["effects"], EFFECTS),
     ]
     return write_report(

@@ -132,8 +132,8 @@ def report_body(
         f"PSNR in dB against shift-and-sum of all {config.camera.views**2} views, mean of "
         f"{len(config.depths_mm)} planes and {samples} scenes that nothing was trained on; in "
         "brackets the share memorised: 0 % draws the scene as it is, 100 % draws every object at "
-        "its old depth. The share is coarse: few views blur otherwise than all, which alone gives "
-        "shift-and-sum of few views a share.",
+        "its old depth. The share is coarse: few views blur differently from all, which alone "
+        "gives shift-and-sum of few views a share.",
         markdown(rows),
         "\n".join(
             f"- {scenario.name}: "

@@ -225,12 +225,12 @@ def body(found: dict) -> list[str]:
     return [
         "## Bounds on random scenes",
         f"Bound over the largest change of a pixel in {found['scenes']} random scenes, "
-        f"{found['refused']} of them refused as impossible, before cameras with every imperfection "
-        f"at once; {found['left']} were left after {MOST_SECONDS} s of processor time, or as no "
+        f"{found['refused']} of them refused, before cameras with each imperfection half of the "
+        f"time; {found['left']} were left after {MOST_SECONDS} s of processor time, or as no "
         "number of parts is enough at a tenth of the tolerance, and count as far as they came. "
         "Each effect is forced against what the plan decided, all else as decided. Ratios "
         "are those of changes above the rounding of float32 and ten times the error of the rays; a "
-        f"violation is a change above the bound and that error. The last line, {WHOLE}, compares "
+        f"violation is a change above the bound plus the error. The line {WHOLE} compares "
         "images at the tolerance with those at a tenth of it, as a root mean square.",
         markdown(found["rows"], columns, missing="nan"),
     ]

@@ -230,7 +230,7 @@ COLUMNS = {
     "reference_error": ("error of the reference", ".0e"),
     "change": ("largest change", ".2g"),
     "bound": ("bound", ".2g"),
-    "looseness": ("bound / change", ".1f"),
+    "looseness": ("bound / change", ".2f"),
 }
 
 
@@ -273,6 +273,6 @@ def _figure(rows: list[dict]) -> Figure:
         axis.plot(apart, one.index, "X", color="#D55E00", ms=5, label="library - tracer")
         axis.set(xscale="log", xlim=(5e-8, 60), ylim=(len(one) - 0.5, -0.5))
         axis.set_yticks(one.index, [name.replace("_", " ") for name in one.effect])
-    drawn.supxlabel("relative to the brightest pixel (infinite bounds at 50)", fontsize=9)
+    drawn.supxlabel("relative to the brightest pixel (differences below 1e-7 at 1e-7)", fontsize=9)
     drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return drawn

@@ -54,7 +54,7 @@ PARTS = {
         "filter array (rggb, three overlapping bands of 67 nm at half height), 12 bits, and a "
         "furnace at 1473 to 1873 K for calibration; 7 x 7 views of 72 x 52 lenslets. Temperatures "
         "count where emission in red is above 20 % of its peak. One draw of the noise; 20 "
-        "bootstrap draws. Thickness is found over true.",
+        "bootstrap draws. Thickness: found over true.",
         {"Temperature": lambda rng: soot.temperatures(soot.SOOT, rng)},
     ),
     "measured": Part(

@@ -203,7 +203,7 @@ def comparison_markdown(
     if pools:
         parts += ["\n".join(f"- {title_of(pool)}: {_describe(pool, paper)}" for pool in pools)]
     if missing:
-        parts.append(f"No finished run of this table: {', '.join(missing)}.")
+        parts.append(f"No result of this table: {', '.join(missing)}.")
     return parts
 
 
@@ -247,7 +247,7 @@ def _describe(pool: list[Result], paper: dict) -> str:
 
 LINEAR = (
     "Linear: a ridge regression from the network's own picture to the images, no network. On these "
-    "scenes the images are a linear function of the picture, which the network approaches slowly "
+    "scenes the images are nearly linear in the picture, which the network approaches slowly "
     "(at 0 mm the picture is the image). What a network adds would show only where that is not so, "
     "as where objects change places: the depth permutation test."
 )

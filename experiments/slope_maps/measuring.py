@@ -222,8 +222,8 @@ def body(record: dict) -> list[str]:
         "certain. *Still life*: HCI's old benchmark, 3 x 3 of its 9 x 9 views, with true depth; "
         "0.07 of the four times wider step is 0.0175 of the benchmark's own, so that the errors "
         "are also given in its steps (slopes / 4). *Lytro 2067*: the difference from EPINET's "
-        "estimate, which is no truth. *Table top*: rendered scenes with bare dark things, soft "
-        f"shadows and highlights, 8 bits, noise of 0.3 % (seeds "
+        "estimate, which is not the truth. *Table top*: rendered scenes with bare dark things, "
+        f"soft shadows and highlights, 8 bits, noise of 0.3 % (seeds "
         f"{', '.join(map(str, record['table_tops']))}; the map was chosen with a look at seeds 11 "
         "to 13 and 31 to 35). The rest are photographs of scikit-image "
         f"({', '.join(scenes.REPORTED)}) on surfaces, 9 x 9 views, or as many as the kind says, of "
@@ -236,7 +236,7 @@ def body(record: dict) -> list[str]:
         markdown(
             record["rows"], {"scene": ("scene", ""), "map": ("map", ""), **SCORES}, missing="none"
         ),
-        "![Maps of the first scene of each kind](slope_maps.png)",
+        "![First scene of each kind; of the Lytro, EPINET's estimate](slope_maps.png)",
     ]
 
 

@@ -181,14 +181,14 @@ def body(scores: pd.DataFrame, systems: pd.DataFrame, record: dict) -> list[str]
         "of epochs, without drawing the training samples. The two columns in dB are the PSNR on "
         "whole held-out training samples, best epoch so far, after the seconds and after the steps "
         "that all networks had; RefNet's is at its own sixteen slopes, that of the others at six "
-        "random ones, and the learning rate of most falls to zero at its own last step. "
+        "random ones, and for most the learning rate falls to zero at their last step. "
         f"Milliseconds and peak memory are for {frame['planes']} planes of {frame['image']} from "
         f"{frame['views']} views in memory, each system in a process of its own.",
         "## PSNR (dB)",
         _table(scores, systems, "psnr_db", "{:.2f}"),
         "## SSIM",
         _table(scores, systems, "ssim", "{:.3f}"),
-        "## What is missing",
+        "## What is missing, each reason once",
         _missing(scores),
     ]
 
@@ -204,13 +204,13 @@ def _fairness(systems: pd.DataFrame) -> list[str]:
         paragraphs.append(
             f"**Equal seconds, not equal steps:** the networks that share one trainer were trained "
             f"for {took} s; in that time they took {steps} steps. Each receives the views of its "
-            f"publication, {views} of them, and the second U-Net those of ApertureNet."
+            f"design, {views} of them, and the second U-Net those of ApertureNet."
         )
     return [
         *paragraphs,
-        f"**Equal inputs:** only systems with the same number of views receive the same views, and "
-        f"{ResNet50.name} an image made of them. The rows of all tables are in the order of the "
-        f"number of views.",
+        f"**Not equal inputs:** only systems with equal numbers of views receive the same views; "
+        f"{ResNet50.name} receives an image made of them. The rows of all tables are in the "
+        f"order of the number of views.",
     ]
 
 

@@ -197,7 +197,7 @@ def test_from_data_set_to_table(tmp_path):
     shown = experiment("tables", "results", cwd=tmp_path).stdout
     assert "weights random, conv3. Trained for 2 of the paper's 1,000 epochs" in shown
     assert "| linear: ridge from the picture, no network" in shown
-    assert "No finished run of this table: results." in shown  # Table I was not run
+    assert "No result of this table: results." in shown  # Table I was not run
     reference = ROOT / "experiments" / "results" / "paper"
     beside = experiment("tables", "results", reference, "--out", "both.md", cwd=tmp_path).stdout
     assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"

@@ -164,8 +164,8 @@ def test_seeds_are_pooled_and_missing_runs_are_named(tmp_path):
     assert "7 of the paper's 5,000 epochs on machine 1. All 5,000 " in text
     assert " 5,000 take 35.7 minutes there. The same command resumes" in text
     first, second = text.split("## Table II.")
-    assert "No finished run of this table: none." in first
-    assert "No finished run of this table: paper, paper-seed2, paper-seed3, none." in second
+    assert "No result of this table: none." in first
+    assert "No result of this table: paper, paper-seed2, paper-seed3, none." in second
 
 
 @pytest.mark.parametrize(
