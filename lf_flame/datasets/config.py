@@ -170,7 +170,7 @@ def read_config(path: str | Path) -> DatasetConfig:
 
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
-    """Rebuild a configuration from the JSON values stored with a data set."""
+    """Build a configuration from parsed TOML, or from the JSON values stored with a data set."""
     if isinstance(values.get("input"), dict):
         values["input"].pop("image", None)  # null, in older data sets
     template = TEMPLATES.get(str(values.get("kind")))

@@ -16,7 +16,7 @@ from lf_flame.learning.backbone import build_backbone
 
 DROPOUT_PLACES = ("image", "vector", "none")
 AVERAGES = 256
-"""Number of values from which the decoder makes all its images."""
+"""Filters of the second convolution: all images are made from this many averages."""
 
 
 def build_refocus_resnet50(
@@ -128,17 +128,17 @@ def build_decoder(
     def initial(layer: int) -> keras.initializers.Initializer:
         return keras.initializers.GlorotUniform(seed=1000 * seed + layer)
 
-    def drop(x, place: str):
+    def drop_at(place: str, x):
         return layers.Dropout(dropout, seed=seed)(x) if dropout_place == place else x
 
     feature_map = keras.Input(features, name="features")
     x = _conv_block(feature_map, 512, initial(1))
     x = _conv_block(x, AVERAGES, initial(2))
     x = layers.GlobalAveragePooling2D()(x)
-    x = drop(x, "vector")
+    x = drop_at("vector", x)
     x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3))(x)
     x = layers.Reshape((*image, planes))(x)
-    x = drop(x, "image")
+    x = drop_at("image", x)
     last = {"activation": "sigmoid", "kernel_initializer": initial(4)}
     x = layers.Conv2D(planes, 3, padding="same", **last)(x)
     x = layers.Permute((3, 1, 2))(x)

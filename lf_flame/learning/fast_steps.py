@@ -58,10 +58,6 @@ class MatrixConvolution(layers.Layer):
         kernel = ops.reshape(self.convolution.kernel, (-1, self.convolution.filters))
         return ops.matmul(ops.concatenate(neighbours, axis=-1), kernel) + self.convolution.bias
 
-    def compute_output_shape(self, input_shape):
-        """Shape of the result: that of the convolution."""
-        return self.convolution.compute_output_shape(input_shape)
-
 
 def matrix_view(decoder: keras.Model) -> keras.Model:
     """Rebuild the decoder, on the same variables, with matrix products on the feature map.
@@ -70,7 +66,7 @@ def matrix_view(decoder: keras.Model) -> keras.Model:
     """
     x = decoder.input
     for layer in decoder.layers[1:]:
-        on_map = isinstance(layer, layers.Conv2D) and layer.activation is keras.activations.linear
-        is_small = on_map and x.shape[1] * x.shape[2] <= 512  # nine copies of the map are made
+        linear = isinstance(layer, layers.Conv2D) and layer.activation is keras.activations.linear
+        is_small = linear and x.shape[1] * x.shape[2] <= 512  # nine copies of the map are made
         x = MatrixConvolution(layer)(x) if is_small else layer(x)
     return keras.Model(decoder.input, x, name="decoder_in_training")

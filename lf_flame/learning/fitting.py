@@ -4,16 +4,18 @@ The folder has ``config.json`` (everything that determines the result), ``checkp
 state after the newest whole epoch that was saved), ``history.csv`` (a row for each epoch) and,
 after each call, ``model.keras`` (the network with the lowest validation loss so far) and
 ``run.json`` (the record). The order of the samples depends on seed and epoch alone, and the state
-includes the generator of the dropout, so that a resumed run ends with the weights of an
-uninterrupted one.
+includes the generator of the dropout, so that a resumed run ends as an uninterrupted one. It is one
+file, written as a whole; Keras's `BackupAndRestore` and `ModelCheckpoint` write several.
 """
 
 import json
 import math
 import reprlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
 import keras
@@ -51,8 +53,8 @@ class Epoch:
 class Batches(keras.utils.PyDataset):
     """Endless batches: `draw` makes those of epoch k from ``numpy.random.default_rng([seed, k])``.
 
-    It returns a function from a step to its inputs and targets. Endless, because TensorFlow waits
-    when an iterator ends, often as long as the epoch took: a thread of its pipeline sleeps on.
+    It returns a function from a step to its inputs and targets. Keras counts `index` on over all
+    epochs, and asks ahead. Endless: TensorFlow waits at the end of a finite series, up to an epoch.
     """
 
     num_batches = None
@@ -81,93 +83,135 @@ def shuffled_batches(inputs: np.ndarray, targets: np.ndarray, size: int, seed: i
 
 
 @dataclass(frozen=True)
-class Fit:
-    """Arguments of `fit`: a compiled network and its data."""
+class RunFolder:
+    """A training run and its folder."""
 
-    network: keras.Model
-    batches: Batches
-    validation: tuple[np.ndarray, ...]  # inputs and targets
-    watched: str = "val_loss"  # name of the mean squared error of the validation in Keras's logs
-
-
-@dataclass(frozen=True)
-class Run:
-    """A training run."""
-
-    request: dict  # everything but `epochs` that determines the result, as JSON values
+    path: Path
+    request: dict  # what determines the result of an epoch, as JSON values
     epochs: int
-    prepare: Callable[[], Fit]
-    finish: Callable[[list[np.ndarray]], keras.Model]  # from the best weights to what is saved
-    metadata: dict  # further content of the record
     checkpoint_s: float  # time between checkpoints; 0 writes one after every epoch
+    started: float  # `time.perf_counter` at the call
     minutes: float = 0.0  # a call ends at the end of an epoch nearest to it; 0: no limit
 
+    def __post_init__(self):
+        if not 0 <= self.minutes < math.inf:
+            raise InputError(f"minutes must be 0 (to the end) or more, got {self.minutes}.")
 
-def train_in_folder(run: Run, out: Path, started: float) -> Path:
-    """Train in a run folder, or resume there; returns its network ``model.keras``.
+    @property
+    def network(self) -> Path:
+        """File of the network with the lowest validation loss."""
+        return self.path / "model.keras"
 
-    `started`: `time.perf_counter` at the call.
-    """
-    if not 0 <= run.minutes < math.inf:
-        raise InputError(f"minutes must be 0 (to the end) or more, got {run.minutes}.")
-    model = out / "model.keras"
-    with exclusive(out):
-        _refuse_other_run(run, out)
-        done = _epochs_of_network(out)
-        if done == run.epochs:
-            progress.report(f"{out} contains this run, finished.")
-            model.touch()  # make compares it with the configuration file
-            return model
-        write_json(out / "config.json", run.request)
+    @property
+    def finished(self) -> bool:
+        """Whether the network is there, after all epochs."""
+        return self._epochs_of_network() == self.epochs
+
+    @property
+    def epochs_missing(self) -> bool:
+        """Whether epochs are missing; else the network may be written again from the state."""
+        return self.state.epochs_done < self.epochs
+
+    @cached_property
+    def state(self) -> "TrainingState":
+        """State after the epochs so far."""
+        return TrainingState(self.path / "checkpoint.npz")
+
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        """Open the folder, new or begun, for one process alone; refuse that of another run."""
+        with exclusive(self.path):
+            _refuse_other_run(self.request, self.path)
+            if self.finished:
+                progress.report(f"{self.path} contains this run, finished.")
+                self.network.touch()  # make compares it with the configuration file
+            else:
+                self._begin()
+            yield
+
+    def _begin(self) -> None:
+        """Write the request, and load the state of earlier calls."""
+        write_json(self.path / "config.json", self.request)
         for name in ("checkpoint.npz", "model.keras"):  # hundreds of megabytes each
-            remove_leftovers(out / name)
-        state = TrainingState(out / "checkpoint.npz")
-        if state.epochs_done < done or state.epochs_done > run.epochs:
+            remove_leftovers(self.path / name)
+        done, in_network = self.state.epochs_done, self._epochs_of_network()
+        if not in_network <= done <= self.epochs:
             raise InputError(
-                f"{out} contains {max(done, state.epochs_done)} epochs of this run, and the state "
-                f"of epoch {state.epochs_done}, from which {run.epochs} epochs cannot be reached "
-                f"without losing some; choose another folder."
+                f"{self.path} contains {max(done, in_network)} epochs of this run, and the state "
+                f"of epoch {done}, from which {self.epochs} epochs cannot be reached without "
+                f"losing some; choose another folder."
             )
-        if state.epochs_done < run.epochs:
-            _fit(run, state, started)
-        _write_result(run, state, out, started)
-    return model
 
+    def fit(
+        self,
+        network: keras.Model,
+        batches: Batches,
+        validation: tuple[np.ndarray, ...],
+        watched: str = "val_loss",
+    ) -> None:
+        """Call Keras's `fit` from the first epoch that is missing.
 
-def _fit(run: Run, state: "TrainingState", started: float) -> None:
-    """Call Keras's `fit` from the first epoch that is missing."""
-    fit = run.prepare()
-    state.restore(fit.network)
-    fit.batches.epochs_done = state.epochs_done
-    if state.epochs_done:
-        progress.report(f"Resuming after epoch {state.epochs_done} of {run.epochs}.")
-    what = f"training until minute {run.minutes:g}" if run.minutes else "training"
-    with progress.bar(what, run.epochs, "epoch", stays=True, initial=state.epochs_done) as bar:
-        fit.network.fit(
-            fit.batches,
-            steps_per_epoch=fit.batches.steps,
-            epochs=run.epochs,
-            initial_epoch=state.epochs_done,
-            validation_data=fit.validation,
-            validation_batch_size=16,
-            shuffle=False,  # the batches shuffle
-            verbose=0,
-            callbacks=[EpochEnd(run, state, fit.watched, started, bar)],
-        )
-    if state.epochs_done < run.epochs:
-        progress.report(
-            f"Saved after epoch {state.epochs_done} of {run.epochs}, best so far: epoch "
-            f"{state.best_row.epoch}; the same command resumes."
-        )
+        The network is compiled, and its optimiser built. validation: inputs and targets. watched:
+        name of their mean squared error in Keras's logs.
+        """
+        state, done = self.state, self.state.epochs_done
+        state.restore(network)
+        batches.epochs_done = done
+        if done:
+            progress.report(f"Resuming after epoch {done} of {self.epochs}.")
+        what = f"training until minute {self.minutes:g}" if self.minutes else "training"
+        with progress.bar(what, self.epochs, "epoch", stays=True, initial=done) as bar:
+            network.fit(
+                batches,
+                steps_per_epoch=batches.steps,
+                epochs=self.epochs,
+                initial_epoch=done,
+                validation_data=validation,
+                validation_batch_size=16,
+                shuffle=False,  # the batches shuffle
+                verbose=0,
+                callbacks=[EpochEnd(self, watched, bar)],
+            )
+        if self.epochs_missing:
+            progress.report(
+                f"Saved after epoch {state.epochs_done} of {self.epochs}, best so far: epoch "
+                f"{state.best_row.epoch}; the same command resumes."
+            )
+
+    def write(self, network: keras.Model, metadata: dict) -> None:
+        """Write the network, which has the best weights, and the record."""
+        best = self.state.best_row
+        record = {
+            **self.request,
+            "epochs": self.state.epochs_done,
+            "epochs_wanted": self.epochs,
+            "finished": not self.epochs_missing,
+            "best_epoch": best.epoch,
+            "best_validation_loss": best.val_loss,
+            **metadata,
+            "keras_backend": keras.backend.backend(),
+            "devices": accelerators(),
+            "train_s": round(sum(row.seconds for row in self.state.history), 2),
+            "wall_s": round(time.perf_counter() - self.started, 2),
+            **provenance.environment(),
+        }
+        with atomic_write(self.network) as aside:  # renamed last: make looks at this file
+            network.save(aside)
+            self.network.unlink(missing_ok=True)  # a kill leaves no older one beside the new record
+            write_json(self.path / "run.json", record)
+
+    def _epochs_of_network(self) -> int:
+        """Count the epochs of the network in the folder, 0 without one."""
+        there = (self.path / "run.json").exists() and self.network.exists()
+        return load_run(self.path)["epochs"] if there else 0
 
 
 class EpochEnd(keras.callbacks.Callback):
     """Record each epoch, save the state from time to time, and stop at the time limit."""
 
-    def __init__(self, run: Run, state: "TrainingState", watched: str, started: float, bar):
+    def __init__(self, folder: RunFolder, watched: str, bar):
         super().__init__()
-        self.run, self.state, self.watched, self.bar = run, state, watched, bar
-        self.started = started
+        self.folder, self.watched, self.bar = folder, watched, bar
         self.saved = self.begun = time.perf_counter()
 
     def on_epoch_begin(self, epoch, logs=None):
@@ -176,17 +220,17 @@ class EpochEnd(keras.callbacks.Callback):
 
     def on_epoch_end(self, epoch, logs=None):
         """Take the epoch's losses, in Keras's logs."""
-        state, run = self.state, self.run
+        folder, state = self.folder, self.folder.state
         now = time.perf_counter()
         state.add(epoch + 1, logs["loss"], logs[self.watched], now - self.begun, self.model)
         self.bar.set_postfix_str(f"best validation PSNR {state.best_row.val_psnr_db:.2f} dB")
         self.bar.update()
         # Whichever end of an epoch is nearest to the limit: half of them are early, half late.
-        middle_of_next = now - self.started + (now - self.begun) / 2
-        if 0 < 60 * run.minutes <= middle_of_next:
+        middle_of_next = now - folder.started + (now - self.begun) / 2
+        if 0 < 60 * folder.minutes <= middle_of_next:
             self.model.stop_training = True
-        last = self.model.stop_training or epoch + 1 == run.epochs
-        if last or now - self.saved >= run.checkpoint_s:
+        last = self.model.stop_training or epoch + 1 == folder.epochs
+        if last or now - self.saved >= folder.checkpoint_s:
             state.save(self.model)
             self.saved = now
 
@@ -275,7 +319,7 @@ class _About:
 
 
 def _weights(network: keras.Model) -> list[keras.Variable]:
-    """Variables of a network; those of a view are the same, in the same order."""
+    """Variables of a network, dropout's generator too; `matrix_view` keeps them and their order."""
     return [*network.trainable_variables, *network.non_trainable_variables]
 
 
@@ -289,47 +333,16 @@ def assign_weights(network: keras.Model, values: Sequence[np.ndarray]) -> None:
         variable.assign(value)
 
 
-def _write_result(run: Run, state: TrainingState, out: Path, started: float) -> None:
-    """Write the network with the best weights, and the record."""
-    network = run.finish(state.best)
-    best = state.best_row
-    record = {
-        **run.request,
-        "epochs": state.epochs_done,
-        "epochs_wanted": run.epochs,
-        "finished": state.epochs_done >= run.epochs,
-        "best_epoch": best.epoch,
-        "best_validation_loss": best.val_loss,
-        **run.metadata,
-        "keras_backend": keras.backend.backend(),
-        "devices": accelerators(),
-        "train_s": round(sum(row.seconds for row in state.history), 2),
-        "wall_s": round(time.perf_counter() - started, 2),
-        **provenance.environment(),
-    }
-    model = out / "model.keras"
-    with atomic_write(model) as aside:  # renamed last: make looks at this file
-        network.save(aside)
-        model.unlink(missing_ok=True)  # a kill leaves no older network beside the new record
-        write_json(out / "run.json", record)
-
-
-def _epochs_of_network(out: Path) -> int:
-    """Count the epochs of the network in a folder, 0 without one."""
-    there = (out / "run.json").exists() and (out / "model.keras").exists()
-    return load_run(out)["epochs"] if there else 0
-
-
-def _refuse_other_run(run: Run, out: Path) -> None:
-    """Refuse a folder of another run; a run may continue for more epochs, not for fewer."""
+def _refuse_other_run(request: dict, out: Path) -> None:
+    """Refuse a folder of another run, or one with files of no run, and name what differs."""
     path = out / "config.json"
     found = read_record(path) if path.exists() else {}
-    if not found.keys() & run.request.keys():
+    if not found.keys() & request.keys():
         for name in ("config.json", "checkpoint.npz", "model.keras", "history.csv", "run.json"):
             if (out / name).exists():
                 raise InputError(f"{out} contains a {name} of no run; choose another folder.")
         return
-    for key, value in json.loads(json.dumps(run.request)).items():
+    for key, value in json.loads(json.dumps(request)).items():
         old = found.get(key)
         while isinstance(old, dict) and isinstance(value, dict) and old != value:
             name = next(name for name in old | value if old.get(name) != value.get(name))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """Required content of a finished run's record; the paper's network has no `system`."""
+    """Required content of a run's record; that of the paper's network has no `system`."""
 
     epochs: int
     train_s: float
@@ -115,7 +115,7 @@ def describe_dataset(dataset: Dataset) -> dict:
 
 
 def load_run(folder: str | Path) -> dict:
-    """Read the record of any finished run; refuse a missing, unfinished or damaged one."""
+    """Read the record of any run with a network; refuse a missing or damaged one."""
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
@@ -139,7 +139,7 @@ def open_run(folder: str | Path) -> TrainedRun:
     Raises
     ------
     InputError
-        If the run is missing, not finished or not of the paper's network, or its record is damaged.
+        If the run is missing, has no network or not the paper's, or its record is damaged.
     """
     folder, record = Path(folder), load_run(folder)
     if "data" not in record:

@@ -7,7 +7,7 @@ on them; a test shows that the losses are those of training the whole network. `
 
 import logging
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import keras
@@ -20,7 +20,7 @@ from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.learning.backbone import NO_BACKBONE, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.fast_steps import FusedAdam, matrix_view
-from lf_flame.learning.fitting import Fit, Run, assign_weights, shuffled_batches, train_in_folder
+from lf_flame.learning.fitting import RunFolder, assign_weights, shuffled_batches
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import describe_dataset
@@ -67,29 +67,14 @@ def train(
     """
     started, recipe, dataset = time.perf_counter(), config.recipe(preset), Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
-    source, weights = find_weights(config, preset)
-    progress.report(f"Weights of the backbone: {weights}.")
+    source, described = find_weights(config, preset)
+    progress.report(f"Weights of the backbone: {described}.")
     planes, *image = dataset.targets.shape[1:]
     network = build_refocus_resnet50(
-        tuple(image), planes, **asdict(config.model) | {"backbone_weights": source},
+        tuple(image), planes, **asdict(replace(config.model, backbone_weights=source)),
         seed=config.seed, shown=dataset.inputs.shape[1:],
     )  # fmt: skip
     decoder = network.get_layer("decoder")
-
-    # Called if epochs are missing: features take a while. What is trained shares its variables with
-    # the decoder.
-    def prepare() -> Fit:
-        def samples(part: str) -> tuple[np.ndarray, np.ndarray]:
-            features = compute_features(network, dataset.inputs[parts[part]], part)
-            return features, dataset.targets[parts[part]][..., None]
-
-        batches = shuffled_batches(*samples("train"), recipe.batch_size, config.seed)
-        trained = compile_for_training(decoder, recipe.learning_rate, batches.steps)
-        return Fit(trained, batches, samples("validation"))
-
-    def finish(best: list[np.ndarray]) -> keras.Model:
-        assign_weights(decoder, best)
-        return network
 
     metadata = {
         "title": config.title,
@@ -99,20 +84,27 @@ def train(
         "test_indices": parts["test"].tolist(),
         "data": recorded_path(data, out),
     }
-    run = Run(
-        request=_request(config, preset, dataset, weights),
-        epochs=recipe.epochs,
-        prepare=prepare,
-        finish=finish,
-        metadata=metadata,
-        checkpoint_s=recipe.checkpoint_s,
-        minutes=minutes,
-    )
-    return train_in_folder(run, Path(out), started)
+
+    def samples(part: str) -> tuple[np.ndarray, np.ndarray]:
+        features = compute_features(network, dataset.inputs[parts[part]], part)
+        return features, dataset.targets[parts[part]][..., None]
+
+    request = _request(config, preset, dataset, described)
+    run = RunFolder(Path(out), request, recipe.epochs, recipe.checkpoint_s, started, minutes)
+    with run.opened():
+        if run.finished:
+            return run.network
+        if run.epochs_missing:
+            batches = shuffled_batches(*samples("train"), recipe.batch_size, config.seed)
+            trained = compile_for_training(decoder, recipe.learning_rate, batches.steps)
+            run.fit(trained, batches, samples("validation"))
+        assign_weights(decoder, run.state.best)
+        run.write(network, metadata)
+        return run.network
 
 
 def _request(config: TrainingConfig, preset: str, dataset: Dataset, weights: str) -> dict:
-    """Collect all that determines the result but the epochs; a file of weights by its hash."""
+    """Collect all that determines the result but the epochs; a file of weights by name and hash."""
     recipe, model = asdict(config.recipe(preset)), asdict(config.model)
     for name in ("epochs", "checkpoint_s", "without_imagenet"):
         del recipe[name]

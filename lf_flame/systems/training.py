@@ -11,7 +11,7 @@ without a light field. Batches are patches at random positions, preferably with 
 import time
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -23,7 +23,7 @@ from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.input_files import read_toml
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
-from lf_flame.learning.fitting import Batches, Fit, Run, assign_weights, train_in_folder
+from lf_flame.learning.fitting import Batches, RunFolder, assign_weights
 from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_config import MOST_EPOCHS, check_seed
@@ -175,7 +175,7 @@ class Network(NamedTuple):
     """A network that can be trained: its system, the function that builds it, and its loss."""
 
     system: type[NetworkSystem]
-    model: Callable[[int], keras.Model]
+    build: Callable[[int], keras.Model]  # from a seed
     loss: str | Callable
 
 
@@ -228,8 +228,7 @@ class SystemsConfig:
 
     def __post_init__(self):
         check_seed(self.seed)
-        unknown = set(self.systems) - set(NETWORKS)
-        if unknown:
+        if unknown := set(self.systems) - set(NETWORKS):
             raise InputError(
                 f"systems must be of {', '.join(NETWORKS)}, got {', '.join(sorted(unknown))}."
             )
@@ -279,27 +278,8 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
     """
     started, recipe = time.perf_counter(), config.recipe(name, preset)
     network = NETWORKS[name]
-    model = network.model(config.seed)
+    model = network.build(config.seed)
     system = network.system(model)
-
-    def prepare() -> Fit:
-        drawn, train = config.training_samples, range(recipe.training_samples)
-        held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + recipe.held_out)
-        train_arrays = draw_arrays(drawn, system, config.seed, train, "training samples")
-        held_out_arrays = draw_arrays(drawn, system, config.seed, held_out, "held-out samples")
-        patches = draw_patches(*train_arrays, recipe, system.multiple, config.seed)
-        optimizer = make_optimizer(recipe)
-        optimizer.build(model.trainable_variables)
-        model.compile(optimizer, network.loss, metrics=[keras.metrics.MeanSquaredError("mse")])
-        # Whole images, as far as the network's sides allow.
-        height, width = (n // system.multiple * system.multiple for n in train_arrays[0].shape[1:3])
-        validation = tuple(x[:, :height, :width] for x in held_out_arrays)
-        return Fit(model, patches, validation, "val_mse")
-
-    def finish(best: list[np.ndarray]) -> keras.Model:
-        saved = network.model(config.seed)  # a new one, without the optimiser
-        assign_weights(saved, best)
-        return saved
 
     samples = to_json(config.training_samples)
     request = {
@@ -313,9 +293,31 @@ def train_system(config: SystemsConfig, name: str, preset: str, out: str | Path)
         ],
         "recipe": asdict(recipe),
     }
-    metadata = {"title": system.name, "parameters": system.parameters}
-    run = Run(request, recipe.epochs, prepare, finish, metadata, config.checkpoint_s)
-    return train_in_folder(run, Path(out), started)
+    run = RunFolder(Path(out), request, recipe.epochs, config.checkpoint_s, started)
+    with run.opened():
+        if run.finished:
+            return run.network
+        if run.epochs_missing:
+            patches, validation = _draw(config, recipe, system)
+            optimizer = make_optimizer(recipe)
+            optimizer.build(model.trainable_variables)
+            model.compile(optimizer, network.loss, metrics=[keras.metrics.MeanSquaredError("mse")])
+            run.fit(model, patches, validation, "val_mse")
+        saved = network.build(config.seed)  # a new one, without the optimiser
+        assign_weights(saved, run.state.best)
+        run.write(saved, {"title": system.name, "parameters": system.parameters})
+        return run.network
+
+
+def _draw(config: SystemsConfig, recipe: SystemRecipe, system: NetworkSystem) -> tuple:
+    """Draw light fields: batches of patches for training, and whole images for validation."""
+    draw = partial(draw_arrays, config.training_samples, system, config.seed)
+    train = draw(range(recipe.training_samples), "training samples")
+    held_out = draw(range(FIRST_HELD_OUT, FIRST_HELD_OUT + recipe.held_out), "held-out samples")
+    # As far as the network's sides allow.
+    height, width = (n // system.multiple * system.multiple for n in train[0].shape[1:3])
+    patches = draw_patches(*train, recipe, system.multiple, config.seed)
+    return patches, tuple(x[:, :height, :width] for x in held_out)
 
 
 def make_optimizer(recipe: SystemRecipe) -> keras.optimizers.Optimizer:
@@ -337,7 +339,7 @@ def draw_patches(
     network learns nothing from uniform patches. Inputs and targets are float32 images (n, h, w,
     channels), sides of a patch multiples of `multiple`.
     """
-    size = np.array(inputs.shape[1:3])
+    size, both = np.array(inputs.shape[1:3]), (inputs, targets)
     sides = np.minimum(recipe.patch, size) // multiple * multiple
 
     def place(rng: np.random.Generator) -> tuple:
@@ -352,9 +354,7 @@ def draw_patches(
         places = [
             [place(rng) for _ in range(recipe.batch_size)] for _ in range(recipe.steps_per_epoch)
         ]
-        return lambda step: tuple(
-            np.stack([x[one] for one in places[step]]) for x in (inputs, targets)
-        )
+        return lambda step: tuple(np.stack([x[one] for one in places[step]]) for x in both)
 
     return Batches(recipe.steps_per_epoch, seed, draw)
 
@@ -380,6 +380,6 @@ def load_system(path: str | Path) -> NetworkSystem:
     if name not in NETWORKS:
         raise InputError(f"{folder} contains no run of a refocusing system.")
     network = NETWORKS[name]
-    untrained = network.model(0)
+    untrained = network.build(0)
     shapes = untrained.input_shape[1:], untrained.output_shape[1:]
     return network.system(load_model(folder / "model.keras", shapes))

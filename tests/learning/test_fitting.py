@@ -11,36 +11,36 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.learning import fitting
-from lf_flame.learning.fitting import Fit, Run, assign_weights, shuffled_batches, train_in_folder
+from lf_flame.learning.fitting import RunFolder, assign_weights, shuffled_batches
 
 RNG = np.random.default_rng(7)
 INPUTS, TARGETS = (RNG.normal(size=(n, 4)).astype(np.float32) for n in (11, 7))
 REQUEST = {"seed": 3}
 
 
-def small_run(epochs, rate=1e-2, request=REQUEST, **options):
-    """A dense network with dropout; the truth is a product with a fixed matrix."""
+def run_once(out, epochs, rate=1e-2, started=None, **options):
+    """Train a dense network with dropout; the truth is a product with a fixed matrix."""
     network = keras.Sequential([
         keras.Input((4,)), keras.layers.Dropout(0.3, seed=1),
         keras.layers.Dense(3, kernel_initializer=keras.initializers.GlorotUniform(seed=2)),
     ])  # fmt: skip
     truth = np.arange(12, dtype=np.float32).reshape(4, 3) / 10
+    started = time.perf_counter() if started is None else started
+    run = RunFolder(out, REQUEST, epochs, 0.0, started, **options)
+    with run.opened():
+        if run.finished:
+            return
+        if run.epochs_missing:
+            network.compile(keras.optimizers.Adam(rate), "mse", jit_compile=False)
+            network.optimizer.build(network.trainable_variables)
+            batches = shuffled_batches(INPUTS, INPUTS @ truth, 2, seed=3)
+            run.fit(network, batches, (TARGETS, TARGETS @ truth))
+        assign_weights(network, run.state.best)
+        run.write(network, {})
 
-    def prepare():
-        network.compile(keras.optimizers.Adam(rate), "mse", jit_compile=False)
-        network.optimizer.build(network.trainable_variables)
-        batches = shuffled_batches(INPUTS, INPUTS @ truth, 2, seed=3)
-        return Fit(network, batches, (TARGETS, TARGETS @ truth))
 
-    def finish(best):
-        assign_weights(network, best)
-        return network
-
-    return Run(request, epochs, prepare, finish, {}, **{"checkpoint_s": 0.0} | options)
-
-
-def train(run, out):
-    train_in_folder(run, out, time.perf_counter())
+def train(out, epochs, **options):
+    run_once(out, epochs, **options)
     network = keras.saving.load_model(out / "model.keras", compile=False)
     return network.get_weights(), json.loads((out / "run.json").read_text())
 
@@ -49,15 +49,15 @@ def train(run, out):
 def whole(tmp_path_factory):
     """A run of five epochs that nothing stopped: folder, weights, record."""
     out = tmp_path_factory.mktemp("whole")
-    return out, *train(small_run(5), out)
+    return out, *train(out, 5)
 
 
 @pytest.mark.slow
 def test_a_run_stopped_three_times_ends_with_the_same_bits(whole, tmp_path, monkeypatch):
     """One epoch, then the time limit, then Ctrl-C in an epoch."""
     folder, weights, record = whole
-    train(small_run(1), tmp_path)
-    _, stopped = train(small_run(5, minutes=1e-9), tmp_path)
+    train(tmp_path, 1)
+    _, stopped = train(tmp_path, 5, minutes=1e-9)
     assert (stopped["epochs"], stopped["finished"]) == (2, False)
 
     def interrupt(self, epoch, logs=None):
@@ -68,11 +68,11 @@ def test_a_run_stopped_three_times_ends_with_the_same_bits(whole, tmp_path, monk
     on_epoch_end = fitting.EpochEnd.on_epoch_end
     monkeypatch.setattr(fitting.EpochEnd, "on_epoch_end", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        train(small_run(5), tmp_path)
+        train(tmp_path, 5)
     monkeypatch.undo()
     left = tmp_path / ".checkpoint.npz.0123456789abcdef.part.npz"  # as a kill leaves one
     left.touch()
-    ended, last = train(small_run(5), tmp_path)
+    ended, last = train(tmp_path, 5)
     assert not left.exists()
     for one, other in zip(ended, weights, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -85,7 +85,7 @@ def test_a_run_stopped_three_times_ends_with_the_same_bits(whole, tmp_path, monk
 @pytest.mark.slow
 def test_the_best_weights_are_kept(tmp_path):
     """At too high a rate, the loss rises again."""
-    weights, record = train(small_run(4, rate=3.0), tmp_path)
+    weights, record = train(tmp_path, 4, rate=3.0)
     history = pd.read_csv(tmp_path / "history.csv")
     best = history.val_loss.idxmin()
     assert best < 3, history
@@ -121,7 +121,7 @@ def test_a_limit_ends_at_the_nearest_end_of_an_epoch(tmp_path, monkeypatch, minu
 
     monkeypatch.setattr(fitting.EpochEnd, "on_epoch_end", a_minute_later)
     monkeypatch.setattr(fitting.time, "perf_counter", lambda: clock[0])
-    train_in_folder(small_run(6, minutes=minutes), tmp_path, 0.0)
+    run_once(tmp_path, 6, started=0.0, minutes=minutes)
     assert json.loads((tmp_path / "run.json").read_text())["epochs"] == epochs
 
 
@@ -153,22 +153,22 @@ def test_a_damaged_or_other_run_is_refused(whole, tmp_path, spoil, said):
         (tmp_path / name).write_bytes((whole[0] / name).read_bytes())
     spoil(tmp_path)
     with pytest.raises(InputError, match=said) as caught:
-        train_in_folder(small_run(6), tmp_path, 0.0)
+        run_once(tmp_path, 6)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("run", "said"),
+    ("options", "said"),
     [
-        (partial(small_run, 2, rate=1e38), "no longer a number in epoch 1"),
-        (partial(small_run, 2, minutes=-1.0), "minutes must be 0"),
-        (partial(small_run, 2, minutes=np.nan), "minutes must be 0"),
+        ({"rate": 1e38}, "no longer a number in epoch 1"),
+        ({"minutes": -1.0}, "minutes must be 0"),
+        ({"minutes": np.nan}, "minutes must be 0"),
     ],
 )
-def test_a_run_that_cannot_be_is_refused(tmp_path, run, said):
+def test_a_run_that_cannot_be_is_refused(tmp_path, options, said):
     with pytest.raises(InputError, match=said):
-        train_in_folder(run(), tmp_path / "run", time.perf_counter())
+        run_once(tmp_path / "run", 2, **options)
 
 
 @pytest.mark.slow
@@ -177,11 +177,11 @@ def test_a_finished_run_stays_and_a_missing_network_is_written_again(whole, tmp_
         (tmp_path / file.name).write_bytes(file.read_bytes())
     model = tmp_path / "model.keras"
     before = model.stat().st_ino
-    train(small_run(5), tmp_path)
+    train(tmp_path, 5)
     assert model.stat().st_ino == before
     with pytest.raises(InputError, match="contains 5 epochs .* from which 3 epochs cannot"):
-        train(small_run(3), tmp_path)
+        train(tmp_path, 3)
     model.unlink()
-    weights, _ = train(small_run(5), tmp_path)
+    weights, _ = train(tmp_path, 5)
     for one, other in zip(weights, whole[1], strict=True):
         np.testing.assert_array_equal(one, other)

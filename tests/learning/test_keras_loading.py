@@ -15,7 +15,7 @@ START = "from lf_flame.commands import program; import click\n@click.command()\n
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_networks_of_this_package_are_made_of_known_classes(name, tmp_path):
-    model = NETWORKS[name].model(3)
+    model = NETWORKS[name].build(3)
     model.save(tmp_path / "model.keras")
     assert load_model(tmp_path / "model.keras").count_params() == model.count_params()
 

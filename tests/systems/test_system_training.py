@@ -44,7 +44,7 @@ def config(coarse_data):
 
 
 def system_of(name, seed=0):
-    return NETWORKS[name].system(NETWORKS[name].model(seed))
+    return NETWORKS[name].system(NETWORKS[name].build(seed))
 
 
 @pytest.mark.slow
