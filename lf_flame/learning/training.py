@@ -94,8 +94,9 @@ def train(
     with run.opened():
         if run.finished:
             return run.network
-        if run.epochs_missing:
+        if run.epochs_missing:  # features take a while
             batches = shuffled_batches(*samples("train"), recipe.batch_size, config.seed)
+            # On the decoder's own variables, so that `network` learns too.
             trained = compile_for_training(decoder, recipe.learning_rate, batches.steps)
             run.fit(trained, batches, samples("validation"))
         assign_weights(decoder, run.state.best)
