@@ -157,8 +157,6 @@ def area_average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Average areas so that the last two axes have `size`, and clip to [0, 1] like a sensor."""
     from skimage.transform import downscale_local_mean  # takes a while to import
 
-    factors = (1,) * (images.ndim - 2) + tuple(
-        n // m for n, m in zip(images.shape[-2:], size, strict=True)
-    )
+    factors = (1,) * (images.ndim - 2) + block_of(images.shape[-2:], size)
     averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
     return np.clip(averaged, 0, 1).astype(np.float32)
