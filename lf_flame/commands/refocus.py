@@ -90,8 +90,8 @@ APPEARANCE = cloup.option_group(
         default="linear",
         rare=True,
     ),
-    option("--aperture", "Width of a round aperture in full widths; 1.42 includes corners.", float),
-    option("--f-number", "Working f-number of the aperture; needs a thin-lens --camera.", float),
+    option("--aperture", "Width of a round aperture; 1: full, 1.42: corners too.", float),
+    option("--f-number", "Working f-number of the aperture; needs --camera.", float),
     option("--ring", "Width of a central stop, in the same unit as --aperture.", float, rare=True),
     flag("--square", "Square aperture, not a round one.", rare=True),
     option(
