@@ -57,8 +57,7 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
         else:
             found = open_run(folder)
             dataset, record = found.open_dataset(), found.record
-        config = dataset.config
-        first = first or dataset
+        config, first = dataset.config, first or dataset
         if scene_settings(config) != scene_settings(first.config):
             raise InputError(
                 f"{folder} is of other scenes than {folders[0]}, or of another camera; "
@@ -67,7 +66,8 @@ def load_systems(folders: Sequence[Path]) -> tuple[DatasetConfig, list[float], d
         depths = "shuffled" if config.shuffled_depths else "fixed"
         learnt = f"input {config.input.kind}, {depths} depths"
         if record:
-            name = f"{folder}: {learnt}; {backbone_name(record['backbone_weights'])}"
+            network = backbone_name(record["backbone_weights"])
+            name = f"{folder}: {learnt}; {network}, {record['epochs']:,} epochs"
             records[name] = {k: x for k, x in record.items() if k != "test_indices"}
             networks[name] = ResNet50.of_run(folder).refocus
         name = f"{RIDGE}: {learnt}"

@@ -250,6 +250,7 @@ REFUSED = {
     "larger.tif": (pages((THUMBNAIL, 0), (PICTURE, 0)), "one picture in full .* got .2, 3. of u"),
     "other.tif": (pages((PICTURE, 0), (PICTURE.astype("f4"), 0)), "or several of one form, got"),
     "reduced.tif": (pages((THUMBNAIL, 1), (PICTURE, 1)), "one picture in full .* got none"),
+    "lzma.tif": (tiff(np.ones((9, 8), np.uint8), compression="lzma"), r"34925 \(LZMA\)"),
     "jpeg.tif": (tiff(np.ones((9, 8), np.uint8), compression="jpeg"), r"compression 7 \(JPEG\)"),
     "large.png": (lambda path: Image.new("L", (3000, 3000)).save(path), "would need 0.081 GB"),
     "deep.ppm": (lambda path: path.write_bytes(b"P6 1 1 65535 abcdef"), "has colours of 16 bits"),

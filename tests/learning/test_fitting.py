@@ -1,7 +1,6 @@
 """Training in a folder: resumed as if it had never stopped, with the best weights."""
 
 import json
-import time
 from functools import partial
 
 import keras
@@ -18,15 +17,14 @@ INPUTS, TARGETS = (RNG.normal(size=(n, 4)).astype(np.float32) for n in (11, 7))
 REQUEST = {"seed": 3}
 
 
-def run_once(out, epochs, rate=1e-2, started=None, **options):
+def run_once(out, epochs, rate=1e-2, **options):
     """Train a dense network with dropout; the truth is a product with a fixed matrix."""
     network = keras.Sequential([
         keras.Input((4,)), keras.layers.Dropout(0.3, seed=1),
         keras.layers.Dense(3, kernel_initializer=keras.initializers.GlorotUniform(seed=2)),
     ])  # fmt: skip
     truth = np.arange(12, dtype=np.float32).reshape(4, 3) / 10
-    started = time.perf_counter() if started is None else started
-    run = RunFolder(out, REQUEST, epochs, 0.0, started, **options)
+    run = RunFolder(out, REQUEST, epochs, 0.0, started=0.0, **options)
     with run.opened():
         if run.finished:
             return
@@ -121,7 +119,7 @@ def test_a_limit_ends_at_the_nearest_end_of_an_epoch(tmp_path, monkeypatch, minu
 
     monkeypatch.setattr(fitting.EpochEnd, "on_epoch_end", a_minute_later)
     monkeypatch.setattr(fitting.time, "perf_counter", lambda: clock[0])
-    run_once(tmp_path, 6, started=0.0, minutes=minutes)
+    run_once(tmp_path, 6, minutes=minutes)
     assert json.loads((tmp_path / "run.json").read_text())["epochs"] == epochs
 
 

@@ -120,7 +120,7 @@ def test_what_has_memorised_its_scenes_is_found_out(run_folder, tmp_path):
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "depth_test.csv")
     means = table.set_index(["scenario", "system"])
-    network = f"{run_folder}: input views, fixed depths; no backbone"
+    network = f"{run_folder}: input views, fixed depths; no backbone, 1 epochs"
     linear = f"{RIDGE}: input views, fixed depths"
     assert set(table.system) == {
         "shift-and-sum of 3 views", "shift-and-sum of 9 views", network, linear,
