@@ -63,7 +63,7 @@ $(VENV)/tools: $(VENV)/installed
 
 dataset: $(DATA)/flames.zarr/zarr.json $(DATA)/shapes.zarr/zarr.json  ## simulate both data sets
 # Whether the network's weights can be had is said before the minutes of a simulation.
-TRAINS := $(filter train-shapes train-flame tables results/%,$(MAKECMDGOALS))
+TRAINS := $(filter train-shapes train-flame tables scored results/%,$(MAKECMDGOALS))
 $(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(VENV)/installed
 	$(if $(TRAINS),$(LF) train experiments/$*.toml --preset $(PRESET) $(BACKBONE))
 	$(LF) dataset $< --preset $(PRESET) --route $(ROUTE) --workers $(WORKERS) --out $(DATA)/$*.zarr

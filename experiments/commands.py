@@ -83,7 +83,6 @@ def baselines(data: Path, config: Path, out: Path, seed: int | None) -> None:
 
     CONFIG is the training whose split is used. OUT gets TABLE_baselines.csv, .md and .json.
     """
-    load_keras()
     from experiments.paper.evaluation import baseline_report
     from lf_flame.learning.training_config import read_training_config
 

@@ -297,11 +297,11 @@ def _thrown_on_sensor(camera, numbers):
 
 def _thrown_on_array(camera, numbers):
     """How far the main lens's diffraction throws light on the lenslet array, (n, 2)."""
-    length = camera.wavelength_nm * 1e-6 * _image_distance(camera)
+    length = camera.wavelength_nm * 1e-6 * _pupil_mm(camera)
     if camera.aperture_diameter_mm is None:
-        matched = _image_distance(camera) * camera.lenslet_pitch_mm / camera.lenslet_focal_mm
+        matched = _pupil_mm(camera) * camera.lenslet_pitch_mm / camera.lenslet_focal_mm
         return length / matched * _sinc2_quantile(numbers)
-    radius = length / camera.aperture_diameter_mm * _airy_quantile(numbers[:, 0])
+    radius = length / (2 * _exit_radius(camera)) * _airy_quantile(numbers[:, 0])
     angle = 2 * np.pi * numbers[:, 1]
     return radius[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
 

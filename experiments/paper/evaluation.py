@@ -16,7 +16,7 @@ from experiments.report import markdown, write_report
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.config import to_json
-from lf_flame._common.input_files import read_text
+from lf_flame._common.input_files import printable, read_text
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.sampling import render_sample, search_slopes
 from lf_flame.datasets.store import Dataset, split_indices
@@ -90,7 +90,7 @@ def evaluate_run(folder: Path, out: Path) -> None:
     planes = [paper["object"], paper["depth_mm"]]
     if [run.objects, run.config.depths_mm] != planes or run.config.shuffled_depths:
         raise InputError(f"{folder} must be a run of the paper's {planes[0]} at {planes[1]} mm.")
-    tqdm.write(f"Scoring {record['parts']['test']} test samples of {folder}")
+    tqdm.write(f"Scoring {record['parts']['test']} test samples of {printable(folder)}")
     dataset, indices, predictions = run.predict_test_split()
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)

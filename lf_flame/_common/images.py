@@ -153,13 +153,12 @@ def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPag
     """
     if not file.series:
         raise InputError(f"{path} cannot be read: it is damaged, or contains no picture.")
-    pages = [(one, one.keyframe) for one in file.series]
-    whole = [one for one, page in pages if not (page.is_reduced or page.is_mask)]
-    forms = {f"{one.shape} of {one.dtype}" for one in whole}
+    whole = [one for one in file.series if not (one.keyframe.is_reduced or one.keyframe.is_mask)]
+    forms = {one.keyframe.hash: f"{one.shape} of {one.dtype}" for one in whole}
     if len(forms) != 1:
         raise InputError(
-            f"{path} must contain one picture in full resolution, or several of one form, got "
-            f"{', '.join(sorted(forms)) or 'none'}: store one."
+            f"{path} must contain one picture in full resolution, or several of one form, stored "
+            f"alike, got {', '.join(sorted(forms.values())) or 'none'}: store one."
         )
     return whole
 

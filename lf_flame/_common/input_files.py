@@ -72,6 +72,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     text = read_text(path)
     try:
         values = tomllib.loads(text)
+        repr(values)  # dots in a key nest deeper than anything reads
     except (ValueError, RecursionError) as error:  # an impossible date, too, or deep nesting
         raise InputError(f"{path} is not a TOML file: {error}.") from None
     _check_values(values, path)

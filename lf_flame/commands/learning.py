@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,12 +72,13 @@ def dataset(config: Path, preset: str, out: Path, workers, route, scheduler) -> 
                 f"{out} contains a data set of another configuration or size; remove it or choose "
                 f"another folder."
             )
-        click.echo(f"{out} is complete: {samples} samples.")
+        click.echo(f"{printable(out)} is complete: {samples} samples.")
+        with suppress(OSError):  # of others: Make comes again
+            (out / "zarr.json").touch()  # for Make, which compares its date with that of CONFIG
     else:
         report(f"{samples} samples into {out}; first, the slopes of sharpest focus")
         with crew.executor() as executor:
             make_dataset(settings, samples, out, crew.processes, executor)
-    (out / "zarr.json").touch()  # for Make, which compares its date with that of CONFIG
 
 
 @command()
@@ -202,4 +204,4 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
     asked = read_systems_config(config)
     asked = asked if seed is None else replace(asked, seed=seed)
     path = train_system(asked, system, preset, out)
-    click.echo(f"{path} is trained")
+    click.echo(f"{printable(path)} is trained")

@@ -239,10 +239,9 @@ class Appearance:
         from lf_flame.systems.training import load_system
 
         network = load_system(self.network)
-        if focus.regions and not isinstance(network, SparseUNet):
+        if focus.regions and type(network) is not SparseUNet:
             raise InputError(
-                f"{self.network} contains {network.name}; --region needs the network of "
-                f"`train-system volumetric`."
+                f"--region needs the network of `train-system volumetric`, got {network.name}."
             )
         return network
 

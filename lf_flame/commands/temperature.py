@@ -186,8 +186,7 @@ def _check_order(folders: "list[EmissionFolder]", names: Sequence[str]) -> None:
     for folder, name in zip(folders, names, strict=True):
         if folder.record.colour not in (None, name):
             raise InputError(
-                f"{folder.folder} contains the colour {folder.record.colour}, but the folders must "
-                f"be in the order of the calibration, {', '.join(names)}."
+                f"{folder.folder} is {folder.record.colour}; the order is {', '.join(names)}."
             )
 
 

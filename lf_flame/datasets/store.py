@@ -89,6 +89,8 @@ class Dataset:
         if not np.all(complete == 1):
             missing = np.flatnonzero(complete != 1)[0]
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
+        for name in self._file.names:
+            self._file.refuse_missing_files(name)
 
     def __len__(self) -> int:
         return self._count

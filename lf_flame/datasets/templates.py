@@ -201,7 +201,7 @@ TEMPLATES: dict[str, type[Template]] = {"shapes": ShapeTemplate, "flames": Flame
 
 def _check_ranges(brightness: Pair, **spreads: float) -> None:
     for name, value in spreads.items():
-        if not value >= 0:
-            raise InputError(f"{name} must be 0 or above, got {value}.")
+        if not 0 <= value < np.inf:
+            raise InputError(f"{name} must be 0 or above, and finite, got {value}.")
     if not 0 <= brightness[0] <= brightness[1] <= 1:
         raise InputError(f"brightness must be two increasing numbers in [0, 1], got {brightness}.")

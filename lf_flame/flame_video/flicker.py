@@ -141,9 +141,7 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike, *, resolvable: float = 
     """
     times, values = _checked_series(times_s, heights)
     if not 0 <= resolvable < np.inf:
-        raise InputError(
-            f"resolvable must be the smallest amplitude of a flicker, 0 or more, got {resolvable}."
-        )
+        raise InputError(f"resolvable must be an amplitude, 0 or more, got {resolvable}.")
     frequencies = _frequencies(times)
     times = times - times.mean()
     (peak, amplitude, alarm), fit = _find_peak(times, values, frequencies)
@@ -211,6 +209,8 @@ def _frequencies(times: np.ndarray) -> np.ndarray:
     # At exactly half the sampling rate, cosine and sine cannot be separated.
     highest = 0.5 / np.median(np.diff(times)) - resolution / 2
     count = max(2, 1 + int(np.ceil((highest - lowest) / resolution * 5)))
+    if count > 1e7:
+        raise InputError(f"The times have gaps too long for a spectrum of {count:,} frequencies.")
     return np.linspace(lowest, max(highest, lowest + resolution), count)
 
 

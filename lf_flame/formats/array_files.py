@@ -202,7 +202,7 @@ class ZarrFile(FileOfArrays):
                 check_memory(check_regular(file), file)
         # Zarr warns of folders in it that are not arrays.
         with readable(self.metadata), warnings.catch_warnings(action="ignore"):
-            found = zarr.open_group(str(self.path), mode="r", zarr_format=3)
+            found = zarr.open_group(self.path, mode="r", zarr_format=3)
             self.attributes = dict[str, Any](found.attrs)
             members = found.members(max_depth=1)
             arrays = [(name, x) for name, x in members if isinstance(x, zarr.Array)]

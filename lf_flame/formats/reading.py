@@ -286,7 +286,7 @@ def _read_pixels(
         is_searched = order is None and pixels.searched
         found = find_order(stored) if is_searched else stated_order(order)
     beside = {"weights": pixels.weights, "valid": pixels.valid}
-    given = {name: arranged(x, found.order) for name, x in beside.items() if x is not None}
+    given = {k: arranged(np.atleast_2d(x), found.order) for k, x in beside.items() if x is not None}
     light_field = LightField(arranged(stored, found.order), **given)
     check_grid(grid, light_field.shape[:2], path)
     # Any picture is read as 1 view, and so is an array of one.

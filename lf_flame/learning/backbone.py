@@ -14,7 +14,7 @@ import keras
 import numpy as np
 
 from lf_flame._common.arrays_in_files import ArrayFile
-from lf_flame._common.input_files import readable
+from lf_flame._common.input_files import printable, readable
 from lf_flame.datasets.encodings import SMALLEST
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
@@ -84,7 +84,7 @@ def describe_weights(weights: str | Path, depth: str, seed: int) -> str:
             f"and there is no file {weights}."
         )
     digest = hashlib.sha256(Path(weights).read_bytes()).hexdigest()[:12]
-    return f"{Path(weights).name} (sha256 {digest}), {depth}"
+    return f"{printable(Path(weights).name)} (sha256 {digest}), {depth}"
 
 
 def _load_resnet50(image, weights, seed, depth) -> keras.Model:

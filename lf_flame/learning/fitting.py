@@ -10,7 +10,6 @@ file, written as a whole; Keras's `BackupAndRestore` and `ModelCheckpoint` write
 
 import json
 import math
-import reprlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -33,7 +32,7 @@ from lf_flame._common.atomic_files import (
     write_text,
 )
 from lf_flame._common.config import build
-from lf_flame._common.input_files import parse_json, read_record
+from lf_flame._common.input_files import parse_json, printable, read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import accelerators
 from lf_flame.learning.run_folders import load_run
@@ -259,10 +258,7 @@ class TrainingState:
     def add(self, epoch: int, loss: float, val_loss: float, seconds: float, network) -> None:
         """Add an epoch, and keep its weights if they are the best."""
         if not np.isfinite([loss, val_loss]).all():
-            raise InputError(
-                f"The loss is no longer a number in epoch {epoch} (training {loss}, validation "
-                f"{val_loss}); the last checkpoint is kept."
-            )
+            raise InputError(f"Epoch {epoch} has no finite loss: {loss}, validation {val_loss}.")
         psnr = float(-10 * np.log10(max(val_loss, 1e-30)))  # finite for images without an error
         self.history.append(Epoch(epoch, float(loss), float(val_loss), psnr, round(seconds, 4)))
         if self.best_row is self.history[-1]:
@@ -345,10 +341,10 @@ def _refuse_other_run(request: dict, out: Path) -> None:
     for key, value in json.loads(json.dumps(request)).items():
         old = found.get(key)
         while isinstance(old, dict) and isinstance(value, dict) and old != value:
-            name = next(name for name in old | value if old.get(name) != value.get(name))
-            key, old, value = f"{key}.{name}", old.get(name), value.get(name)
+            name = next(x for x in old | value if old.get(x, "none") != value.get(x, "none"))
+            key, old, value = f"{key}.{name}", old.get(name, "none"), value.get(name, "none")
         if old != value:
             raise InputError(
-                f"{out} contains a run with another {key} ({reprlib.repr(old)}, now "
-                f"{reprlib.repr(value)}); choose another folder, or remove it."
+                f"{out} contains a run with another {key} ({printable(old)}, now "
+                f"{printable(value)}); choose another folder, or remove it."
             )

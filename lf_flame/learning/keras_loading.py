@@ -35,11 +35,11 @@ def load_keras() -> None:
             import keras
 
             keras.ops.zeros(1)  # starts the backend's devices
-        except (ImportError, ValueError) as error:
+        except Exception as error:  # whatever a device or a keras.json makes of it
             if getattr(error, "name", None) in ("keras", "tensorflow"):
                 raise  # programs say what to install
             backend = os.environ.get("KERAS_BACKEND", "that of its keras.json")
-            reason = str(error).splitlines()[0].rstrip(".")
+            reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
             raise InputError(
                 f"Keras does not start with the backend {backend}: {reason}."
             ) from None
@@ -60,11 +60,13 @@ def check_keras() -> None:
         ("backend", keras.config.backend(), BACKENDS),
         ("floatx", keras.config.floatx(), ("float32",)),
         ("image_data_format", keras.config.image_data_format(), ("channels_last",)),
+        ("max_epochs", keras.config.max_epochs() or "unlimited", ("unlimited",)),
+        ("max_steps_per_epoch", keras.config.max_steps_per_epoch() or "unlimited", ("unlimited",)),
     ):
         if found not in allowed:
             raise InputError(
                 f"Keras is configured with {name} {found}, but networks of this package need "
-                f"{' or '.join(allowed)}: set it in keras.json (or KERAS_BACKEND for the backend)."
+                f"{' or '.join(allowed)}: set it in keras.json, or the environment's KERAS_..."
             )
 
 

@@ -86,7 +86,7 @@ def fit_changes(
     distances = np.arange(int(np.ceil(REACH * WINDOW)) + 1)
     near = np.exp(-((distances / WINDOW) ** 2) / 2)
     change, least = np.empty(slope.shape), (2 * scatter / step) ** 2
-    _fit(slope, *equations, in_deviations(guide), near, SAME * step, least, change)
+    _fit(slope, *equations, in_deviations(guide) / ALIKE, near, SAME * step, least, change)
     return np.where(np.abs(change) <= MOST_CHANGE * step, change, 0.0)
 
 
@@ -202,7 +202,7 @@ def _fit(t, slope, numerator, denominator, guide, near, same, least, change):
         for y in range(max(t - reach, 0), min(t + reach + 1, height)):
             for x in range(max(s - reach, 0), min(s + reach + 1, width)):
                 if abs(slope[y, x] - slope[t, s]) <= same:
-                    unlike = (guide[y, x] - guide[t, s]) / ALIKE
+                    unlike = guide[y, x] - guide[t, s]
                     weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
                     above += weight * numerator[y, x]
                     below += weight * denominator[y, x]

@@ -409,9 +409,8 @@ class _Gradients:
                 shifted = mean[:, n - first, :, 0] + 1j * mean[:, n - first, :, 1]
                 images = fft.irfft2(shifted, self._periods)[:, : self._size[0], : self._size[1]]
                 down, across, alike = images.astype(float)
-                tapers = np.einsum(
-                    "vu,vt,us->ts", counts, *self._tapers(slope, steps), optimize=True
-                )
+                by_row, by_column = self._tapers(slope, steps)  # not with BLAS, as in `_sum`
+                tapers = np.einsum("vt,vs->ts", by_row, np.einsum("vu,us->vs", counts, by_column))
                 parts = down**2 + across**2, tapers * alike, tapers**2
                 agreeing, alike, seen = (self._sum(part) for part in parts)
                 energy[n] = alike / np.maximum(seen, 1e-300)

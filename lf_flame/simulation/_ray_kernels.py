@@ -49,9 +49,10 @@ def radiance(planes, transmission, meet, rays, tables, lenslet, pixel, ray):
             before, sheet = clear, planes.sheet[p]
         gain *= before
         light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
-        # A ray meets one strip of a sheet: the light that strips stop adds up.
+        # What the strips of a sheet stop adds up. A ray may meet two strips, or pass between two:
+        # right in the mean, so that nothing is clipped here.
         stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
-        clear = max(clear - gain * stopped, 0.0)
+        clear -= gain * stopped
     return light
 
 
@@ -185,7 +186,7 @@ def trace_planes(k, planes, rays, weights, stop, second, falloff, seen, share, o
                     light += weight * radiance(
                         planes, planes.transmission, hit, rays, weights, own, pixel, ray
                     )
-            out[view_row, view_column, row, column] += light * share
+            out[view_row, view_column, row, column] += max(light, 0.0) * share
 
 
 @parallel(lambda seen: seen.lines.size)
@@ -241,7 +242,7 @@ def trace_lenslets(k, tables, seen, share, out):
             light = through_lenslets(
                 planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, pixel
             )
-            out[view_row, view_column, row, column] += light * share
+            out[view_row, view_column, row, column] += max(light, 0.0) * share
 
 
 # Each function is compiled for the types of each call. Functions that are called for each ray have

@@ -8,10 +8,12 @@ true lenslet: one made larger by a pitch error collects more light, and the pixe
 area.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lf_flame._common.input_files import check_memory
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import ROW_SPACING, PlenopticCamera
@@ -113,6 +115,7 @@ def render_plan(
     """
     if layout not in ("views", "raw"):
         raise InputError(f"layout must be views or raw, got {layout!r}.")
+    check_memory(12 * camera.views**2 * math.prod(camera.lenslets), "The light field")
     noisy = plan.kept & {"shot_noise", "read_noise"} if camera.sensor else set()
     if noisy and seed is None:
         raise InputError(f"{' and '.join(sorted(noisy))} need a seed; give one, or force them off.")

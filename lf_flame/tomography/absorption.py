@@ -189,22 +189,30 @@ def spread_thickness(
         raise InputError(f"The optical thickness must be {names}, got shape {given.shape}.")
     if not np.isfinite(given).all() or given.min() < 0:
         raise InputError(
-            f"The optical thickness must be finite, 0 or above, got values from {given.min()} to "
-            f"{given.max()}."
+            f"The optical thickness must be finite, 0 or above, got {given.min()} to {given.max()}."
         )
     if isinstance(grid, AxisymmetricGrid):
-        return given if given.any() else None
-    by_plane = np.full(planes, given / planes) if given.ndim == 0 else given
-    total = float(by_plane.sum(axis=0).max())
+        cells = given
+    else:
+        by_plane = np.full(planes, given / planes) if given.ndim == 0 else given
+        shape = (planes, *(by_plane.shape[1:] or (1, 1)))
+        cells = np.broadcast_to(by_plane.reshape(shape), (planes, rows, columns))
+        cells = np.pad(cells, ((0, 0), (grid.reach,) * 2, (grid.reach,) * 2), mode="edge")
+    total = total_thickness(grid, cells)
     if total > MOST_THICKNESS:
         raise InputError(
             f"The optical thickness must be at most {MOST_THICKNESS:g} in total, got {total:.3g}: "
             f"too little light from behind gets through."
         )
-    shape = (planes, *(by_plane.shape[1:] or (1, 1)))
-    cells = np.broadcast_to(by_plane.reshape(shape), (planes, rows, columns))
-    margin = (grid.reach, grid.reach)
-    return np.pad(cells, ((0, 0), margin, margin), mode="edge") if total else None
+    return cells if total else None
+
+
+def total_thickness(grid: FrustumGrid | AxisymmetricGrid, thickness: np.ndarray) -> float:
+    """Largest total of an optical thickness along a ray, or along a diameter of a section."""
+    if isinstance(grid, FrustumGrid):
+        return float(thickness.sum(axis=0).max())
+    # A diameter crosses all nodes twice but the one on the axis.
+    return float((2 * thickness.sum(axis=1) - thickness[:, 0]).max() * grid.step_mm)
 
 
 class Absorption:

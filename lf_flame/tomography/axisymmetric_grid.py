@@ -153,8 +153,9 @@ class AxisymmetricGrid:
         aperture = self.camera.views * self.camera.view_step_mm
         farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
         slope = (aperture / 2 + farthest) / self.camera.distance_mm(self.depth_mm)
-        count = max(1, int(np.ceil(self.radius_mm * slope / (PARALLAX * self.pixel_mm))))
-        edges = np.linspace(self.radius_mm, -self.radius_mm, count + 1)
+        reach = len(self.radii_mm) * self.step_mm  # where the outermost node's emission ends
+        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.pixel_mm))))
+        edges = np.linspace(reach, -reach, count + 1)
         return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
 
     def empty_slab(self, depth_mm: float) -> Layer:
@@ -268,7 +269,7 @@ class AxisymmetricGrid:
         between two nodes emission is linear in the radius, which has a closed integral.
         """
         across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
-        slab_mm = 2 * self.radius_mm / len(self.slab_depths_mm)
+        slab_mm = 2 * len(self.radii_mm) * self.step_mm / len(self.slab_depths_mm)
         middle, half = (depth - self.depth_mm) / self.step_mm, slab_mm / 2 / self.step_mm
         cones = _cones_to(middle + half, across, len(self.radii_mm))
         cones -= _cones_to(middle - half, across, len(self.radii_mm))

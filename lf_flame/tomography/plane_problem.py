@@ -105,7 +105,9 @@ class PlaneProblem:
         state = start
         with progress.bar("fitting", iterations) as shown:
             for step, most in parts:
-                state = _scaled(state, roof, step / before)
+                # The excess over the bounds is their multipliers times the step.
+                light = np.clip(state, 0, roof)
+                state = light + np.float32(step / before) * (state - light)
                 before = step
                 self._split(step / gram.scale, strength, roof, state, most, shown)
         cells = gram.gather(np.clip(state, 0, roof))
@@ -148,12 +150,6 @@ class PlaneProblem:
         """Find the part of the light field's sum of squares that cells explain."""
         seen = multiply(self.gram.matrices, spectrum)
         return 2 * self.gram.inner(self._spectrum, spectrum) - self.gram.inner(spectrum, seen)
-
-
-def _scaled(state: np.ndarray, roof: np.ndarray, ratio: float) -> np.ndarray:
-    """State for a longer step: the excess over the bounds is their multipliers times the step."""
-    light = np.clip(state, 0, roof)
-    return light + np.float32(ratio) * (state - light)
 
 
 @parallel(lambda matrices: len(matrices))

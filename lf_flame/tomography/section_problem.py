@@ -6,6 +6,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.linalg.blas import dsbmv
 
+from lf_flame._common.input_files import check_memory
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.frequency_gram import RIDGE, ROUGHNESS_ORDER
 from lf_flame.tomography.plane_problem import Solution
@@ -145,6 +146,14 @@ class SectionProblem:
         return float(apart @ self.gram.multiply(apart))
 
 
+def _scale(bands: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Multiply lower diagonals from both sides by a diagonal matrix, in place."""
+    for below, band in enumerate(bands):
+        end = len(unit) - below
+        band[:end] *= unit[below:] * unit[:end]
+    return bands
+
+
 def roughness_differences(shape: tuple[int, int]) -> sparse.csr_array:
     """Differences that are penalised, (differences, nodes): along height, then along radius.
 
@@ -161,15 +170,6 @@ def roughness_differences(shape: tuple[int, int]) -> sparse.csr_array:
     return sparse.vstack([down, sparse.kron(sparse.eye_array(heights), across)], format="csr")
 
 
-def _scale(bands: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Multiply lower diagonals from both sides by a diagonal matrix."""
-    out = np.zeros_like(bands)
-    for below in range(len(bands)):
-        end = len(unit) - below
-        out[below, :end] = bands[below, :end] * unit[below:] * unit[:end]
-    return out
-
-
 def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
     """Lower diagonals of the Gram matrix A'A of the nodes' light fields, (band, nodes).
 
@@ -184,6 +184,8 @@ def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
         down, across = stacked[_lines(rows, t)], beside[_lines(columns, s)]
         products.append((down.T @ down, across.T @ across))
     reach = max(_reach(down, heights) for down, _ in products)
+    values = (slabs * heights) ** 2 + 6 * (reach + 1) * radii**2 * heights  # with four factors
+    check_memory(8 * values, "The half section")
     bands = np.zeros(((reach + 1) * radii, heights * radii))
     for down, across in products:
         down = down.toarray().reshape(slabs, heights, slabs, heights)

@@ -16,7 +16,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.tomography.absorption import MOST_THICKNESS
+from lf_flame.tomography.absorption import MOST_THICKNESS, total_thickness
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.emission import Emission
@@ -146,7 +146,7 @@ def reconstruct_soot(
         for c, (tau, light) in enumerate(zip(thickness, lights, strict=True))
     )
     temperatures = _temperatures(colours, calibration, soot_exponent)
-    totals = np.array([_total(grid, one) for one in thickness])
+    totals = np.array([total_thickness(grid, one) for one in thickness])
     return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
 
 
@@ -166,10 +166,10 @@ def _settle(
                 for tau, light, last in zip(thickness, lights, found, strict=True)
             ]
         fresh = _thickness(found, calibration, soot_exponent)
-        totals = [_total(grid, one) for one in fresh]
+        totals = [total_thickness(grid, one) for one in fresh]
         # A round may exceed the limit of the fit on the way.
         fresh *= min(1.0, (1 - 1e-6) * MOST_THICKNESS / max(*totals, 1e-300))
-        change = max(_total(grid, one) for one in np.abs(fresh - thickness))
+        change = max(total_thickness(grid, one) for one in np.abs(fresh - thickness))
         thickness = fresh
         if change < SETTLED:
             break
@@ -195,14 +195,6 @@ def split_colours(light_field: LightField, names: Sequence[str]) -> list[LightFi
         replace(light_field, views=np.ascontiguousarray(light_field.views[..., c]))
         for c in range(len(names))
     ]
-
-
-def _total(grid: FrustumGrid | AxisymmetricGrid, thickness: np.ndarray) -> float:
-    """Largest total of an optical thickness along a ray, or along a diameter of a section."""
-    if isinstance(grid, FrustumGrid):
-        return float(thickness.sum(axis=0).max())
-    # A diameter crosses all nodes twice but the one on the axis.
-    return float((2 * thickness.sum(axis=1) - thickness[:, 0]).max() * grid.step_mm)
 
 
 def _temperatures(

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import Akima1DInterpolator
 
-from lf_flame._common.input_files import read_text
+from lf_flame._common.input_files import read_text, readable
 from lf_flame.errors import InputError
 
 SECOND_RADIATION_NM_K = 1.4387768775e7
@@ -253,7 +253,8 @@ def read_responses(path: str | Path) -> SpectralResponses:
     """
     path = Path(path)
     lines = read_text(path).splitlines()
-    rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
+    with readable(path, "not a CSV file"):
+        rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
     if not rows or rows[0][0].strip() != "wavelength_nm" or len(rows[0]) < 2:
         raise InputError(
             f"{path} must begin with a header row, wavelength_nm and the names of the colours, got "

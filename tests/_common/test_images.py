@@ -225,8 +225,8 @@ def tiff(pixels, **form):
 def pages(*some):
     def write(path):
         with tifffile.TiffWriter(path) as file:
-            for page, kind in some:
-                file.write(page, subfiletype=kind, metadata=None)
+            for page, kind, *packing in some:
+                file.write(page, subfiletype=kind, metadata=None, compression=(*packing, None)[0])
 
     return write
 
@@ -248,7 +248,8 @@ REFUSED = {
     "multiplied.tif": (samples(4, "rgb", ["assocalpha"]), "has 4 samples per pixel"),
     "deep.tif": (tiff(np.ones((4, 5), np.uint32)), "or floats, got uint32"),
     "larger.tif": (pages((THUMBNAIL, 0), (PICTURE, 0)), "one picture in full .* got .2, 3. of u"),
-    "other.tif": (pages((PICTURE, 0), (PICTURE.astype("f4"), 0)), "or several of one form, got"),
+    "other.tif": (pages((PICTURE, 0), (PICTURE.astype("f4"), 0)), "or several of one form, stored"),
+    "mixed.tif": (pages((PICTURE, 0), (PICTURE, 0, "zlib")), "of one form, stored alike, got"),
     "reduced.tif": (pages((THUMBNAIL, 1), (PICTURE, 1)), "one picture in full .* got none"),
     "lzma.tif": (tiff(np.ones((9, 8), np.uint8), compression="lzma"), r"34925 \(LZMA\)"),
     "jpeg.tif": (tiff(np.ones((9, 8), np.uint8), compression="jpeg"), r"compression 7 \(JPEG\)"),

@@ -69,7 +69,7 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
         other.exception
     )
     wrong = run("temperature", "abel/flame/red", "abel/flame/blue", *CALIBRATION, code=1)
-    assert "abel/flame/red contains the colour red" in str(wrong.exception)
+    assert "abel/flame/red is red; the order is blue, red" in str(wrong.exception)
     run("temperature", "abel/flame/red", "abel/flame/blue", "--wavelengths", 640, 480)
     assert not Path("temperature/red/optical_thickness.tif").exists()
     several = run("profiles", "abel/flame", code=1)

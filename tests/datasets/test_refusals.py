@@ -8,13 +8,13 @@ import numcodecs
 import numpy as np
 import pytest
 import zarr
-from builders import DATA, shapes, toml
+from builders import DATA, shapes
 from sentences import refusals
 
 from lf_flame import InputError
 from lf_flame._common.input_files import LIMIT
 from lf_flame.datasets import split_indices
-from lf_flame.datasets.config import config_from_json, read_config
+from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
@@ -54,13 +54,6 @@ test_a_mistake_is_one_sentence = refusals([
     (partial(InputEncoding, "grid", grid=0), "grid must be at least 1 view"),
     (partial(split_indices, 2, (0.7, 0.15, 0.15), seed=1), "2 samples are too few to split"),
 ])  # fmt: skip
-
-
-def test_a_file_is_named(tmp_path):
-    path = tmp_path / "a.toml"
-    path.write_text(toml({**DATA, "seed": -1}))
-    with pytest.raises(InputError, match="a.toml: seed must be 0 or above"):
-        read_config(path)
 
 
 def metadata(name, *keys, value):
@@ -128,6 +121,7 @@ DAMAGES = [
     (damaged(TARGETS, flip), "a.zarr/zarr.json cannot .* or its array target is"),
     (damaged(TARGETS, lambda x: x.pop()), "or its array target is"),  # without its index
     (lambda path: next(path.glob(TARGETS)).unlink(), "1 of its 1 chunk files are missing"),
+    (lambda path: next(path.glob("input/c/0/*/*/*")).unlink(), "input cannot be read: 1 of its 1"),
     (lambda path: path.rename(path.with_name("b.zarr")), "There is no data set at"),
 ]
 

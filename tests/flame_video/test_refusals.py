@@ -32,7 +32,7 @@ REFUSED = [
     (partial(find_flicker, TWENTY * 1e305, np.ones(20)), "at most"),
     (partial(find_flicker, TWENTY, np.where(TWENTY < 15, 1, NAN)), "at least 16 frames .*, got 15"),
     *(
-        (partial(find_flicker, TWENTY, np.ones(20), resolvable=value), "the smallest amplitude")
+        (partial(find_flicker, TWENTY, np.ones(20), resolvable=value), "resolvable must be an amp")
         for value in (-1.0, NAN, INF)
     ),
     (partial(find_steps, "refocus@10mm"), "refocus@10mm needs the camera"),

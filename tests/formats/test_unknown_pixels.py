@@ -92,6 +92,23 @@ def test_bad_pixels_of_the_white_and_the_dark_image_are_unknown():
     assert not found.views[~found.valid].any()
 
 
+def test_a_dead_row_of_a_turned_array_shows_nothing_of_the_next_lenslet():
+    """What is known of every fourth lenslet is the same, whatever the others show."""
+    row, column = np.indices((120, 160))
+    place = (column - 80) * np.cos(0.03) + (row - 60) * np.sin(0.03)
+    grid, white = LensletGrid(80, 60, 9, 0.03), 1 - 1e-3 * np.hypot(row - 60, column - 80)
+    white[62] = 0
+    plan = DecodePlan(grid, shape=row.shape, views=9, white=white)
+    own = np.round(place / 9) % 4 == 0
+    plain, lit = (plan.decode(white * np.where(own, 1.0, others)) for others in (1.0, 9.0))
+    middles = [s for s, k in enumerate(grid.block(row.shape)[1]) if k % 4 == 0]
+    for views in (plain, lit):
+        assert not np.all(views.valid)
+    both = (plain.valid & lit.valid)[:, 2:-2, :, middles]
+    away = np.abs(lit.views - plain.views)[:, 2:-2, :, middles]
+    assert away[both].max() < 1e-6
+
+
 @pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
 def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout, tmp_path):
     grid = LensletGrid(11, 11, 9, layout=layout)

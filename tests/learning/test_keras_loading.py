@@ -27,14 +27,21 @@ def test_no_known_class_brings_code_along():
 
 
 @pytest.mark.slow
-def test_a_backend_that_there_is_none_of_is_one_sentence():
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("KERAS_BACKEND", "bogus", "does not start with the backend bogus: "),
+        ("KERAS_MAX_EPOCHS", "1", "is configured with max_epochs 1, but networks of this"),
+    ],
+)
+def test_a_keras_that_would_not_do_is_one_sentence(name, value, said):
     code = START + (
         "    from lf_flame.learning.keras_loading import load_keras\n    load_keras()\n"
         "program.run(x, 'x')"
     )
-    known = os.environ | {"KERAS_BACKEND": "bogus"}
+    known = os.environ | {name: value}
     ended = subprocess.run([sys.executable, "-c", code], env=known, capture_output=True, text=True)
     assert ended.returncode == 2
-    first, said = ended.stderr.splitlines()
+    first, last = ended.stderr.splitlines()
     assert first == "Starting Keras ..."
-    assert said.startswith("x: Keras does not start with the backend bogus: ")
+    assert last.startswith(f"x: Keras {said}")

@@ -18,13 +18,6 @@ def write(tmp_path):
     return write
 
 
-def test_a_whole_record_is_taken(write):
-    run = open_run(write(RUN))
-    assert (run.slopes, run.objects) == ([1.0, -1.0], ["square", "circle"])
-    assert run.record == RUN
-    assert run.config.image == (40, 64)
-
-
 def test_a_run_of_a_system_says_what_it_is_and_what_is_wanted(write):
     folder = write({"system": "refocusnet", "title": "RefocusNet", "epochs": 2, "train_s": 1.0})
     assert load_run(folder)["system"] == "refocusnet"

@@ -110,11 +110,6 @@ def test_even_views_are_left_as_they_are(noise):
     assert matching.ComparedViews(views.astype(np.float32), SLOPES, np.ones((7, 7))).even
 
 
-def test_unrelated_views_have_no_levels(rng):
-    views = rng.uniform(size=(3, 3, 40, 60)).astype(np.float32)
-    assert matching.ComparedViews(views, SLOPES, np.ones((3, 3))).even
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["corners 20 % darker", "tilt over the views"])
 def test_the_sharpest_slope_of_uneven_views_is_that_of_even_ones(kind):

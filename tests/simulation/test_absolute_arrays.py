@@ -152,3 +152,11 @@ def test_causes_without_effect_cost_nothing(changes):
     plan = plan_effects(Scene([glow()]), replace(BASE, **changes))
     assert plan.kept == {"defocus"}
     assert plan.integrator == "exact"
+
+
+@pytest.mark.slow
+def test_an_opaque_card_that_leans_lets_nothing_through():
+    card = Layer([[0.0]], 0.0, (16.0, 1.0), opaque=True, tilt_deg=(30, 0))
+    scene = Scene([Layer([[1.0]], 40.0, (30.0, 30.0)), card])
+    image = render(scene, replace(BASE, lenslets=(13, 13)), 1e-2).views
+    assert image[:, :, 4:9, 5:8].mean() < 5e-3

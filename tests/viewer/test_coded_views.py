@@ -33,12 +33,6 @@ def test_large_light_fields_take_eight_bits(rng, monkeypatch):
     assert encode_views(LightField(views)).codes.dtype == np.uint8
 
 
-def test_a_black_light_field_is_black():
-    coded = encode_views(LightField(np.zeros((2, 2, 3, 3))))
-    assert not coded.codes.any()
-    np.testing.assert_array_equal(coded.radiance(), 0)
-
-
 def test_two_channels_are_no_picture():
     with pytest.raises(InputError, match="1 or 3 channels; this light field has 2"):
         encode_views(LightField(np.ones((2, 2, 3, 3, 2))))

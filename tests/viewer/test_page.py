@@ -10,11 +10,6 @@ from lf_flame import InputError, LightField
 from lf_flame.viewer import coded_views
 from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.page import served_page, single_page
-from lf_flame.viewer.scripts import STATIC
-
-
-def test_scripts_stay_small():
-    assert sum(len(path.read_bytes()) for path in STATIC.iterdir()) < 62_500
 
 
 def smooth(shape, rng):

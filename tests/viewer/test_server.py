@@ -97,8 +97,3 @@ def test_a_page_that_is_closed_early_is_no_traceback(server, capfd):
 def test_a_port_in_use_is_one_sentence(server, make_exhibit):
     with pytest.raises(InputError, match="cannot be opened"):
         ViewerServer(make_exhibit((3, 3, 8, 9)), server.server_port)
-
-
-def test_two_servers_have_two_tokens(server, make_exhibit):
-    with ViewerServer(make_exhibit((3, 3, 8, 9))) as other:
-        assert other.token != server.token

@@ -216,7 +216,7 @@ def read_lines(image, gain, lattices, n, y, x, top, left, lenslets, work):
         fill_green(own, low, high, (lattices.green[n] + top + left) % 2)
     for here in range(low.size):
         if high[here] - low[here] < lenslets.fewest:
-            low[here], high[here] = own.shape[1], 0
+            low[here], high[here], own[here] = own.shape[1], 0, 0.0
         else:
             continue_linearly(own, here, own.shape[1], low[here], high[here], own.shape[1])
 

@@ -50,7 +50,9 @@ export class Pointing {
   }
 
   isBox(here) {
-    return here.some((x, axis) => Math.abs(x - this.from[axis]) > 2);
+    const shaky = Math.max(2, (8 * this.canvas.width) / this.canvas.clientWidth); // as fingers are
+    const moved = here.some((x, axis) => Math.abs(x - this.from[axis]) > shaky);
+    return moved && !this.viewer.metadata.depths_mm;
   }
 
   box(here) {
