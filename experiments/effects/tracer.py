@@ -301,7 +301,9 @@ def _thrown_on_array(camera, numbers):
     if camera.aperture_diameter_mm is None:
         matched = _pupil_mm(camera) * camera.lenslet_pitch_mm / camera.lenslet_focal_mm
         return length / matched * _sinc2_quantile(numbers)
-    radius = length / (2 * _exit_radius(camera)) * _airy_quantile(numbers[:, 0])
+    # Inside these radii an Airy pattern has these shares of its light (Rayleigh).
+    radii = np.interp(numbers[:, 0], _airy_shares, _steps)
+    radius = length / (2 * _exit_radius(camera)) * radii
     angle = 2 * np.pi * numbers[:, 1]
     return radius[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
@@ -391,8 +393,3 @@ def _sinc2_quantile(numbers):
     """Places, in spreads, below which a line spread sinc^2 has these shares of its light."""
     distance = np.interp(np.abs(2 * numbers - 1), 2 * _sinc2_shares, _steps)
     return np.copysign(distance, numbers - 0.5)
-
-
-def _airy_quantile(numbers):
-    """Radii, in spreads, inside which an Airy pattern has these shares of its light (Rayleigh)."""
-    return np.interp(numbers, _airy_shares, _steps)

@@ -177,7 +177,8 @@ def slices_figure(seed: int) -> Figure:
     for axis, word, values in zip(axes[:, 4], ("truth", "abel"), (wanted, section), strict=False):
         extent = (0, radii[-1], heights[-1], heights[0])
         drawn = axis.imshow(values, cmap="inferno", vmin=0, vmax=wanted.max(), extent=extent)
-        axis.set(xlim=(0, 9), ylim=(-14, 14), ylabel="height (mm)", facecolor="k")
+        axis.set(xlim=(0, 9), ylim=(-14, 14), facecolor="k")
+        axis.set(xlabel="radius (mm)", ylabel="height (mm)")
         axis.set_title(f"axisymmetric, {word}", fontsize=9)
         figure.colorbar(drawn, ax=axis, label="emission per mm")
     axis, row = axes[2, 4], int(np.argmin(np.abs(heights)))

@@ -121,6 +121,8 @@ def evaluate_run(folder: Path, out: Path) -> None:
 
 def slope_report(configs: list[DatasetConfig], out: Path | None) -> str:
     """Search the slopes of data-set templates; write the table, and Figures 5 and 6, into `out`."""
+    if out is not None and len({config.kind for config in configs}) < len(configs):
+        raise InputError("Two configurations of one kind have one figure: leave out --out.")
     paper = read_paper_values("slopes")
     printed = dict(zip(paper["depth_mm"], paper["slope"], strict=True))
     rows, records = [], []

@@ -252,5 +252,6 @@ def picture(shown: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
             limits = {} if grey else {"vmin": known.min(), "vmax": known.max()}
             ax.imshow(image, cmap="gray" if grey else "viridis", **limits)
             ax.set_axis_off()
-            ax.set_title(kind if grey else title, fontsize=7)
+            estimate = title == "truth" and "estimate" in kind
+            ax.set_title(kind if grey else "estimate" if estimate else title, fontsize=7)
     return figure
