@@ -82,8 +82,9 @@ def refocusing_cases(small: bool) -> Iterator[Case]:
                           largest_difference)  # fmt: skip
         what = f"four planes of {' x '.join(map(str, shape))}"
         others = [floor(views, ours()), separable]
+        single = partial(on_one_thread, ours)
         if shape is sizes[0]:
-            yield Case("refocusing", f"{what}, one thread", partial(on_one_thread, ours), others)
+            yield Case("refocusing", f"{what}, one thread for ours", single, others)
         yield Case("refocusing", f"{what}, {numba.get_num_threads()} threads", ours, others)
 
 

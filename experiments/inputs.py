@@ -116,7 +116,10 @@ def draw_scenario(
     plan = plan_effects(scenario.place(mean, config), config.camera, effects=config.effects)
     for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
         scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
-        yield render_drawn(scenario.place(scene, config), config, plan, index)
+        placed = scenario.place(scene, config)
+        if any(layer.opaque for layer in placed.layers):  # which may occlude others
+            plan = plan_effects(placed, config.camera, effects=config.effects)
+        yield render_drawn(placed, config, plan, index)
 
 
 def scene_settings(config: DatasetConfig) -> dict:

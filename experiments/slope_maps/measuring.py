@@ -5,7 +5,7 @@ tops. Photographs on surfaces, which have texture everywhere, flatter every meth
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -91,14 +91,11 @@ REAL = {"stilllife_3x3/stillLife_lf_3x3": still_life, "lytro_2067": lytro}
 def samples(real: Path, tables: Sequence[int], kinds: Mapping, seeds: Sequence[int]) -> Iterator:
     """Give samples, one after the other."""
     yield from (read(real / name) for name, read in REAL.items() if (real / name).is_dir())
-    yield from (_own("table top", *make_tabletop(seed)) for seed in tables)
     pictures = scenes.photographs() if kinds else []
-    for name, seed in product(kinds, seeds):
-        yield _own(name, *scenes.make_sample(kinds[name], seed, pictures))
-
-
-def _own(name: str, views: np.ndarray, truth: np.ndarray) -> Sample:
-    return Sample(name, views.astype(np.float32) / np.float32(255), truth, SEARCHED)
+    tops = (("table top", make_tabletop(seed)) for seed in tables)
+    drawn = ((x, scenes.make_sample(kinds[x], *y, pictures)) for x, *y in product(kinds, seeds))
+    for name, (views, truth) in chain(tops, drawn):
+        yield Sample(name, views.astype(np.float32) / np.float32(255), truth, SEARCHED)
 
 
 def library(views: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,9 +5,8 @@ variant changes of them. With a preset, a network is trained for each variant. B
 without a preset, come two results that need no training: the ridge regression of
 `experiments.linear`, and its bound.
 
-The folder WORK/STUDY contains for each variant VARIANT.zarr, its data set (or that of the first
-variant with the same one), VARIANT/, its run, and last VARIANT.json, its scores. A study resumes
-where it was stopped.
+The folder WORK/STUDY contains for each variant its data set (or that of the first with the same
+one), its run, and last VARIANT.json, its scores. A study resumes where it was stopped.
 """
 
 import math

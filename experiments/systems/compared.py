@@ -234,4 +234,4 @@ def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) 
         )
     scaled = replace(light_field, views=light_field.views / np.float32(white_of(light_field)))
     scene, planes = _scene(scaled, slopes, border=border), [f"slope {x:g}" for x in slopes]
-    return TestSet(name, planes, lambda: iter([scene]), origin="a folder of views")
+    return TestSet(name, planes, lambda: iter([scene]), origin="a photograph")

@@ -32,8 +32,8 @@ order of views, and whether each is finite; decoding takes less."""
 ORIENTATION = 0x0112
 """Tag of the orientation in which a picture is shown, in TIFF and EXIF."""
 
-LIGHT = (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB, PHOTOMETRIC.LINEAR_RAW)
-"""Accepted meanings of samples in TIFF 6.0 and DNG 1.4."""
+LIGHT = (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB)
+"""Accepted meanings of samples in TIFF 6.0; DNG's linear raw has a black level of its own."""
 
 COMPRESSIONS = (
     COMPRESSION.NONE, COMPRESSION.LZW, COMPRESSION.DEFLATE, COMPRESSION.ADOBE_DEFLATE,
@@ -154,7 +154,7 @@ def pictures(file: tifffile.TiffFile, path: str | Path) -> list[tifffile.TiffPag
     if not file.series:
         raise InputError(f"{path} cannot be read: it is damaged, or contains no picture.")
     whole = [one for one in file.series if not (one.keyframe.is_reduced or one.keyframe.is_mask)]
-    forms = {one.keyframe.hash: f"{one.shape} of {one.dtype}" for one in whole}
+    forms = {(one.keyframe.hash, one.shape): f"{one.shape} of {one.dtype}" for one in whole}
     if len(forms) != 1:
         raise InputError(
             f"{path} must contain one picture in full resolution, or several of one form, stored "
@@ -202,7 +202,7 @@ def read_tiff(path: str | Path, *, opaque: bool = False) -> tuple[np.ndarray, st
         axes, pages, image = find_axes(series, is_focal="slopes" in metadata)
         if min(image) < 0:
             raise InputError(f"{path} must have pictures of rows and columns, got axes {axes!r}.")
-        arrays = [one.asarray(squeeze=False) for one in series]
+        arrays = [x.asarray(squeeze=False).reshape(x.get_shape(squeeze=False)) for x in series]
     pixels = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
     bits = int(np.max(page.bitspersample))
     if pixels.dtype.kind == "u" and bits < 8 * itemsize:

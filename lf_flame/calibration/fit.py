@@ -154,7 +154,7 @@ def _fall_off(levels: Sequence[np.ndarray]) -> tuple[tuple[float, ...], ...] | N
 
 
 def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
-    """Radial distortion that all targets share, and its standard error; both 0 if insignificant."""
+    """Radial distortion that all targets share, 0 if insignificant, and its standard error."""
     free = [one.squares_per_lenslet(None) for one in targets]
     values = np.array([one.distortion for one in free])
     weights = 1 / np.maximum([one.distortion_error for one in free], 1e-15) ** 2
@@ -162,7 +162,7 @@ def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
     misfit = weights @ (values - mean) ** 2 / (len(free) - 1)
     error = float(np.sqrt(max(misfit, 1.0) / weights.sum()))
     sure = t.ppf((1 + SURE) / 2, len(free) - 1)
-    return (mean, error) if abs(mean) > sure * error else (0.0, 0.0)
+    return (mean, error) if abs(mean) > sure * error else (0.0, float(np.hypot(mean, error)))
 
 
 def refuse_few_depths(depths_mm: ArrayLike) -> None:

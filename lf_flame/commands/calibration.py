@@ -3,8 +3,8 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import cloup
@@ -24,9 +24,6 @@ from lf_flame.commands.options import (
 )
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 @command()
@@ -199,9 +196,15 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     out = out or Path("colours")
     with output_folder(out, output.COLOURS_RECORD, overwrite=overwrite) as folder:
         sources = [path for path, _ in placed]
-        photographs = _photographs(reading, sources, len(curves.names))
+        photographs, known = zip(*_photographs(reading, sources, len(curves.names)), strict=True)
         least = least_temperature(curves)
         source = measure_source(photographs)
+        for path, share in zip(sources, known, strict=True):
+            if share is not None and (lost := 1 - share[source.mask].mean()) > 0.01:
+                raise InputError(
+                    f"{path} is saturated or unknown in {lost:.1%} of the source, more than 1 %: "
+                    f"its mean would be too dark; expose less."
+                )
         fit = fit_colours(
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
@@ -210,6 +213,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
             "signals": source.signals.tolist(),
             "pixels": int(source.mask.sum()),
+            "uneven": source.uneven,
             "exposures": list(exposures) or None,
             "emissivity": emissivity,
             "least_temperature_K": least,
@@ -218,23 +222,17 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, overwrite, 
     click.echo(output.colours_table(fit, kelvin))
     click.echo(f"these colours determine temperatures of soot above {least:.0f} K")
     if source.uneven > MOST_UNEVEN:
-        report(
-            f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "
-            f"averaged; the gains are those of its mean."
-        )
+        report(f"Warning: the averaged part of the source is uneven, by {source.uneven:.0%}.")
     if not exposures:
-        report(
-            "Note: all pictures are assumed to be exposed as the flame is; if not, state "
-            "--exposure, or the absorption found with these colours will be wrong."
-        )
+        report("Note: all pictures are assumed to be exposed as the flame; else give --exposure.")
     print_files(folder)
 
 
-def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[np.ndarray]":
-    """Read light fields or raw images of one camera, and average the views of each."""
+def _photographs(reading: Reading, sources: list[Path], colours: int) -> Iterator[tuple]:
+    """Read pictures of one camera: the mean of the views of each, and the share that is known."""
     from tqdm import tqdm
 
-    again, found = None, []
+    again = None
     for source in tqdm(sources, "reading", unit="picture"):
         if again is not None:
             light_field = again(source)
@@ -249,11 +247,5 @@ def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[n
                 f"{source} must have a channel for each of the {colours} spectral responses, got "
                 f"{light_field.channels}."
             )
-        lost = 0.0 if light_field.valid is None else 1 - float(light_field.valid.mean())
-        if lost > 0.01:
-            raise InputError(
-                f"{source} is saturated or unknown in {lost:.1%} of its pixels, more than "
-                f"1 %: its mean would be too dark; expose less."
-            )
-        found.append(light_field.photograph)
-    return found
+        valid = light_field.valid
+        yield light_field.photograph, None if valid is None else valid.mean(axis=(0, 1))

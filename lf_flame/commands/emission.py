@@ -312,21 +312,26 @@ class _Job:
         from lf_flame.tomography.emission_folder import RECORD
         from lf_flame.tomography.soot import split_colours
 
+        if self.soot["absorbing"] and getattr(grid.camera, "fall_off", None):
+            raise InputError(
+                "The calibration corrects the fall-off, which calibrate-colours does not: decode "
+                "with a white image, or add --thin."
+            )
         call, seed, names = secrets.token_hex(8), self.facts["seed"], calibration.responses.names
         soot = reconstruct_soot(
             light_field, grid, calibration, seed=seed, **self.soot, **self.options
         )
         lights = split_colours(light_field, names)
         totals = [float(total) for total in soot.total_thickness]
+        more = {"call": call, "gains": calibration.gains.tolist()}
         for name, found, light, total in zip(names, soot.colours, lights, totals, strict=True):
-            more = {"colour": name, "call": call, "greatest_optical_thickness": total}
+            more |= {"colour": name, "greatest_optical_thickness": total if any(totals) else None}
             with output_folder(self.out / name, RECORD, overwrite=self.overwrite) as folder:
                 self._write(found, light, folder, self.soot | more, f"Warning: {name}")
                 folder.facts["warnings"] += soot.warnings
         print_notes("Warning", soot.warnings)
         if any(totals):
-            both = zip(names, totals, strict=True)
-            thick = ", ".join(f"{name} {total:.2g}" for name, total in both)
+            thick = ", ".join(f"{name} {x:.2g}" for name, x in zip(names, totals, strict=True))
             click.echo(f"largest optical thickness of the soot: {thick}")
         click.echo(f"{', '.join(names)} written to {printable(self.out)}")
 

@@ -221,7 +221,7 @@ def report(words: str) -> None:
     from tqdm import tqdm
 
     with tqdm.external_write_mode(file=sys.stderr):
-        click.echo(words, err=True)
+        click.echo(printable(words, 900), err=True)
 
 
 def print_notes(kind: str, sentences: Iterable[str]) -> None:

@@ -170,6 +170,8 @@ class Focus:
         """Refuse options that exclude or need each other, before anything is read."""
         if self.background is not None and not self.regions:
             raise InputError("--background needs --region.")
+        if self.slope_of != "motion" and not self.slopes:
+            raise InputError("--slope-of needs --slope.")
         if self.map_auto and self.slope_map:
             raise InputError("--map auto and --map FROM TO cannot both be given.")
         if lens is None and (self.depths or look.f_number is not None):

@@ -126,12 +126,14 @@ def temperature(
     every = read_colours_of(*_colour_folders(folders, colours.responses.names))
     if len(folders) == 1 and len({one.record.call for one in every}) > 1:
         raise InputError(
-            f"The colours in {folders[0]} are not of one run of lf-flame reconstruct or lf-flame "
-            f"abel with --colours, which may have been interrupted: run it again."
+            f"The colours in {folders[0]} are not of one run; if it was interrupted, repeat it."
         )
     if calibration_file is not None:
         _check_order(every, colours.responses.names)
+    first = every[0].record
     soot_exponent = _exponent(every[0], soot_exponent)
+    if first.absorbing and calibration_file and first.gains not in (None, colours.gains.tolist()):
+        raise InputError(f"The absorption was found with other gains than {calibration_file} has.")
     # Colours of one run are drawn together.
     drawn = len(folders) == 1 and all(len(one.draws) for one in every)
     found = soot_temperature(
@@ -164,8 +166,7 @@ def temperature(
     median = f", their median {np.median(known):.0f} K" if known.size else ""
     print_files(folder, f"{known.size} of {found.kelvin.size} cells have a temperature{median}; ")
     print_notes("Warning", warnings)
-    for note in notes:
-        click.echo(f"Note: {note}")
+    print_notes("Note", notes)
 
 
 def _exponent(folder: "EmissionFolder", stated: float | None) -> float:

@@ -186,8 +186,7 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
     times, values = (np.asarray(one, np.float64) for one in (times_s, heights))
     if times.ndim != 1 or times.shape != values.shape:
         raise InputError(
-            f"Times and heights must be two series of equal length, got arrays of shape "
-            f"{times.shape} and {values.shape}."
+            f"Times and heights must be two equal series, got {times.shape} and {values.shape}."
         )
     known = np.isfinite(values)
     if np.count_nonzero(known) < LEAST_FRAMES:

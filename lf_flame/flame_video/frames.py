@@ -183,11 +183,11 @@ def write_flicker(
     empty if too few frames have a height, and warnings, each with the number of its frames.
     """
     done = processing.open_video(video)
-    if "height" not in done.names:
+    names = (*MEASURES, "state", "doubts", "time")
+    if not {*names} <= {*done.names}:
         raise InputError(f"{video} contains no heights: process it with the step height.")
     if processing.count_frames(done).counts["to_do"]:  # refuses lost files, too
         raise InputError(f"{video} is not finished: repeat the command that makes it.")
-    names = (*MEASURES, "state", "doubts", "time")
     *columns, state, bits, times = done.read(names)
     counted = done.arrays["time"].attrs.get("units") != "s"
     if counted != (frames_per_second is not None):
@@ -211,7 +211,7 @@ def write_flicker(
         found = find_flicker(times, heights, resolvable=row_error(level) * (pixel_mm or 1.0))
     except InputError as error:  # the heights are useful without a frequency
         warnings.append(str(error))
-    with folder.path("flame.csv").open("w", newline="", encoding="utf-8") as file:
+    with folder.path("flame.csv").open("w", newline="", encoding="utf-8", errors="replace") as file:
         writer = csv.writer(file)
         lengths = f"height_{unit}", "tip_row", f"width_{unit}", f"area_{unit}2"
         writer.writerow(["frame", "time_s", *lengths, "brightness", "source", "warnings"])

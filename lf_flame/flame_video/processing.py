@@ -293,7 +293,7 @@ def _process(path: Path | None, steps: Sequence[Step], read, shape, before: dict
 def open_video(path: Path) -> ZarrFile:
     """Open the group of a processed video, finished or not."""
     video = ZarrFile(path)
-    if video.attributes.get("kind") != KIND:
+    if video.attributes.get("kind") != KIND or not {"time", "state"} <= {*video.names}:
         raise InputError(f"{path} is not a {KIND}.")
     return video
 

@@ -157,9 +157,10 @@ class Emission:
         if self.options["strength"] is not None:
             frame.before |= {"emission": found, "weights": weights}
         frame.warnings += found.warnings
+        axes = ("depth", "y", "x") if self.block == 1 else ("depth", "y_block", "x_block")
         return {
             "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),
-            "emission": Values(found.emission, ("depth", "y", "x")),
+            "emission": Values(found.emission, axes),
             "emission_noise": Values(np.float32(found.noise)),
             "emission_warnings": Values(np.uint8(len(found.warnings))),
         }

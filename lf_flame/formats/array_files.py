@@ -159,7 +159,7 @@ def _parse(
         return None
     parts = _elements(element)
     (flags,) = struct.unpack_from("<I", next(parts)[2])
-    dtype = "?" if flags & 0x200 else CLASSES.get(flags & 0xFF)  # logical
+    dtype = CLASSES.get(flags & 0xFF) and ("?" if flags & 0x200 else CLASSES[flags & 0xFF])
     if dtype is None or flags & 0x800:  # complex
         return None
     (_, _, sizes), (_, _, name), (stored, _, numbers) = islice(parts, 3)

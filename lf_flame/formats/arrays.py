@@ -185,7 +185,8 @@ def _default_axes(shape: tuple[int, ...], path: str | Path) -> str:
     few, many = sorted((size.get("v", 1), size.get("u", 1)))
     is_coloured = few in (3, 4) and many >= 25 and isqrt(many) ** 2 == many
     is_many = few * many >= max(2, size["t"] * size["s"])
-    if is_coloured or is_many or size.get("c", 1) > 4:
+    is_pictures = len(shape) == 4 and shape[3] in (3, 4) and shape[1] > 4  # n, t, s, colours
+    if is_coloured or is_many or is_pictures or size.get("c", 1) > 4:
         raise InputError(
             f"{path} contains an array of shape {shape}, which is unlikely to be {axes}: state its "
             f"axes with `lf-flame convert --axes` (v, u or a running n: views; t, s: rows and "

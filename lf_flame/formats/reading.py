@@ -307,9 +307,12 @@ def _subtract(light_field: LightField, black: LightField, dark: object) -> Light
             f"The dark light field {dark} must have the light field's shape "
             f"{light_field.views.shape}, got {black.views.shape}."
         )
+    views = light_field.views - black.views
+    if views.max() < 0:
+        raise InputError(f"{dark} is brighter than all of the light field: in other units?")
     both = {
         name: np.prod(some, axis=0, dtype=some[0].dtype)
         for name in ("weights", "valid")
         if (some := [x for one in (light_field, black) if (x := getattr(one, name)) is not None])
     }
-    return replace(light_field, views=light_field.views - black.views, **both)
+    return replace(light_field, views=views, **both)

@@ -28,7 +28,10 @@ def as_views(views: Views) -> np.ndarray:
 
     Unknown pixels of a light field are filled.
     """
-    views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
+    try:
+        views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
+    except ValueError:
+        raise InputError("All views must be numbers, and of one shape.") from None
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(
             f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
@@ -111,6 +114,16 @@ def refuse_not_finite(views: np.ndarray) -> None:
     bad = sum(np.count_nonzero(~np.isfinite(row)) for row in views)  # by rows, to save memory
     if bad:
         raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
+
+
+def refuse_infinite(images: np.ndarray, views: np.ndarray) -> None:
+    """Refuse views of which images are not finite."""
+    if not all(np.isfinite(row).all() for row in images):
+        refuse_not_finite(views)
+        raise InputError(
+            f"Pixels must stay below {np.finfo(np.float32).max:.3g}, the largest float32, "
+            f"got up to {np.abs(views).max():.3g}."
+        )
 
 
 def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:

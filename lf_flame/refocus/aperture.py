@@ -52,8 +52,8 @@ def aperture_weights(
     >>> aperture_weights((3, 3), 1.0, shape="square").tolist()
     [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     """
-    if np.shape(views) != (2,):
-        raise InputError(f"Views are two numbers, along v and u, got {views!r}.")
+    if np.shape(views) != (2,) or np.shape(centre) != (2,):
+        raise InputError(f"Views and centre are two numbers each, got {views!r} and {centre!r}.")
     as_numbers((*views, width, ring, *centre), "Views, width, ring and centre of an aperture")
     if min(views) < 1 or not 0 < width < np.inf:
         raise InputError(
@@ -158,7 +158,7 @@ def _edges(views: int, width: float, centre: float) -> np.ndarray:
 
 def _inside_disc(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
     """Fraction of each view's square inside a disc."""
-    width = min(width, 4.0)  # a wider one contains all views for any centre among them
+    width = min(width, 1e6)  # so that nothing overflows
     down, right = (_edges(n, width, at) for n, at in zip(views, centre, strict=True))
     area = _area_to(down[:, None], right[None, :])
     inside = np.diff(np.diff(area, axis=0), axis=1)
@@ -167,7 +167,7 @@ def _inside_disc(views: tuple[int, int], width: float, centre: tuple[float, floa
 
 def _inside_square(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
     """Fraction of each view's square inside a square (a rectangle if the views differ)."""
-    width = min(width, 4.0)
+    width = min(width, 1e6)
     down, right = (
         np.diff(np.clip(_edges(n, width, at), -1, 1)) * n * width / 2
         for n, at in zip(views, centre, strict=True)

@@ -21,7 +21,7 @@ from lf_flame.refocus._arguments import (
     as_weights,
     by_channel,
     for_slopes,
-    refuse_not_finite,
+    refuse_infinite,
 )
 from lf_flame.refocus.shift import INTERPOLATIONS, check_interpolation, shift_and_sum, shift_taps
 from lf_flame.refocus.unknown_pixels import ignoring_unknown
@@ -187,8 +187,7 @@ def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.nda
     for image, mean in zip(images, means, strict=True):
         whole = irfft2(mean, padded)
         image[...] = whole[t : t + height, s : s + width]
-    if not np.all(np.isfinite(images)):
-        refuse_not_finite(views)
+    refuse_infinite(images, views)
     return images
 
 
@@ -199,6 +198,7 @@ def _spectra(views: np.ndarray, weights: np.ndarray, pads: list) -> Iterator[np.
         # In the memory order in which the sums over u read them.
         spectra = np.empty((size[1] // 2 + 1, size[0], len(row)), np.complex128).transpose(2, 1, 0)
         for view, weight, spectrum in zip(row, row_weights, spectra, strict=True):
+            view = view if weight else np.zeros_like(view)  # not read
             view = np.pad(view.astype(np.float64, copy=False), pads, mode="edge")
             np.multiply(rfft2(view), weight, out=spectrum)  # threads gain nothing on one view
         yield spectra
@@ -324,6 +324,7 @@ def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:
     rows, columns, height, breadth = views.shape
     spectra = rfft2(views.astype(np.float32, copy=False), workers=get_num_threads())
     spectra *= (weights / weights.mean()).astype(np.float32)[..., None, None]
+    spectra[weights == 0] = 0  # not read
     out = np.empty((len(slopes), *spectra.shape[2:]), np.complex64)
     down = _slice_taps(np.fft.fftfreq(height), rows, slopes, width)
     right = _slice_taps(np.fft.rfftfreq(breadth), columns, slopes, width)
@@ -331,8 +332,7 @@ def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:
     _mend_nyquist(spectra, slopes, breadth, out)
     images = irfft2(out, views.shape[2:], workers=get_num_threads())
     images = images[:, t : t + shape[0], s : s + shape[1]]
-    if not np.all(np.isfinite(images)):
-        refuse_not_finite(views)
+    refuse_infinite(images, views)
     return np.ascontiguousarray(images)
 
 

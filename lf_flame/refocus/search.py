@@ -200,7 +200,7 @@ class _Curves:
         self._in_parts = len(regions) > asked
         self._reach = RIVAL_REACH if self._in_parts else RIVAL_REACH_OF_TILES
         self._farthest, self._stride = -1.0, 1
-        step = min(WIDEST_STEP, STEP_BY_VIEWS / max(max(views.shape[:2]) - 1, 1))
+        step = self._step = min(WIDEST_STEP, STEP_BY_VIEWS / max(max(views.shape[:2]) - 1, 1))
         if slopes is None:
             count = int(min(DEFAULT_RANGES[0], self._limit) / step + 1e-6)
             self.slopes = step * np.arange(-count, count + 1)
@@ -212,7 +212,7 @@ class _Curves:
                     f"which views are shifted by more than the image, got {given.min():g} to "
                     f"{given.max():g}."
                 )
-            self._stride = int(np.ceil((given[1] - given[0]) / step - 1e-6))
+            self._stride = max(int(np.ceil((given[1] - given[0]) / step - 1e-6)), 1)
             self.slopes = np.linspace(given[0], given[-1], (len(given) - 1) * self._stride + 1)
             self.slopes[:: self._stride] = given
         self.semblance, self.energy = self._measure(self.slopes)
@@ -230,7 +230,7 @@ class _Curves:
 
     def _widen(self, low: float, high: float) -> None:
         """Measure at slopes down to `low` and up to `high`, too, as far as the image allows."""
-        step = self.slopes[1] - self.slopes[0]
+        step = max(self.slopes[1] - self.slopes[0], self._step)
         low, high = max(low, -self._limit), min(high, self._limit)
         before = np.arange(self.slopes[0] - step, low - 1e-6 * step, -step)[::-1]
         after = np.arange(self.slopes[-1] + step, high + 1e-6 * step, step)

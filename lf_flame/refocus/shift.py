@@ -21,6 +21,7 @@ from lf_flame.refocus._arguments import (
     as_views,
     as_weights,
     for_slopes,
+    refuse_infinite,
     refuse_not_finite,
 )
 from lf_flame.refocus.unknown_pixels import ignoring_unknown
@@ -178,7 +179,7 @@ def plan_shifts(
 ) -> ShiftPlan:  # fmt: skip
     """Plan the shifts of views (v, u, rows, pixels of a row with channels adjacent)."""
     rows, columns, height, width = shape
-    blocks = -(-width // BLOCK)
+    blocks = -(-width // (max(BLOCK // channels, 1) * channels))
     down, down_taps = shift_taps(view_shifts(slopes, places[0], height), interpolation)
     columns_at = np.broadcast_to(places[1], (rows, columns))
     across, taps = shift_taps(view_shifts(slopes, columns_at, width // channels), interpolation)
@@ -219,6 +220,7 @@ def _stack(views, places, slopes, interpolation: str, weights: np.ndarray) -> np
         )  # fmt: skip
         if bad.any():
             refuse_not_finite(views)
+    refuse_infinite(stack, views)
     return stack.reshape(len(slopes), *views.shape[2:])
 
 

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
+from lf_flame._common.arrays import as_numbers
 from lf_flame._common.threads import parallel
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import (
@@ -25,7 +26,7 @@ from lf_flame.refocus._arguments import (
     as_region,
     as_views,
     as_weights,
-    refuse_not_finite,
+    refuse_infinite,
 )
 from lf_flame.refocus.shift import check_interpolation
 from lf_flame.refocus.unknown_pixels import ignoring_unknown
@@ -96,12 +97,7 @@ def refocus_surface(
     normalised = weights / weights.sum()
     with np.errstate(over="ignore"):  # refused below
         _refocus_rows(lights, maps, normalised, TAPS[interpolation], out)
-    if not np.isfinite(out).all():
-        refuse_not_finite(views)
-        raise InputError(
-            f"Pixels must stay below {np.finfo(np.float32).max:.3g}, the largest float32, "
-            f"got up to {np.abs(views).max():.3g}."
-        )
+    refuse_infinite(out, views)
     return out.reshape(slopes.shape if grey else (*slopes.shape, -1))
 
 
@@ -147,8 +143,8 @@ def region_slopes(
     if not 0 <= soften < np.inf:
         raise InputError(f"soften must be a number of lenslets, 0 or above, got {soften}.")
     reach = max(int(WINDOW * soften), 1) if soften else 0
-    slopes = np.full(shape, background, dtype=float)
-    checked = [(as_region(region, slopes.shape), slope) for region, slope in regions]
+    slopes = np.full(shape, as_numbers(background, "background"))
+    checked = [(as_region(one, slopes.shape), as_numbers(x, "A slope")) for one, x in regions]
     for beyond in (reach, 0):  # widened regions may cover their neighbours
         for (top, bottom, left, right), slope in checked:
             down, across = max(top - beyond, 0), max(left - beyond, 0)
@@ -158,7 +154,7 @@ def region_slopes(
 
 
 def _as_slope_maps(slopes: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    slopes = np.ascontiguousarray(slopes, dtype=float)
+    slopes = np.ascontiguousarray(as_numbers(slopes, "A slope map"))
     if slopes.ndim not in (2, 3) or slopes.shape[-2:] != tuple(shape) or slopes.size == 0:
         raise InputError(
             f"A slope map must have the {shape[0]} x {shape[1]} lenslets of the views, or be "

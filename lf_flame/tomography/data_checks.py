@@ -83,7 +83,7 @@ def depth_checks(grid: FrustumGrid, emission: np.ndarray) -> list[Check]:
     period = 2 * np.pi * finest / 2 * float(np.sqrt(power.sum() / rough)) if rough else finest
     blur = depth_blur(grid.seen_from, max(period, finest))
     apart = np.abs(np.subtract.outer(grid.depths_mm, grid.depths_mm))
-    alike = products / np.sqrt(np.maximum(np.outer(power, power), 1e-30))
+    alike = products / np.sqrt(np.maximum(np.outer(power, power), 1e-300))
     behind = (apart > 0) & (apart < blur) & (alike >= ALIKE)
     least = float(apart[behind].min() if behind.any() else steps.min())
     nearer = depth_blur(grid.seen_from, finest) > steps.min()

@@ -172,6 +172,7 @@ class _Record:
     colour: str | None = None
     absorbing: bool = False
     soot_exponent: float | None = None
+    gains: list[float] | None = None
 
     def __post_init__(self):
         of_section = [self.axis_mm, self.axis_depth_mm, self.radius_mm, self.step_mm]

@@ -115,13 +115,14 @@ def lens_facts(lens: Lens) -> dict[str, str]:
 
 def _span(lens: Lens, slope: float) -> str:
     """Depths between two slopes, in mm; those beyond a calibration are unknown."""
-    ends = [float(lens.slope_to_real_depth(end)) for end in (-slope, slope)]
-    beyond = ["the lens", "infinity"]
-    if targets := getattr(lens, "depth_range_mm", None):  # of a calibration
-        beyond = [f"beyond the targets ({end:g} mm)" for end in targets]
-        near, far = map(lens.depth_to_slope, targets)
-        ends = ends if near < far else ends[::-1]
+    slopes, beyond = [-slope, slope], ["the lens", "infinity"]
+    if ends := getattr(lens, "depth_range_mm", None):  # of a calibration
+        near, far = map(lens.depth_to_slope, ends)
+        slopes = slopes if near < far else slopes[::-1]
+        sides = [ends[(one - near) * (far - near) > 0] for one in slopes]
+        beyond = [f"beyond the targets ({end:g} mm)" for end in sides]
+    depths = [float(lens.slope_to_real_depth(one)) for one in slopes]
     return " to ".join(
         f"{end:.4g} mm" if np.isfinite(end) else words
-        for end, words in zip(ends, beyond, strict=True)
+        for end, words in zip(depths, beyond, strict=True)
     )

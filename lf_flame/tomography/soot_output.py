@@ -157,18 +157,15 @@ def _uncertainties(
     if other > MOST_EXPONENT:
         other = soot_exponent - UNSURE_EXPONENT
     light = calibration.gains * calibration.responses.soot(median, soot_exponent)
-    errors = np.clip(calibration.relative_errors, 1e-9, 0.3) * light
-    changed, alike = (
+    moved = light[:, None] * (1 + np.diag(np.clip(calibration.relative_errors, 0, 0.3)))
+    changed, apart = (
         soot_temperature(
-            list(light),
-            calibration.responses,
-            sigmas=list(errors),
-            gains=calibration.gains,
-            soot_exponent=exponent,
-        )
-        for exponent in (other, soot_exponent)
+            list(seen), calibration.responses, gains=calibration.gains, soot_exponent=exponent
+        ).kelvin
+        - median
+        for seen, exponent in ((light, other), (moved, soot_exponent))
     )
-    change, error = float(changed.kelvin) - median, float(np.asarray(alike.sigma))
+    change, error = float(changed), float(np.linalg.norm(apart))
     # Near the end of the range, the other exponent has no temperature.
     differ = f"differ by about {change:+.0f} K" if np.isfinite(change) else "be out of range"
     notes = [

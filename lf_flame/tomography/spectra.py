@@ -91,11 +91,11 @@ class SpectralResponses:
                 f"for each of the wavelengths, got shapes {values.shape} and {lengths.shape}."
             )
         in_nm = np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM))
-        if not (in_nm and np.all(np.diff(lengths) > 0)):
+        if not (in_nm and np.all(np.diff(lengths) > 0) and lengths.size >= min(2, len(names))):
             shown = ", ".join(f"{length:g}" for length in lengths[:4])
             raise InputError(
-                f"Wavelengths must increase, and must be in nm, from {LEAST_NM:g} to {MOST_NM:g}, "
-                f"got {shown}{', ...' * (lengths.size > 4)}."
+                f"Wavelengths must be two or more, increase, and be in nm, from {LEAST_NM:g} to "
+                f"{MOST_NM:g}, got {shown}{', ...' * (lengths.size > 4)}."
             )
         if not np.isfinite(values).all() or values.min() < 0:
             raise InputError(

@@ -64,7 +64,7 @@ class ViewerServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """Host and port."""
-        return f"{HOST}:{self.server_port}"
+        return HOST if self.server_port == 80 else f"{HOST}:{self.server_port}"  # as browsers do
 
     @property
     def url(self) -> str:

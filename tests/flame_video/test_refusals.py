@@ -23,8 +23,8 @@ REFUSED = [
         }.items()
         for value in values
     ),
-    (partial(find_flicker, TWENTY, np.ones(19)), "equal length"),
-    (partial(find_flicker, np.ones((9, 2)), np.ones((9, 2))), "equal length"),
+    (partial(find_flicker, TWENTY, np.ones(19)), "two equal series"),
+    (partial(find_flicker, np.ones((9, 2)), np.ones((9, 2))), "two equal series"),
     *(
         (partial(find_flicker, times, np.ones(20)), "increase")
         for times in (TWENTY[::-1], np.zeros(20), np.full(20, NAN), TWENTY * 1e-310)

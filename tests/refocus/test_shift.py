@@ -67,7 +67,7 @@ def test_views_of_8_and_16_bits_are_not_copied(rng, monkeypatch):
     """The kernel is handed the very array, also that of a raw lenslet image."""
     seen = []
     monkeypatch.setattr(_kernels, "sum_bands", lambda views, *others: seen.append(views))
-    monkeypatch.setattr(shift, "refuse_not_finite", lambda views: None)  # the image stays empty
+    monkeypatch.setattr(shift, "refuse_infinite", lambda *images: None)  # the image stays empty
     for dtype in ("uint8", "uint16", "float32", "float64"):
         views = rng.integers(0, 200, size=(2, 3, 8, 9)).astype(dtype)
         for some in (views, views.transpose(2, 0, 3, 1).copy().transpose(1, 3, 0, 2)):

@@ -201,7 +201,7 @@ class FocusedPlan:
         sums, counts = (
             ndimage.convolve(one, kernel[..., None], mode="constant") for one in (light, pixels)
         )
-        return sums / counts
+        return np.where(pixels > 0, light, sums / counts)
 
 
 def fall_off(white: np.ndarray, centres: np.ndarray) -> np.ndarray:

@@ -205,8 +205,7 @@ class DecodePlan:
         level = np.median(middle[seen], axis=0) if seen.any() else np.zeros(1)
         if not np.all(level > 0):
             raise InputError(
-                f"The white image must be bright in the centre of its micro-images, "
-                f"got a median there of {level.min():g}."
+                f"The white image must be bright in the centre of lenslets, got {level.min():g}."
             )
         least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
         valid = (parts >= least).all(axis=4)
@@ -245,6 +244,8 @@ class DecodePlan:
 
     def _check(self, light: np.ndarray, saturated: np.ndarray | None) -> None:
         """Refuse an image that does not fit, and warn of doubtful ones."""
+        if light.max() < 0:
+            raise InputError("The dark image is brighter than all of the raw one: in other units?")
         if self.bayer is None:
             sensor.check_colours(light, self._grid, "raw")
         if self._flat is not None:
@@ -260,8 +261,7 @@ def count_views(grid: LensletGrid, views: int | None) -> int:
         return pixels - 1 + pixels % 2
     if not 1 <= views <= 2 * grid.pitch or views != int(views):
         raise InputError(
-            f"views must be a whole number from 1 to twice the {grid.pitch:.4g} pixels under a "
-            f"lenslet, got {views}."
+            f"views must be a whole number, 1 to twice the pitch of {grid.pitch:.4g}, got {views}."
         )
     return int(views)
 

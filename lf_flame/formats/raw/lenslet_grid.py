@@ -72,9 +72,9 @@ class LensletGrid:
             if not 1 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
         if not abs(self.rotation) <= math.pi / 4:
-            raise InputError(
-                f"rotation must lie within pi/4 rad; rotate the image first, got {self.rotation}."
-            )
+            raise InputError(f"rotation must lie within pi/4 rad, got {self.rotation}.")
+        if not math.isfinite(self.x0 + self.y0):
+            raise InputError(f"The centre must be finite, got {self.x0}, {self.y0}.")
 
     def position(self, row: Number, column: Number) -> tuple[Number, Number]:
         """Centre ``(y, x)`` in pixels of the micro-image in a row and column of the array.

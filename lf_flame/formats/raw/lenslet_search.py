@@ -85,8 +85,7 @@ def estimate_grid(
         grid = _refined(grid, image)
     if layout not in (None, grid.layout):
         raise InputError(
-            f"layout must be {grid.layout}, which the white image shows, or left out, "
-            f"got {layout!r}."
+            f"layout must be {grid.layout}, as in the white image, or left out, got {layout!r}."
         )
     return grid
 

@@ -28,8 +28,7 @@ def check_bayer(pattern: str | None, shape: tuple[int, ...]) -> str | None:
         raise InputError(f"bayer must be one of {', '.join(PATTERNS)}, got {pattern!r}.")
     if len(shape) > 2 or any(n % 2 for n in shape):
         raise InputError(
-            f"A Bayer mosaic has an even number of rows and of columns and one channel, "
-            f"got an image of shape {shape}."
+            f"A Bayer mosaic has even numbers of rows and columns and one channel, got {shape}."
         )
     return str(pattern).lower()
 
@@ -44,9 +43,7 @@ def as_image(image: ArrayLike, name: str) -> np.ndarray:
         )
     bad = 0 if image.dtype.kind != "f" else np.count_nonzero(~np.isfinite(image))
     if bad:
-        raise InputError(
-            f"A {name} lenslet image must be finite, got {bad} NaN or infinite pixels."
-        )
+        raise InputError(f"A {name} lenslet image must be finite, got {bad} pixels that are not.")
     # Two types, for each of which decoding is compiled.
     image = image.astype(
         np.uint16 if image.dtype in (np.uint8, np.uint16) else np.float32, copy=False
@@ -59,8 +56,7 @@ def checked(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
     image = as_image(image, name)
     if image.shape != (*shape, 1)[:3] and (name == "raw" or image.shape != (*shape[:2], 1)):
         raise InputError(
-            f"The {name} image must have the shape {tuple(shape)} of the camera's raw images, got "
-            f"{image.shape}."
+            f"The {name} image must have the shape {tuple(shape)} of raw ones, got {image.shape}."
         )
     return image
 

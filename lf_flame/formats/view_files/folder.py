@@ -219,7 +219,7 @@ def number_grid(files: list[Path], source: Path, grid: Grid | None = None) -> np
     would have no unit otherwise. Where they do not fill a stated grid, whole numbers are positions
     in it: they count from 0, or from 1 if the last position is then there.
     """
-    columns = _row_and_column([file.stem for file in files])
+    columns = _row_and_column([file.stem for file in files], grid)
     if len(set(zip(*columns, strict=True))) < len(files):
         raise InputError(
             f"The {len(files)} images of {source} do not number a grid: each needs a unique row "
@@ -264,7 +264,7 @@ def number_grid(files: list[Path], source: Path, grid: Grid | None = None) -> np
     return views
 
 
-def _row_and_column(names: list[str]) -> list[tuple[Decimal, ...]]:
+def _row_and_column(names: list[str], grid: Grid | None) -> list[tuple[Decimal, ...]]:
     """Find the last two numbers that differ between views and repeat, or one that counts the views.
 
     A view's position by its row and column is unique, and neither of the two alone is. In a single
@@ -277,7 +277,8 @@ def _row_and_column(names: list[str]) -> list[tuple[Decimal, ...]]:
         return repeated[-2:]
     running = next((column for column in columns if len(set(column)) == len(names)), None)
     last = columns[-2:]
-    if running in last and any(set(column) in ({0}, {1}) for column in last):
+    is_line = grid is None or 1 in grid or grid[0] * grid[1] != len(names)
+    if is_line and running in last and any(set(column) in ({0}, {1}) for column in last):
         digits = [re.findall(r"[0-9]+", name)[-2:] for name in names]
         if len({min(map(len, column)) for column in zip(*digits, strict=False)}) == 1:
             return last

@@ -26,14 +26,15 @@ export class Pointing {
   }
 
   begin(event) {
+    if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.from = this.at(event);
   }
 
   move(event) {
     const here = this.at(event);
-    this.viewer.slicesAt(...here);
     this.viewer.hint(here);
+    this.viewer.slicesAt(...here);
     if (this.from && this.isBox(here)) this.viewer.set({ region: this.box(here) });
   }
 

@@ -94,7 +94,8 @@ export class Viewer {
   }
 
   /** Say what a click does, and what is known of the place under the pointer. */
-  hint(place) {
+  hint(place = this.pointed) {
+    this.pointed = place;
     const { map, has_map, depths_mm } = this.metadata;
     let words = depths_mm
       ? "Drag the depth; a click goes to the brightest plane of the place."
@@ -156,6 +157,7 @@ export class Viewer {
   set(changes) {
     this.state = checked({ ...this.state, ...changes }, this.state, this.metadata);
     if (this.unsure) this.say("");
+    this.hint();
     this.draw();
     for (const listener of this.listeners) listener(this.state);
   }
@@ -173,6 +175,7 @@ export class Viewer {
       this.colour();
       drawOverlay(this.find(".lf-over"), metadata, state, this.pointing);
       this.controls.show();
+      if (this.pointed) this.slicesAt(...this.pointed);
     });
   }
 
