@@ -29,7 +29,7 @@ MOST_RELATIVE = 0.05
 """Largest relative scatter of a colour's gain over the pictures; above, no gain explains them."""
 
 LIT = 0.8
-"""Brightness of the source's even part, relative to its hundredth brightest pixel."""
+"""Brightness of the source's even part, relative to its brightest hundredth or 100 pixels."""
 
 FEWEST_PIXELS = 100
 """Smallest number of pixels of the even part."""
@@ -287,10 +287,10 @@ def measure_source(photographs: Sequence[np.ndarray]) -> SourceSignals:
     --------
     >>> import numpy as np
     >>> from lf_flame.tomography import measure_source
-    >>> y, x = np.mgrid[:40, :60]
-    >>> disc = (np.hypot(y - 20, x - 30) < 15)[..., None] * np.array([0.2, 0.5])
-    >>> measure_source([disc, 2 * disc]).signals.round(6).tolist()
-    [[0.2, 0.5], [0.4, 1.0]]
+    >>> y, x = np.mgrid[:270, :540]
+    >>> disc = (np.hypot(y - 135, x - 270) < 10) + 0.01  # a small opening, and stray light
+    >>> measure_source([disc[..., None] * [a, 5 * a] for a in (0.1, 0.2)]).signals.round(6).tolist()
+    [[0.101, 0.505], [0.202, 1.01]]
     """
     shapes = {one.shape for one in photographs}
     if len(shapes) != 1 or len(next(iter(shapes))) != 3:
@@ -301,7 +301,8 @@ def measure_source(photographs: Sequence[np.ndarray]) -> SourceSignals:
     scaled = [one / max(float(np.max(one)), 1e-300) for one in map(_by_colour, photographs)]
     bright = np.mean(scaled, axis=0)
     smooth = ndimage.uniform_filter(bright, 3)
-    mask = smooth > LIT * np.sort(smooth, axis=None)[-FEWEST_PIXELS:][0]
+    top = max(np.percentile(smooth, 99), np.sort(smooth, axis=None)[-FEWEST_PIXELS:][0])
+    mask = smooth > LIT * top
     mask = mask if mask.all() else ndimage.binary_erosion(mask, iterations=2)  # without its rim
     if mask.sum() < FEWEST_PIXELS:
         raise InputError(

@@ -94,7 +94,7 @@ class SpectralResponses:
         if not (in_nm and np.all(np.diff(lengths) > 0) and lengths.size >= min(2, len(names))):
             shown = ", ".join(f"{length:g}" for length in lengths[:4])
             raise InputError(
-                f"Wavelengths must be two or more, increase, and be in nm, from {LEAST_NM:g} to "
+                f"Wavelengths, two or more, must increase, and must be in nm, from {LEAST_NM:g} to "
                 f"{MOST_NM:g}, got {shown}{', ...' * (lengths.size > 4)}."
             )
         if not np.isfinite(values).all() or values.min() < 0:
