@@ -41,7 +41,7 @@ def readable(path: str | Path, fault: str = "of a kind that is not known") -> It
     check_regular(path)
     try:
         yield
-    except (InputError, MemoryError):
+    except InputError:
         raise
     except Exception as error:
         reason = str(error).strip().partition("\n")[0].partition(". ")[0] or type(error).__name__

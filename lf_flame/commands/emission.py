@@ -314,8 +314,8 @@ class _Job:
 
         if self.soot["absorbing"] and getattr(grid.camera, "fall_off", None):
             raise InputError(
-                "The calibration corrects the fall-off, which calibrate-colours does not: decode "
-                "with a white image, or add --thin."
+                "The calibration corrects the fall-off, and calibrate-colours does not: calibrate "
+                "and decode with a white image, or add --thin."
             )
         call, seed, names = secrets.token_hex(8), self.facts["seed"], calibration.responses.names
         soot = reconstruct_soot(

@@ -28,8 +28,9 @@ def as_views(views: Views) -> np.ndarray:
 
     Unknown pixels of a light field are filled.
     """
+    views = views.filled if isinstance(views, LightField) else in_order(views)
     try:
-        views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
+        views = np.asarray(views)
     except ValueError:
         raise InputError("All views must be numbers, and of one shape.") from None
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
@@ -120,10 +121,8 @@ def refuse_infinite(images: np.ndarray, views: np.ndarray) -> None:
     """Refuse views of which images are not finite."""
     if not all(np.isfinite(row).all() for row in images):
         refuse_not_finite(views)
-        raise InputError(
-            f"Pixels must stay below {np.finfo(np.float32).max:.3g}, the largest float32, "
-            f"got up to {np.abs(views).max():.3g}."
-        )
+        most = np.abs(views).max()
+        raise InputError(f"Pixels are too large for float32, got up to {most:.3g}: scale them.")
 
 
 def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:

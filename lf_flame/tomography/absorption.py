@@ -199,7 +199,7 @@ def spread_thickness(
         cells = np.broadcast_to(by_plane.reshape(shape), (planes, rows, columns))
         cells = np.pad(cells, ((0, 0), (grid.reach,) * 2, (grid.reach,) * 2), mode="edge")
     total = total_thickness(grid, cells)
-    if total > MOST_THICKNESS:
+    if total > MOST_THICKNESS * (1 + 1e-9):
         raise InputError(
             f"The optical thickness must be at most {MOST_THICKNESS:g} in total, got {total:.3g}: "
             f"too little light from behind gets through."

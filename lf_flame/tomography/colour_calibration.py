@@ -29,7 +29,7 @@ MOST_RELATIVE = 0.05
 """Largest relative scatter of a colour's gain over the pictures; above, no gain explains them."""
 
 LIT = 0.8
-"""Brightness of the source's even part, relative to its brightest hundredth or 100 pixels."""
+"""Brightness of the source's even part, relative to the brightest hundredth or 100 pixels."""
 
 FEWEST_PIXELS = 100
 """Smallest number of pixels of the even part."""
@@ -301,8 +301,8 @@ def measure_source(photographs: Sequence[np.ndarray]) -> SourceSignals:
     scaled = [one / max(float(np.max(one)), 1e-300) for one in map(_by_colour, photographs)]
     bright = np.mean(scaled, axis=0)
     smooth = ndimage.uniform_filter(bright, 3)
-    top = max(np.percentile(smooth, 99), np.sort(smooth, axis=None)[-FEWEST_PIXELS:][0])
-    mask = smooth > LIT * top
+    common, top = np.percentile(smooth, 99), np.sort(smooth, axis=None)[-FEWEST_PIXELS:][0]
+    mask = smooth > LIT * (top if top > 2 * common else common)  # of a small one beside stray light
     mask = mask if mask.all() else ndimage.binary_erosion(mask, iterations=2)  # without its rim
     if mask.sum() < FEWEST_PIXELS:
         raise InputError(

@@ -106,8 +106,7 @@ class PlaneProblem:
         with progress.bar("fitting", iterations) as shown:
             for step, most in parts:
                 # The excess over the bounds is their multipliers times the step.
-                light = np.clip(state, 0, roof)
-                state = light + np.float32(step / before) * (state - light)
+                state = state + np.float32(step / before - 1) * (state - np.clip(state, 0, roof))
                 before = step
                 self._split(step / gram.scale, strength, roof, state, most, shown)
         cells = gram.gather(np.clip(state, 0, roof))

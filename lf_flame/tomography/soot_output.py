@@ -157,7 +157,8 @@ def _uncertainties(
     if other > MOST_EXPONENT:
         other = soot_exponent - UNSURE_EXPONENT
     light = calibration.gains * calibration.responses.soot(median, soot_exponent)
-    moved = light[:, None] * (1 + np.diag(np.clip(calibration.relative_errors, 0, 0.3)))
+    # Small changes: near the end of the range a whole error has no temperature.
+    moved = light[:, None] * (1 + 1e-3 * np.eye(len(light)))
     changed, apart = (
         soot_temperature(
             list(seen), calibration.responses, gains=calibration.gains, soot_exponent=exponent
@@ -165,7 +166,7 @@ def _uncertainties(
         - median
         for seen, exponent in ((light, other), (moved, soot_exponent))
     )
-    change, error = float(changed), float(np.linalg.norm(apart))
+    change, error = float(changed), 1e3 * float(np.linalg.norm(apart * calibration.relative_errors))
     # Near the end of the range, the other exponent has no temperature.
     differ = f"differ by about {change:+.0f} K" if np.isfinite(change) else "be out of range"
     notes = [

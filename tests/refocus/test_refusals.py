@@ -77,7 +77,7 @@ SURFACES = [
     (FLAT, 1.0, {}, "4 x 5 lenslets"),
     (FLAT, LEVEL * NAN, {}, "finite, got 20 NaN"),
     (FLAT * NAN, LEVEL, {}, "finite, got 180 NaN"),
-    (FLAT * np.float64(1e60), LEVEL, {}, "the largest float32"),
+    (FLAT * np.float64(1e60), LEVEL, {}, "too large for float32"),
     (FLAT, LEVEL, {"interpolation": "sinc"}, "got 'sinc'"),
     (FLAT, LEVEL, {"weights": [1.0]}, "weights must"),
 ]
