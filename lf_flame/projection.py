@@ -269,7 +269,7 @@ def sum_bands(bands, first, weights, block, sums, reach):
     """Sum lines of a banded matrix: sums[k, cell], 0 before cell reach[k, 0] and from reach[k, 1].
 
     bands: start[v, t] and weight[v, t, i] of the lines, and low[v], high[v]: lines outside are 0.
-    first[v], weights[v, j]: lines that make up line k, and their weights; see `line_sums`.
+    first[v], weights[v, j]: lines that make up line k, and their weights; see `sum_lines`.
     reach[k]: first cell that is not 0, and one past the last.
     """
     length = bands.start.shape[1]

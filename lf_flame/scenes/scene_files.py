@@ -65,7 +65,7 @@ class LayerEntry:
             texture, coverage = _read_grey(folder / self.image)
         elif self.shape == "flame":
             texture = flame_texture(self.size_mm[0], self.size_mm[1] / (2 * HALF_WIDTH))
-            coverage = (texture > 0).astype(float)
+            coverage = np.minimum(texture / 1e-3, 1.0)  # its glow falls off, and never ends
         else:
             coverage = shape_texture(str(self.shape), self.size_mm)
             texture = coverage.copy()

@@ -276,7 +276,8 @@ def _seen_mm(camera: PlenopticCamera, depth_mm: float, axis: int) -> tuple[float
         aside = beyond_mm(camera) + sum(misplaced_mm(camera))
         # At the edge of the array pixels see through lenslets beyond it, too.
         aside += max(neighbours(camera), any(misplaced_mm(camera))) * true_pitch_mm(camera)
-        reach = footprint.half_width_mm + abs(footprint.shift_per_lenslet_shift) * aside
+        # With one box beyond: of a ray, or of a hexagon, which is read from its neighbours.
+        reach = 3 * footprint.half_width_mm + abs(footprint.shift_per_lenslet_shift) * aside
         low = min(low, footprint.centres_mm.min() - reach)
         high = max(high, footprint.centres_mm.max() + reach)
     return low, high

@@ -386,6 +386,21 @@ def share_cut(camera: PlenopticCamera, distance_mm: float, radius_mm: float) -> 
     return float(min(1.0, outside.mean() + 4 / points))
 
 
+def share_moved(camera: PlenopticCamera, distance_mm: float) -> float:
+    """Share of a bundle that may cross a stop's edge from one colour of the band to another."""
+    share = 0.0
+    for axis in (0, 1):
+        red, middle, blue = (
+            trace_stop(camera, distance_mm, axis, camera.main_lens_focal_mm * (1 + colour))
+            for colour in np.array([0.5, 0.0, -0.5]) * camera.chromatic_shift
+        )
+        for one in (red, blue):
+            moved = float(np.abs(one.centres_mm - middle.centres_mm).max())
+            wider = abs(one.half_width_mm - middle.half_width_mm)
+            share += (moved / 2 + wider) / abs(middle.half_width_mm)
+    return share * (1 + crosstalk(camera))
+
+
 def share_vignetted(camera: PlenopticCamera) -> float:
     """Share of a pixel's light that the rim cuts; 1 is the light of its own lenslet.
 

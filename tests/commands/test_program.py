@@ -3,10 +3,8 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
 
 from lf_flame._common.input_files import printable
-from lf_flame.commands.cli import commands
 from lf_flame.commands.program import LONGEST
 
 
@@ -62,7 +60,3 @@ def test_a_message_is_one_line_of_bounded_length():
     assert told.startswith("a b?[31m? ccc")
     assert told.endswith("ccc 1 to 5.")
     assert len(told.encode()) < 1000
-
-
-def test_the_first_help_fits_a_terminal():
-    assert max(map(len, CliRunner().invoke(commands, ["--help"]).output.splitlines())) <= 80

@@ -86,9 +86,9 @@ def test_simulate_writes_what_it_says(tmp_path):
     np.testing.assert_allclose(png / 255, refocused[1] / white, atol=0.003)
     assert {"raw.png", "views.png", "simulation.json"} <= {p.name for p in out.iterdir()}
     assert not list(out.glob(".*"))
-    forced = ["--on", "cos4", "--off", "defocus"]
+    forced = ["--on", "occlusion", "--off", "defocus"]
     planned = run_here("plan", "scene.toml", *forced, cwd=tmp_path).stdout
-    assert re.search(r"(?ms)^defocus .* left out, forced .*^cos4 .* kept, forced ", planned)
+    assert re.search(r"(?ms)^defocus .* left out, forced .*^occlusion .* kept, forced ", planned)
 
 
 def test_make_names_folders_after_the_seed_and_sets_others_beside(asked, tmp_path):

@@ -60,6 +60,13 @@ def test_light_from_beyond_the_field_comes_in(rng):
     assert 1 - ends[8, 0] < dark
 
 
+@pytest.mark.parametrize("changes", [ROUND, {"layout": "hexagonal"}], ids=["rays", "hexagonal"])
+def test_the_rim_of_an_even_field_is_as_bright(changes):
+    camera = replace(CAMERA, lenslets=(6, 7), wavelength_nm=550.0, **changes)
+    found = render(Scene([Layer([[1.0]], 0.0, (30.0, 30.0))]), camera, effects=ONLY).views
+    np.testing.assert_allclose(found[1, 1], 1, atol=5e-3)
+
+
 def test_a_leaning_layer_still_shines_equally_in_all_directions():
     scene = Scene([Layer([[1.0]], 2.0, (8.0, 8.0), tilt_deg=(60, 0))])
     found = render(scene, replace(CAMERA, lenslets=(4, 4)), effects=ONLY).views

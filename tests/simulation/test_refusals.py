@@ -26,7 +26,7 @@ test_it_is_refused_in_a_sentence = refusals(
             ((1e-3, {"blooming": True, "fog": True}), "effect 'blooming', 'fog'; the"),
             ((1e-3, {"cos4": "yes"}), "cos4 must be forced by True or False, got 'yes'"),
             ((1e-3, ["cos4"]), r"effects must map names to True or False, got \['cos4'\]"),
-            ((1e-3, {"f_number_mismatch": True, "round_aperture": False}), "both are one round st"),
+            ((1e-3, {"f_number_mismatch": True, "round_aperture": False}), "cannot be forced on"),
             ((0.0,), "tolerance must be above 0, got 0.0"),
             ((float("nan"),), "tolerance must be above 0"),
         ),

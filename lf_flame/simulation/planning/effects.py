@@ -30,6 +30,7 @@ from lf_flame.simulation.optical_pass import (
     pitch_shifts_mm,
     rotation_shifts_mm,
     share_cut,
+    share_moved,
     share_vignetted,
     squared_tangent,
 )
@@ -251,8 +252,11 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     )
     measured = measured_change(bounds, "chromatic")
     words = f"focal length +-{band_mm / 2:.3g} mm{MEASURED if measured < moved else ''}"
-    cut = share_vignetted(camera) * bounds.radiance  # the rim cuts colours differently
-    return Estimate(bounds.relative(bounds.overlap * min(moved, measured) + cut), words)
+    cut = share_vignetted(camera)  # stops cut colours differently, away from the lens
+    if camera.aperture_diameter_mm is not None and camera.aperture_before_lens_mm:
+        cut += share_moved(camera, camera.aperture_before_lens_mm)
+    change = bounds.overlap * min(moved, measured) + cut * bounds.radiance
+    return Estimate(bounds.relative(change), words)
 
 
 def _shot_noise(bounds: SceneBounds) -> Estimate:

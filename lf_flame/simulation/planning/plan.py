@@ -334,6 +334,9 @@ def _decide(
     bounds = replace(bounds, defocus=forced.get("defocus", defocus > allowance))
     estimates = {name: find(bounds) for name, find in EFFECTS.items()}
     known = {name for name in EFFECTS if is_stated(bounds.camera, name, stated)}
+    for name in (name for name, on in forced.items() if on and name not in known):
+        if not estimates[name].bound:
+            raise InputError(f"{name} cannot be forced on: {estimates[name].criterion}.")
     kept = _choose({name: found.bound for name, found in estimates.items()}, forced, allowance)
     planned = tuple(
         PlannedEffect(
