@@ -75,7 +75,7 @@ def scene(**changes):
     ("changes", "words"),
     [
         ({"views": 10**10}, "of 1 to 100000 each"),
-        ({"lenslets": "[90000, 90000]"}, "There is not enough memory"),
+        ({"lenslets": "[90000, 90000]"}, "The light field would need"),
         ({"views": "[1"}, "is not a TOML file"),
         ({"shape": "[" * 5000}, "is not a TOML file: maximum recursion depth"),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from experiments.effects.tracer import _airy_quantile, _sinc2_quantile, flat_views, trace_pixels
+from experiments.effects.tracer import _sinc2_quantile, _thrown_on_array, flat_views, trace_pixels
 from lf_flame import InputError, Layer, Scene
 
 PIXELS = [(0, 4, 8, 14), (2, 2, 12, 12), (4, 1, 14, 16), (4, 4, 0, 29), (0, 0, 11, 13)]
@@ -69,10 +69,12 @@ def test_bodies_in_one_another_obey_the_equation_of_transfer(small_camera):
     np.testing.assert_allclose(mean, expected, rtol=3e-3)
 
 
-def test_diffraction_is_drawn_from_its_patterns():
+def test_diffraction_is_drawn_from_its_patterns(small_camera):
     """Shares of light: sinc^2 by quadrature, Airy inside its first two dark rings."""
     numbers = (np.arange(200_000) + 0.5) / 200_000
-    places, radii = _sinc2_quantile(numbers), _airy_quantile(numbers)
+    places, lens = _sinc2_quantile(numbers), replace(small_camera, wavelength_nm=550.0)
+    thrown = _thrown_on_array(replace(lens, aperture_diameter_mm=40.0), np.tile(numbers, (2, 1)).T)
+    radii = np.hypot(*thrown.T) * 40.0 / (550e-6 * lens.image_distance_mm)
     for width in (0.3, 1.0, 2.7):
         share, _ = quad(lambda x: np.sinc(x) ** 2, -width, width)
         assert np.mean(np.abs(places) < width) == pytest.approx(share, abs=2e-5)
