@@ -49,8 +49,8 @@ def radiance(planes, transmission, meet, rays, tables, lenslet, pixel, ray):
             before, sheet = clear, planes.sheet[p]
         gain *= before
         light += gain * box_mean(planes.emission, planes.stride[p], at, down, right)
-        # What the strips of a sheet stop adds up. A ray may meet two strips, or pass between two:
-        # right in the mean, so that nothing is clipped here.
+        # A ray may meet two strips of a sheet, or none. The mean over a pixel's rays is right, so
+        # single rays are not clipped.
         stopped = 1.0 - box_mean(transmission, planes.stride[p], at, down, right)
         clear -= gain * stopped
     return light

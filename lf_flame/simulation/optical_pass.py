@@ -388,16 +388,13 @@ def share_cut(camera: PlenopticCamera, distance_mm: float, radius_mm: float) -> 
 
 def share_moved(camera: PlenopticCamera, distance_mm: float) -> float:
     """Share of a bundle that may cross a stop's edge from one colour of the band to another."""
-    share = 0.0
+    share, shift = 0.0, camera.chromatic_shift / 2
     for axis in (0, 1):
-        red, middle, blue = (
-            trace_stop(camera, distance_mm, axis, camera.main_lens_focal_mm * (1 + colour))
-            for colour in np.array([0.5, 0.0, -0.5]) * camera.chromatic_shift
-        )
-        for one in (red, blue):
-            moved = float(np.abs(one.centres_mm - middle.centres_mm).max())
-            wider = abs(one.half_width_mm - middle.half_width_mm)
-            share += (moved / 2 + wider) / abs(middle.half_width_mm)
+        focals = (camera.main_lens_focal_mm * (1 + colour) for colour in (-shift, shift))
+        one, other = (trace_stop(camera, distance_mm, axis, focal) for focal in focals)
+        moved = float(np.abs(one.centres_mm - other.centres_mm).max())
+        wider = abs(one.half_width_mm - other.half_width_mm)
+        share += (moved / 2 + wider) / min(abs(one.half_width_mm), abs(other.half_width_mm))
     return share * (1 + crosstalk(camera))
 
 

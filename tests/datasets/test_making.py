@@ -1,7 +1,6 @@
 """The bytes of a data set follow from configuration and size, however it was made."""
 
 import json
-import math
 import subprocess
 import sys
 import time
@@ -15,7 +14,7 @@ import zarr
 from lf_flame import InputError, render
 from lf_flame._common.config import to_json
 from lf_flame.datasets import making
-from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset, shard_size
+from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset
 from lf_flame.datasets.sampling import simulate_sample
 from lf_flame.datasets.store import Dataset, split_indices
 from lf_flame.refocus import shift_and_sum
@@ -34,13 +33,6 @@ def test_a_data_set_has_the_samples_of_its_configuration(tiny, tmp_path):
     np.testing.assert_array_equal(dataset.parameters("size_mm")[1], parameters["size_mm"])
     assert (len(dataset), dataset.config) == (2, tiny)
     assert set(dataset.attrs["provenance"]) >= {"command", "versions", "git_revision", "wall_s"}
-
-
-@pytest.mark.parametrize("samples", [1, 16, 200, 1600, 40_000, 1_000_000])
-def test_there_are_few_files_and_enough_work_for_all(samples):
-    files = math.ceil(samples / shard_size(samples))
-    assert 10 * files <= 10_000  # input, target, three parameters or so, complete
-    assert files >= min(64, samples / LEAST_TOGETHER)
 
 
 @pytest.mark.slow

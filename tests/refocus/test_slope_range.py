@@ -77,11 +77,6 @@ def test_its_slope_is_one_of_the_scenes(rng):
     assert abs(find_slope_range(views).slope) == pytest.approx(1, abs=0.1)
 
 
-def test_a_small_image_limits_it():
-    found = find_slope_range(LightField(np.ones((9, 9, 6, 6))))
-    assert (found.low, found.high) == (-1.5, 1.5)
-
-
 def test_a_tile_that_nobody_agrees_with_counts_only_if_it_is_very_certain():
     slopes = np.array([[1.0, 1.2, 3.0], [1.1, -4.3, 3.0], [-2.0, 1.0, 0.0]])
     confidence = np.array([[0.6, 0.6, 0.6], [0.4, 0.7, 0.6], [0.95, 0.6, 0.1]])

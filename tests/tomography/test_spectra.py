@@ -1,5 +1,8 @@
 """Light of black bodies and soot in a camera's colours, against closed forms and quadrature."""
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -14,6 +17,7 @@ from lf_flame.tomography import (
     read_colours,
     soot_temperature,
 )
+from lf_flame.tomography.soot_output import _uncertainties
 
 NM = np.arange(400.0, 721.0, 10.0)
 MIDDLES = (460, 540, 610)
@@ -160,3 +164,14 @@ def test_files_give_back_what_was_written(tmp_path):
     for name in ("values", "wavelengths_nm"):
         assert getattr(read.responses, name).tolist() == getattr(CAMERA, name).tolist()
     assert read.responses.names == CAMERA.names
+
+
+def test_errors_of_gains_tilt_the_line_through_all_colours():
+    """Wien's law: the logarithm of light is a line over 1 / wavelength, with the slope -c2 / T."""
+    errors, names = np.array([0.15, 0.025, 0.1]), (450.0, 550.0, 650.0)
+    x = 1e9 / np.array(names)
+    kelvin = 1500**2 * np.linalg.norm((x - x.mean()) * errors) / (0.0143878 * len(x) * x.var())
+    colours = {"gains": np.ones(3), "responses": SpectralResponses.single(names)}
+    known = SimpleNamespace(**colours, relative_errors=errors)
+    _, said = _uncertainties(SimpleNamespace(kelvin=np.array([1500.0])), known, 1.0)
+    assert float(re.search(r"of (\d+) K", said)[1]) == pytest.approx(kelvin, rel=0.03)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError, LightField
+from lf_flame import LightField
 from lf_flame.viewer import coded_views
 from lf_flame.viewer.coded_views import cut_into_pieces, encode_views, piece_bytes
 
@@ -31,11 +31,6 @@ def test_large_light_fields_take_eight_bits(rng, monkeypatch):
     views = rng.uniform(size=(3, 3, 20, 20)).astype(np.float32)
     monkeypatch.setattr(coded_views, "MOST_BYTES", views.size)
     assert encode_views(LightField(views)).codes.dtype == np.uint8
-
-
-def test_two_channels_are_no_picture():
-    with pytest.raises(InputError, match="1 or 3 channels; this light field has 2"):
-        encode_views(LightField(np.ones((2, 2, 3, 3, 2))))
 
 
 @pytest.mark.parametrize("views", [(1, 1), (2, 2), (5, 4), (9, 9)])

@@ -13,6 +13,8 @@ from lf_flame.simulation.optical_pass import crosstalk
 CAMERA = replace(PAPER_CAMERA, lenslets=(8, 10))
 WIDE = replace(PAPER_CAMERA, lenslets=(2, 540))
 CHROMATIC = replace(CAMERA, chromatic_shift=0.2, rim_distance_mm=150.0, rim_diameter_mm=61.0)
+AWAY = replace(PAPER_CAMERA, lenslet_focal_mm=4.0, lenslet_pitch_mm=1.12, views=3,
+               lenslets=(25, 31), exit_pupil_mm=150.0, chromatic_shift=0.1)  # fmt: skip
 COMB = np.outer(*2 * [np.hanning(102)[1:-1]])
 MATTER = np.broadcast_to(50.0 * (np.arange(100) % 2), COMB.shape)
 EVEN = Layer([[1.0]], 0.0, (400.0, 400.0))
@@ -31,6 +33,7 @@ SMOKE = Layer([[0.0]], 0.0, (4.0, 4.0), optical_thickness=5.0)
          0.9),
         ("defocus", CAMERA, [Layer(COMB, 2.0, (13.0, 13.0), optical_thickness=MATTER)], 0.01),
         ("vignetting", CHROMATIC, [EVEN], 0.05),
+        ("chromatic", replace(AWAY, aperture_diameter_mm=AWAY.aperture_mm), [EVEN], 5e-3),
     ],
 )  # fmt: skip
 def test_a_change_is_within_its_bound(effect, camera, layers, least):
